@@ -1,0 +1,158 @@
+"""Findings that every reader draws from its channels: counts of what was set right, and implausible units.
+
+Names: `missing_values`, `overflow`, `saturation`, `time_stamps`, `time_unit`, `mixed_units`. Nothing is
+corrected here; a finding tells the reader of a result what to look at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.signals.recording import Channel, ChannelQuality, Finding
+
+_GRAVITY = 9.80665
+
+
+def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+    """Return everything that stands out in a set of channels.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel
+        By canonical name, in SI units.
+
+    Returns
+    -------
+    tuple of Finding
+        Counts first, then doubts about units.
+    """
+    return (*_count_findings(channels), *_time_findings(channels), *_unit_findings(channels))
+
+
+_COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
+    ("missing_values", lambda q: q.missing_values, "samples without a value"),
+    ("overflow", lambda q: q.overflowed, "samples outside the channel's possible range, set to missing"),
+    ("saturation", lambda q: q.saturated, "samples at the bound of the channel's range"),
+    (
+        "time_stamps",
+        lambda q: q.duplicated_stamps + q.backward_stamps,
+        "samples dropped, because their stamp repeats or goes backward",
+    ),
+)
+
+
+def _count_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+    findings = []
+    for name, count, meaning in _COUNTS:
+        concerned = [
+            f"{key} {count(c.quality)}"
+            for key, c in channels.items()
+            # a setpoint without a value is one that is not in force, hence nothing to report
+            if count(c.quality) and not (name == "missing_values" and "reference_" in key)
+        ]
+        if concerned:
+            findings.append(Finding(name, f"{meaning[0].upper()}{meaning[1:]}: {', '.join(concerned)}."))
+    return findings
+
+
+def _time_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+    """Doubt about the unit of the clock: a flight is sampled between once per second and 100 kHz."""
+    sampled = [c for c in channels.values() if c.time_s.size > 2 and not c.held]
+    if not sampled:
+        return []
+    step = min(float(np.median(np.diff(c.time_s))) for c in sampled)
+    if 1e-5 <= step <= 1.0:
+        return []
+    return [
+        Finding(
+            "time_unit",
+            f"The fastest sampled channel has a median step of {step:.3g} s; check the unit of its clock.",
+        )
+    ]
+
+
+def _unit_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+    doubts = [
+        *_force_doubts(channels),
+        *_attitude_doubts(channels),
+        *_rate_doubts(channels),
+        *_velocity_doubts(channels),
+    ]
+    return [Finding("mixed_units", doubt) for doubt in doubts]
+
+
+def _median(values: Float[np.ndarray, " n"]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def _norm(channels: Mapping[str, Channel], names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+    """Norm of channels that share one clock; None when one is absent or the lengths differ."""
+    parts = [channels[name].values for name in names if name in channels]
+    if len(parts) != len(names) or len({part.size for part in parts}) != 1 or parts[0].size == 0:
+        return None
+    return np.sqrt(np.sum(np.square(parts), axis=0))
+
+
+def _force_doubts(channels: Mapping[str, Channel]) -> list[str]:
+    """A vehicle that is at rest, hovers or flies about has a specific force of about one g."""
+    doubts = []
+    body = _norm(channels, [f"specific_force_body_{axis}" for axis in "xyz"])
+    vertical = channels.get("specific_force_z")
+    candidates = [("The norm of specific_force_body", body), ("specific_force_z", vertical and vertical.values)]
+    for label, values in candidates:
+        if values is None:
+            continue
+        median = abs(_median(values))
+        if 0.8 < median < 1.25:
+            doubts.append(f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g.")
+        elif 800.0 < median < 1250.0:
+            doubts.append(f"{label} has a median of {median:.4g} m/s^2, which looks like a value in milli-g.")
+        elif median < 0.5 * _GRAVITY or median > 2.0 * _GRAVITY:
+            doubts.append(f"{label} has a median of {median:.3g} m/s^2, where about 9.8 is expected.")
+    return doubts
+
+
+def _attitude_doubts(channels: Mapping[str, Channel]) -> list[str]:
+    doubts = []
+    norm = _norm(channels, [f"attitude_{part}" for part in "wxyz"])
+    if norm is not None and abs(_median(norm) - 1.0) > 0.05:
+        doubts.append(f"The attitude quaternion has a median norm of {_median(norm):.3g} instead of 1.")
+    tilt = channels.get("cos_tilt")
+    if tilt is not None and np.any(np.abs(tilt.values) > 1.0 + 1e-6):
+        doubts.append("cos_tilt leaves [-1, 1]; is it an angle?")
+    return doubts
+
+
+def _rate_doubts(channels: Mapping[str, Channel]) -> list[str]:
+    """No gyro of a drone measures 35 rad/s (2000 deg/s) for more than a moment."""
+    fast = [
+        name
+        for name in (f"angular_rate_{axis}" for axis in "xyz")
+        if name in channels and _median(np.abs(channels[name].values)) > 10.0
+    ]
+    return [f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"] if fast else []
+
+
+def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
+    """The vertical velocity must be the slope of the position, in size and in sign."""
+    position, velocity = channels.get("position_z"), channels.get("velocity_z")
+    if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
+        return []
+    both = np.isfinite(position.values) & np.isfinite(velocity.values)
+    if both.sum() < 20:
+        return []
+    z, v, t = position.values[both], velocity.values[both], position.time_s[both]
+    slope = np.diff(z) / np.diff(t)
+    middle = 0.5 * (v[1:] + v[:-1])
+    if np.std(slope) == 0.0 or np.std(middle) == 0.0:
+        return []
+    if abs(float(np.corrcoef(slope, middle)[0, 1])) < 0.9:
+        return []
+    ratio = float(np.std(middle) / np.std(slope)) * float(np.sign(np.corrcoef(slope, middle)[0, 1]))
+    if 0.5 < ratio < 2.0:
+        return []
+    return [f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."]

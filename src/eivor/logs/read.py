@@ -1,0 +1,132 @@
+"""`read_log`: any supported log to a `Recording`."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import stat
+from pathlib import Path
+
+from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UsageError
+from eivor.logs.sniff import HEAD_BYTES, sniff_format
+from eivor.signals.recording import Recording
+
+#: Largest file that is read unless the caller says otherwise: 1 GiB.
+DEFAULT_MAX_BYTES = 1 << 30
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    *,
+    channel_map: str | os.PathLike[str] | None = None,
+    max_bytes: int = DEFAULT_MAX_BYTES,
+) -> Recording:
+    """Read a flight log of any supported format, told by its content.
+
+    Parameters
+    ----------
+    path : str or path
+        A ULog, CSV or Parquet file.
+    channel_map : str or path, optional
+        For tables: a channel map (TOML), or the name of a shipped one ("nanobench", "rotorpy"). Not
+        needed for canonical column names, nor where a shipped map fits by itself.
+    max_bytes : int
+        Largest file that is read [bytes]; 1 GiB by default.
+
+    Returns
+    -------
+    Recording
+        Channels in SI units on their own clocks, with the reader's findings.
+
+    Raises
+    ------
+    EmptyLogError
+        When the file, or every channel that is known in it, is empty.
+    LogTooLargeError
+        When the file is larger than `max_bytes`; nothing has been read then.
+    UnknownFormatError, MissingReaderError
+        When the content is of no known format, or of one that this release does not read.
+    CorruptLogError
+        When the content begins like a log and cannot be read as one.
+    ChannelMapError
+        When a table has no canonical names and no map fits it, or the map is wrong.
+    InputError
+        When there is no such file, or it cannot be opened.
+    UsageError
+        When a channel map is given for a log that is not a table.
+
+    Notes
+    -----
+    Time and memory are proportional to the file's size; corrupt content cannot change that.
+    """
+    file = Path(path)
+    size = _regular_size(file)
+    if size == 0:
+        raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
+    if size > max_bytes:
+        raise LogTooLargeError(
+            f"a log of at most {max_bytes} bytes",
+            f"'{file.name}' with {size} bytes",
+            "Cut the log to the manoeuvre of interest, or raise the limit with `max_bytes` (--max-bytes).",
+        )
+    try:
+        with file.open("rb") as stream:
+            head = stream.read(HEAD_BYTES)
+            stream.seek(0)
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise _unreadable(file, error) from error
+    log_format = sniff_format(head, file.name)
+    if log_format == "ulog":
+        if channel_map is not None:
+            raise UsageError(
+                "a channel map only with a table (CSV or Parquet)",
+                f"a channel map with the ULog '{file.name}'",
+                "Leave the map out: the topics of a ULog are known.",
+            )
+        from eivor.logs.ulog import read_ulog
+
+        return read_ulog(file, sha256=sha256)
+    from eivor.logs.table import read_table
+
+    return read_table(file, log_format, channel_map=channel_map, sha256=sha256)
+
+
+def _regular_size(file: Path) -> int:
+    """Size of a regular file [bytes].
+
+    Raises
+    ------
+    InputError
+        When there is no such file, or it is not a regular one.
+    """
+    try:
+        status = file.stat()
+    except (OSError, ValueError) as error:
+        raise _unreadable(file, error) from error
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
+        raise InputError(
+            "the path of a log file", f"'{file}', which is {kind}", "Give the file itself, one log at a time."
+        )
+    return status.st_size
+
+
+def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
+    """Return the error for a file that cannot be opened."""
+    if isinstance(error, FileNotFoundError):
+        return InputError(
+            "the path of an existing log file",
+            f"'{file}', which does not exist",
+            "Check the name and the folder.",
+        )
+    if isinstance(error, PermissionError):
+        return InputError(
+            "a log file that may be read",
+            f"'{file}', for which permission is denied",
+            "Change its permissions, or copy it to a place of your own.",
+        )
+    reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    return InputError(
+        "a log file that can be opened", f"'{file}', for which the system says: {reason}", "Check the path."
+    )

@@ -1,0 +1,181 @@
+"""Where each canonical channel is in a PX4 log: a table of data, old and new topic names.
+
+For every channel the sources stand in the order of preference; the first that the log has, with at
+least one valid value, is used. What is special about a topic (which flag says that a value is valid,
+which instance is the real one) is a column of the table too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One place where a channel may be.
+
+    Parameters
+    ----------
+    topic, field : str
+        Names in the log.
+    sign : float
+        -1 where the channel is the negative of the logged value.
+    valid_field : str
+        Field of the same message that is zero when the value means nothing; empty when there is none.
+    zero_is_absent : bool
+        True when firmware that does not estimate the value logs zeros throughout.
+    is_setpoint : bool
+        True when the topic falls silent in the modes in which the setpoint is not in force.
+    """
+
+    topic: str
+    field: str
+    sign: float = 1.0
+    valid_field: str = ""
+    zero_is_absent: bool = False
+    is_setpoint: bool = False
+
+    @property
+    def label(self) -> str:
+        """The source in the log's own words."""
+        minus = "-" if self.sign < 0 else ""
+        return f"{minus}{self.topic}.{self.field}"
+
+
+def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[Source, ...]:
+    return (Source("vehicle_local_position", field, valid_field=valid, zero_is_absent=zero_is_absent),)
+
+
+def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[Source, ...]:
+    return Source(topic, f"{field}[{axis}]"), Source(old_topic, f"{old_field}[{axis}]")
+
+
+def _trajectory(*fields: str) -> tuple[Source, ...]:
+    return tuple(Source("trajectory_setpoint", field, is_setpoint=True) for field in fields)
+
+
+#: Sources of each channel, the preferred one first.
+CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "position_z": _position("z", "z_valid"),
+    "velocity_x": _position("vx", "v_xy_valid"),
+    "velocity_y": _position("vy", "v_xy_valid"),
+    "velocity_z": _position("vz", "v_z_valid"),
+    "acceleration_z": _position("az", "v_z_valid", zero_is_absent=True),
+    **{
+        f"specific_force_body_{name}": _body(
+            "vehicle_acceleration", "xyz", "sensor_combined", "accelerometer_m_s2", axis
+        )
+        for axis, name in enumerate("xyz")
+    },
+    **{
+        f"attitude_{name}": (Source("vehicle_attitude", f"q[{index}]"),) for index, name in enumerate("wxyz")
+    },
+    **{
+        f"angular_rate_{name}": _body("vehicle_angular_velocity", "xyz", "sensor_combined", "gyro_rad", axis)
+        for axis, name in enumerate("xyz")
+    },
+    "input": (
+        Source("vehicle_thrust_setpoint", "xyz[2]", sign=-1.0),
+        Source("vehicle_attitude_setpoint", "thrust_body[2]", sign=-1.0),
+        Source("vehicle_attitude_setpoint", "thrust"),
+        Source("actuator_controls_0", "control[3]"),
+    ),
+    "reference_position_z": (
+        *_trajectory("position[2]", "z"),
+        Source("vehicle_local_position_setpoint", "z", is_setpoint=True),
+    ),
+    "reference_velocity_z": _trajectory("velocity[2]", "vz"),
+    "reference_acceleration_z": _trajectory("acceleration[2]"),
+    "pilot_throttle": (
+        Source("manual_control_setpoint", "throttle", valid_field="valid"),
+        Source("manual_control_setpoint", "z"),
+    ),
+    "landed": (Source("vehicle_land_detected", "landed"),),
+    "battery_voltage": (
+        Source("battery_status", "voltage_v", valid_field="connected"),
+        Source("battery_status", "voltage_filtered_v", valid_field="connected"),
+    ),
+}
+
+#: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded climb rate.
+CONTROLLER_VELOCITY = Source("vehicle_local_position_setpoint", "vz", is_setpoint=True)
+CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint=True)
+
+#: `vehicle_status.nav_state`, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
+NAVIGATION_STATE = Source("vehicle_status", "nav_state")
+PILOT_STATES = (0, 1, 2, 10, 15)
+
+#: Motor outputs: topic and field stem, the preferred one first.
+ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (("actuator_motors", "control"), ("actuator_outputs", "output"))
+MAX_ACTUATORS = 16
+
+#: Every topic that is parsed.
+NEEDED_TOPICS: tuple[str, ...] = tuple(
+    sorted(
+        {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
+        | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic}
+        | {topic for topic, _ in ACTUATOR_SOURCES}
+    )
+)
+
+#: What was looked for, by channel, in the words of a message.
+LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
+    **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
+    "reference_velocity_z": (
+        *(source.label for source in CHANNEL_SOURCES["reference_velocity_z"]),
+        f"{CONTROLLER_VELOCITY.label} while no height setpoint is in force",
+    ),
+    "feedback_reference_velocity_z": (f"{CONTROLLER_VELOCITY.label} while a height setpoint is in force",),
+    "pilot_in_control": (NAVIGATION_STATE.label,),
+    "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class TopicLogging:
+    """How PX4's logger treats a topic.
+
+    Parameters
+    ----------
+    topic : str
+        Name of the topic.
+    default_rate_hz : float
+        Rate in the default profile [Hz]; infinite where every message is logged.
+    full_rate_bits : tuple of int
+        Bits of SDLOG_PROFILE that log the topic at its full rate; empty when none does.
+    """
+
+    topic: str
+    default_rate_hz: float
+    full_rate_bits: tuple[int, ...] = ()
+
+
+#: Names of the bits of SDLOG_PROFILE that matter here.
+PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
+
+#: From PX4's `src/modules/logger/logged_topics.cpp` (main branch, 2025).
+TOPIC_LOGGING: tuple[TopicLogging, ...] = (
+    TopicLogging("vehicle_local_position", 10.0),
+    TopicLogging("vehicle_acceleration", 20.0, (3,)),
+    TopicLogging("sensor_combined", float("inf"), (0, 3, 4)),
+    TopicLogging("vehicle_attitude", 20.0, (4,)),
+    TopicLogging("vehicle_angular_velocity", 50.0, (3, 4)),
+    TopicLogging("vehicle_thrust_setpoint", 50.0, (4,)),
+    TopicLogging("vehicle_attitude_setpoint", 20.0, (4,)),
+    TopicLogging("actuator_motors", 10.0, (3, 4)),
+    TopicLogging("actuator_outputs", 10.0),
+    TopicLogging("trajectory_setpoint", 5.0),
+    TopicLogging("vehicle_local_position_setpoint", 10.0),
+    TopicLogging("manual_control_setpoint", 5.0, (4,)),
+    TopicLogging("battery_status", 5.0),
+    TopicLogging("vehicle_status", float("inf"), (0,)),
+    TopicLogging("vehicle_land_detected", float("inf"), (0,)),
+)
+
+#: Full-rate topics that no profile bit has, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
+EXTRA_TOPIC_LINES: tuple[str, ...] = (
+    "vehicle_local_position 20",
+    "vehicle_local_position_setpoint 20",
+    "trajectory_setpoint 20",
+)

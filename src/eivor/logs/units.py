@@ -1,0 +1,46 @@
+"""Units that a channel map may name, and what one of each is in SI."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+#: Unit as written in a map: its SI unit, and how many of that one of it is.
+UNITS: Mapping[str, tuple[str, float]] = {
+    "": ("", 1.0),
+    "1": ("", 1.0),
+    "%": ("", 0.01),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "ft": ("m", 0.3048),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 1e-2),
+    "mm/s": ("m/s", 1e-3),
+    "km/h": ("m/s", 1.0 / 3.6),
+    "m/s^2": ("m/s^2", 1.0),
+    "cm/s^2": ("m/s^2", 1e-2),
+    "mm/s^2": ("m/s^2", 1e-3),
+    "g": ("m/s^2", 9.80665),
+    "mg": ("m/s^2", 9.80665e-3),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180.0),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180.0),
+    "rpm": ("rad/s", math.pi / 30.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "N": ("N", 1.0),
+    "us": ("us", 1.0),
+}
+
+#: Seconds in one unit of a clock.
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+#: Channels without a unit of their own may be logged in one: the unit is then part of the parameters' meaning.
+FREE_UNIT_STEMS = ("input", "rotor_command_", "rotor_speed_", "actuator_output_", "pilot_throttle")
+
+
+def unit_fits(channel: str, channel_unit: str, si_unit: str) -> bool:
+    """Say whether a quantity of `si_unit` can be the channel, whose canonical unit is `channel_unit`."""
+    return si_unit == channel_unit or (channel_unit == "" and channel.startswith(FREE_UNIT_STEMS))
