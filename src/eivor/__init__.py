@@ -1,0 +1,1 @@
+"""Eivor: the parameters of moving machines from noisy recordings."""

@@ -1,0 +1,104 @@
+"""The exception tree.
+
+Every message has three parts: what was expected, what was received, and what to do about it. The
+constructor asks for all three, so that none can be forgotten. Errors that a command reports with an
+exit code derive from `InputError` (exit code 1: the input cannot be read) or from `UsageError` (exit
+code 2: the call is wrong); everything else that Eivor raises derives from `EivorError` all the same.
+"""
+
+from __future__ import annotations
+
+
+class EivorError(Exception):
+    """Anything that Eivor refuses to do.
+
+    Parameters
+    ----------
+    expected : str
+        What would have been accepted.
+    received : str
+        What came instead.
+    remedy : str
+        What the caller can do, as one or more whole sentences.
+    """
+
+    def __init__(self, expected: str, received: str, remedy: str) -> None:
+        self.expected = expected
+        self.received = received
+        self.remedy = remedy
+        super().__init__(f"Expected {expected}; received {received}. {remedy}")
+
+    def __reduce__(self) -> tuple[type[EivorError], tuple[str, str, str]]:
+        return type(self), (self.expected, self.received, self.remedy)
+
+
+class UsageError(EivorError):
+    """The call is wrong: an option, a name or a combination that does not exist."""
+
+
+class PoolingError(UsageError):
+    """Flights that cannot share one set of parameters were given as one pool."""
+
+
+class InputError(EivorError):
+    """The input cannot be read or does not hold what is needed."""
+
+
+class UnknownFormatError(InputError):
+    """The file's content is that of no supported log format."""
+
+
+class MissingReaderError(InputError):
+    """The format is known, but its reader is not installed or not written yet."""
+
+
+class CorruptLogError(InputError):
+    """The file begins like a log of its format and cannot be read as one."""
+
+
+class EmptyLogError(InputError):
+    """The file, or every channel in it, is empty."""
+
+
+class LogTooLargeError(InputError):
+    """The file is larger than the stated limit."""
+
+
+class MissingChannelError(InputError):
+    """A channel that the task needs is not in the log."""
+
+
+class ChannelMapError(InputError):
+    """A channel map is not valid, or does not fit the table it is used on."""
+
+
+class DataError(EivorError):
+    """Arrays that cannot be used: wrong shape, not finite, too short."""
+
+
+class ShapeError(DataError):
+    """Arrays whose shapes do not fit each other."""
+
+
+class NonFiniteError(DataError):
+    """NaN or infinity where a number is needed."""
+
+
+class TooFewSamplesError(DataError):
+    """Fewer rows than the estimate needs."""
+
+
+class EstimationError(EivorError):
+    """The equations have no solution that deserves the name."""
+
+
+class CollinearError(EstimationError):
+    """Columns of which one is a combination of the others."""
+
+
+class NoUniqueSolutionError(EstimationError):
+    """A total least squares problem without a (unique) solution."""
+
+
+class InstrumentError(EstimationError):
+    """Instruments that are missing, constant, or too few."""

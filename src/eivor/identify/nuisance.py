@@ -1,0 +1,96 @@
+"""Variable projection: the lag that minimises what is left after the linear parameters are solved for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.identify.method import Method
+from eivor.identify.weighting import Weights
+from eivor.linalg.system import Solution
+from eivor.models.regression import Regression
+from eivor.models.separable import SeparableProblem
+
+#: Lags are refined to this accuracy [s].
+LAG_TOLERANCE_S = 1e-6
+#: Relative half-step of the numerical derivative by the lag.
+LAG_DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True)
+class LagProfile:
+    """Objective over the grid of lags, and its refined minimum, at one delay.
+
+    Parameters
+    ----------
+    lags_s, objective : ndarray, shape (lags,)
+        Grid [s] and what is left at each lag.
+    lag_s : float
+        Minimiser [s].
+    solution : Solution
+        Linear parameters there.
+    """
+
+    lags_s: Float[np.ndarray, " lags"]
+    objective: Float[np.ndarray, " lags"]
+    lag_s: float
+    solution: Solution
+
+
+def search_lag(
+    problem: SeparableProblem, method: Method, weights: Weights, delay_s: float, *, refine: bool
+) -> LagProfile:
+    """Profile the objective over the grid of lags and refine the minimum between its neighbours.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        What to estimate.
+    method : Method
+        Its assembler and solver are used.
+    weights : Weights
+        Fixed during the search.
+    delay_s : float
+        Delay [s].
+    refine : bool
+        Refine beyond the grid (Brent's bounded search).
+    """
+
+    def solved(lag_s: float) -> Solution:
+        return method.solver.solve(method.assembler.system(weights.regression(problem, lag_s, delay_s)))
+
+    grid = problem.lag_grid_s
+    solutions = [solved(float(lag)) for lag in grid]
+    objective = np.array([solution.objective for solution in solutions])
+    best = int(np.argmin(objective))
+    lag_s, solution = float(grid[best]), solutions[best]
+    if refine and grid.size > 1:
+        from scipy.optimize import minimize_scalar
+
+        bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
+        found = minimize_scalar(
+            lambda lag: solved(float(lag)).objective,
+            bounds=bounds,
+            method="bounded",
+            options={"xatol": LAG_TOLERANCE_S},
+        )
+        if found.fun < objective[best]:
+            lag_s = float(found.x)
+            solution = solved(lag_s)
+    return LagProfile(grid, objective, lag_s, solution)
+
+
+def lag_column(
+    problem: SeparableProblem,
+    weights: Weights,
+    theta: Float[np.ndarray, " n"],
+    lag_s: float,
+    delay_s: float,
+) -> tuple[Regression, Float[np.ndarray, " rows"]]:
+    """Weighted rows at a lag, and the derivative of Phi theta by the lag, by a central difference."""
+    step = LAG_DIFFERENCE * lag_s
+    above = weights.regression(problem, lag_s + step, delay_s).regressors
+    below = weights.regression(problem, lag_s - step, delay_s).regressors
+    return weights.regression(problem, lag_s, delay_s), (above - below) @ theta / (2.0 * step)

@@ -1,0 +1,49 @@
+"""How much instruments say: conditional first-stage strength, and over-identification.
+
+Notation: Q orthonormal basis of the instruments, G Jacobian, e residual.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.inference.quantiles import chi_square_tail
+
+
+def conditional_first_stage(
+    basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"]
+) -> Float[np.ndarray, " n"]:
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
+
+    delta = least squares of Q'G_j on Q'G_-j; r = G_j - G_-j delta;
+    F_j = (|Q'r|^2 / (p - n + 1)) / (|r - QQ'r|^2 / (rows - p)). Zero without enough instruments.
+    """
+    rows, rank = basis.shape
+    count = jacobian.shape[1]
+    degrees = rank - (count - 1)
+    if degrees < 1 or rows <= rank:
+        return np.zeros(count)
+    projected = basis.T @ jacobian
+    strengths = np.zeros(count)
+    for j in range(count):
+        others = [i for i in range(count) if i != j]
+        delta = np.linalg.lstsq(projected[:, others], projected[:, j], rcond=None)[0]
+        r = jacobian[:, j] - jacobian[:, others] @ delta
+        explained = basis.T @ r
+        unexplained = float(r @ r - explained @ explained)
+        if unexplained > 0.0:
+            strengths[j] = float(explained @ explained) / degrees / (unexplained / (rows - rank))
+        else:
+            strengths[j] = np.inf
+    return strengths
+
+
+def over_identification(
+    basis: Float[np.ndarray, "rows p"], residual: Float[np.ndarray, " rows"], variance: float, unknowns: int
+) -> tuple[float, float]:
+    """J = e'QQ'e / s^2 and its p-value on p - n degrees of freedom (1 when exactly identified)."""
+    moments = basis.T @ residual
+    J = float(moments @ moments) / variance if variance > 0.0 else 0.0
+    degrees = basis.shape[1] - unknowns
+    return J, chi_square_tail(J, degrees) if degrees > 0 else 1.0

@@ -1,0 +1,25 @@
+"""Quantiles and tails of the reference distributions, from SciPy's special functions (light to import)."""
+
+from __future__ import annotations
+
+from scipy import special
+
+
+def normal_quantile(level: float) -> float:
+    """Half-width, in standard errors, of a two-sided normal interval of confidence `level`."""
+    return float(special.ndtri(0.5 + 0.5 * level))
+
+
+def t_quantile(level: float, degrees: int) -> float:
+    """Half-width, in standard errors, of a two-sided t interval; infinite without degrees of freedom."""
+    return float(special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else float("inf")
+
+
+def chi_square_quantile(level: float, degrees: int = 1) -> float:
+    """Value that a chi-square variable stays below with probability `level`."""
+    return float(special.chdtri(degrees, 1.0 - level))
+
+
+def chi_square_tail(value: float, degrees: int) -> float:
+    """Probability that a chi-square variable exceeds `value`."""
+    return float(special.chdtrc(degrees, value))

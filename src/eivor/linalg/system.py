@@ -1,0 +1,121 @@
+"""A theta = b: what an assembler makes and a solver solves."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
+
+
+@dataclass(frozen=True, slots=True)
+class LinearSystem:
+    """Equations A theta = b, usually more of them than unknowns.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (m, n)
+        A.
+    right : ndarray, shape (m,)
+        b.
+    error_scale : ndarray, shape (n + 1,), optional
+        Standard deviation of the errors in each column of A and, last, in b, up to one common factor;
+        zero for a column without error. Only total least squares uses it; None stands for all ones.
+
+    Raises
+    ------
+    ShapeError, NonFiniteError, TooFewSamplesError
+        When shapes do not fit, a number is not finite, or there are fewer equations than unknowns.
+    """
+
+    matrix: Float[np.ndarray, "m n"]
+    right: Float[np.ndarray, " m"]
+    error_scale: Float[np.ndarray, " n_plus_1"] | None = None
+
+    def __post_init__(self) -> None:
+        rows, unknowns = self.matrix.shape
+        scale = self.error_scale
+        if self.right.shape != (rows,) or (scale is not None and scale.shape != (unknowns + 1,)):
+            raise ShapeError(
+                f"{rows} right-hand sides and {unknowns + 1} error scales for a {rows} x {unknowns} matrix",
+                f"{self.right.shape} and {None if scale is None else scale.shape}",
+                "Check the shapes.",
+            )
+        if rows < unknowns:
+            raise TooFewSamplesError(
+                f"at least {unknowns} equations for {unknowns} unknowns",
+                f"{rows}",
+                "Give more samples or more instruments.",
+            )
+        if not (np.isfinite(self.matrix).all() and np.isfinite(self.right).all()):
+            raise NonFiniteError(
+                "finite equations", "NaN or infinity", "Repair or mask the samples they come from."
+            )
+        if scale is not None and not (np.isfinite(scale).all() and (scale >= 0.0).all()):
+            raise NonFiniteError(
+                "error scales of zero or more", f"{scale}", "Give standard deviations, 0 for exact columns."
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What a solver found.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        Unknowns.
+    residual : ndarray, shape (m,)
+        b - A theta.
+    objective : float
+        What the solver minimised.
+    condition : float
+        Condition number of the matrix after columns were scaled to unit length.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    residual: Float[np.ndarray, " m"]
+    objective: float
+    condition: float
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreCorrection:
+    """What to add to the test functions of a direct method, and to the sensitivity of its score.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (rows, n)
+        Added to the regressors: the part of each residual that the solver attributes to them.
+    sensitivity : ndarray, shape (n, n)
+        Added to G'G.
+    """
+
+    rows: Float[np.ndarray, "rows n"]
+    sensitivity: Float[np.ndarray, "n n"]
+
+
+class Solver(ABC):
+    """One way to solve a `LinearSystem`."""
+
+    @abstractmethod
+    def solve(self, system: LinearSystem) -> Solution:
+        """Solution of `system`.
+
+        Raises
+        ------
+        CollinearError
+            When columns are combinations of one another.
+        """
+
+    @abstractmethod
+    def score_correction(
+        self,
+        residual: Float[np.ndarray, " rows"],
+        theta: Float[np.ndarray, " n"],
+        error_scale: Float[np.ndarray, " n_plus_1"] | None,
+    ) -> ScoreCorrection:
+        """Difference between the solver's score and that of least squares, for direct equations."""

@@ -1,0 +1,1 @@
+"""Models: equations, and the regressions that are cut from signals by them."""

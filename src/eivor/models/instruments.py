@@ -1,0 +1,134 @@
+"""Instruments: columns that move the machine and do not answer its disturbances.
+
+A rule makes the columns of one flight from its signals, on the whole grid, before runs are cut: filters
+must not start anew inside a flight.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.signals.actuator import delayed_by, first_order_lag
+from eivor.signals.signals import Signals
+
+#: Successive first-order lags of each reference: how many, and their time constant [s].
+REFERENCE_LAGS = {
+    "reference_position_z": (4, 0.4),
+    "reference_velocity_z": (1, 0.2),
+    "reference_acceleration_z": (1, 0.2),
+    "feedback_reference_velocity_z": (1, 0.2),
+    "pilot_throttle": (4, 0.4),
+}
+DEFAULT_LAGS = (1, 0.2)
+
+
+class InstrumentRule(ABC):
+    """Which columns serve as instruments."""
+
+    @property
+    @abstractmethod
+    def label(self) -> str:
+        """How reports call the choice."""
+
+    @abstractmethod
+    def columns(
+        self, signals: Signals, mapped_command: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n p"]:
+        """Columns on the whole grid of one flight.
+
+        Parameters
+        ----------
+        signals : Signals
+            The flight.
+        mapped_command : ndarray, shape (n,)
+            Mean of the mapped commands times the cosine of tilt, neither lagged nor delayed.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class LaggedReferences(InstrumentRule):
+    """Each reference and successive first-order lags of it: four of 0.4 s for a position or a stick,
+    one of 0.2 s for a velocity or an acceleration.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        References to use, all present in the signals.
+    """
+
+    channels: tuple[str, ...]
+
+    @property
+    def label(self) -> str:
+        """Names of the references."""
+        return ", ".join(self.channels)
+
+    def columns(
+        self,
+        signals: Signals,
+        mapped_command: Float[np.ndarray, " n"],  # noqa: ARG002 - the interface's
+    ) -> Float[np.ndarray, "n p"]:
+        """References and their lags, see `InstrumentRule.columns`."""
+        found = []
+        for name in self.channels:
+            column = signals.channel(name)
+            found.append(column)
+            count, lag_s = REFERENCE_LAGS.get(name, DEFAULT_LAGS)
+            for _ in range(count):
+                column = first_order_lag(column, step_s=signals.step_s, lag_s=lag_s)
+                found.append(column)
+        return np.column_stack(found) if found else np.empty((signals.sample_count, 0))
+
+
+@dataclass(frozen=True, slots=True)
+class LaggedInputs(InstrumentRule):
+    """Past mapped commands, the paper's (21): u(k - first) ... u(k - last).
+
+    Exogenous only in open loop: in closed loop the input answers past disturbances.
+
+    Parameters
+    ----------
+    first, last : int
+        Lags in samples, both included.
+    """
+
+    first: int = 1
+    last: int = 15
+
+    @property
+    def label(self) -> str:
+        """Lags in words."""
+        return f"input lagged by {self.first} to {self.last} samples"
+
+    def columns(
+        self,
+        signals: Signals,  # noqa: ARG002 - the interface's
+        mapped_command: Float[np.ndarray, " n"],
+    ) -> Float[np.ndarray, "n p"]:
+        """Lagged commands, see `InstrumentRule.columns`; before the record they are at rest."""
+        start = mapped_command[0]
+        moved = (mapped_command - start)[:, None]
+        lagged = [delayed_by(moved, lag) for lag in range(self.first, self.last + 1)]
+        return np.concatenate(lagged, axis=1) + start
+
+
+@dataclass(frozen=True, slots=True)
+class NoInstruments(InstrumentRule):
+    """For direct methods."""
+
+    @property
+    def label(self) -> str:
+        """None."""
+        return "none"
+
+    def columns(
+        self,
+        signals: Signals,
+        mapped_command: Float[np.ndarray, " n"],  # noqa: ARG002 - the interface's
+    ) -> Float[np.ndarray, "n p"]:
+        """No columns."""
+        return np.empty((signals.sample_count, 0))

@@ -1,0 +1,202 @@
+"""Regressions in the frequency domain: columns of runs, taken to bins of a band.
+
+Of each run the mean is removed (one intercept per run) and 5 % at each end is tapered; the real FFT is
+divided by sqrt(n) and the bins with max(low, 1.5/T) <= f <= high are kept. Two candidate responses may
+be given, the measured acceleration and the derivative of the measured velocity; a weighting blends them
+bin by bin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+
+from eivor.models.parameter import Parameter
+from eivor.models.regression import Regression, RowLayout
+
+#: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
+TAPER_SHARE = 0.05
+LOWEST_CYCLES = 1.5
+#: Half-width of the smoothing window: a share of the frequency, and at least so many bins.
+SMOOTHING_SHARE = 0.3
+SMOOTHING_BINS = 10
+
+
+@dataclass(frozen=True)
+class SpectralRun:
+    """One run's place among the bins.
+
+    Parameters
+    ----------
+    flight : int
+        Number of the flight it belongs to.
+    length : int
+        Samples in the run.
+    step_s : float
+        Time between samples [s].
+    band_hz : tuple of float
+        Lowest and highest frequency that may be kept [Hz].
+    """
+
+    flight: int
+    length: int
+    step_s: float
+    band_hz: tuple[float, float]
+
+    @cached_property
+    def bins(self) -> slice:
+        """Bins of the run's real FFT that are kept."""
+        resolution = 1.0 / (self.length * self.step_s)
+        low = max(self.band_hz[0], LOWEST_CYCLES * resolution)
+        first = int(np.ceil(low / resolution - 1e-9))
+        last = int(np.floor(self.band_hz[1] / resolution + 1e-9))
+        return slice(first, min(last + 1, (self.length + 1) // 2))
+
+    @property
+    def count(self) -> int:
+        """Number of bins kept."""
+        return max(self.bins.stop - self.bins.start, 0)
+
+    @cached_property
+    def frequency_hz(self) -> Float[np.ndarray, " bins"]:
+        """Frequency of each bin kept [Hz]."""
+        return np.arange(self.bins.start, self.bins.stop) / (self.length * self.step_s)
+
+    @cached_property
+    def taper(self) -> Float[np.ndarray, " length"]:
+        """Cosine taper of both ends."""
+        edge = max(int(TAPER_SHARE * self.length), 1)
+        window = np.ones(self.length)
+        window[:edge] = 0.5 * (1.0 - np.cos(np.pi * (np.arange(edge) + 0.5) / edge))
+        window[-edge:] = window[:edge][::-1]
+        return window
+
+    def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
+        """Unitary real FFT of the tapered columns without their means, on the bins kept."""
+        centred = (values - values.mean(axis=0)) * self.taper[:, None]
+        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred, axis=0)[self.bins]
+        return spectrum / np.sqrt(self.length)
+
+    def series(self, spectrum: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "length columns"]:
+        """Time series whose unitary FFT is `spectrum` on the bins kept and zero elsewhere."""
+        full = np.zeros((self.length // 2 + 1, spectrum.shape[1]), dtype=np.complex128)
+        full[self.bins] = spectrum
+        series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
+        return series * np.sqrt(self.length)
+
+    @cached_property
+    def _windows(self) -> tuple[Int[np.ndarray, " bins"], Int[np.ndarray, " bins"]]:
+        index = np.arange(self.bins.start, self.bins.stop)
+        half = np.maximum(SMOOTHING_BINS, (SMOOTHING_SHARE * index).astype(np.int64))
+        position = np.arange(self.count)
+        return np.maximum(position - half, 0), np.minimum(position + half + 1, self.count)
+
+    def smoothed(self, values: Float[np.ndarray, "bins columns"]) -> Float[np.ndarray, "bins columns"]:
+        """Mean over the bins within +-30 % of each frequency, and at least +-10 bins."""
+        lower, upper = self._windows
+        total = np.zeros((self.count + 1, values.shape[1]))
+        np.cumsum(values, axis=0, out=total[1:])
+        return (total[upper] - total[lower]) / (upper - lower)[:, None]
+
+
+@dataclass(frozen=True)
+class BinRows(RowLayout):
+    """Rows are, run after run, the real parts and then the imaginary parts of the bins kept.
+
+    Parameters
+    ----------
+    runs : tuple of SpectralRun
+        In the order of the rows.
+    """
+
+    runs: tuple[SpectralRun, ...]
+
+    @cached_property
+    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Flight of each row."""
+        return np.concatenate([np.full(2 * run.count, run.flight, dtype=np.int64) for run in self.runs])
+
+    def stacked(self, columns: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "rows columns"]:
+        """Real rows of complex columns."""
+        parts, first = [], 0
+        for run in self.runs:
+            block = columns[first : first + run.count]
+            parts.extend((block.real, block.imag))
+            first += run.count
+        return np.concatenate(parts)
+
+    def complex_blocks(self, rows: Float[np.ndarray, "rows columns"]) -> list[Complex[np.ndarray, "bins columns"]]:
+        """Complex columns of each run; the inverse of `stacked`."""
+        blocks, first = [], 0
+        for run in self.runs:
+            middle, last = first + run.count, first + 2 * run.count
+            blocks.append(rows[first:middle] + 1j * rows[middle:last])
+            first = last
+        return blocks
+
+    def series(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "samples columns"]:
+        """Time series of real rows, run after run."""
+        blocks = self.complex_blocks(rows)
+        return np.concatenate([run.series(block) for run, block in zip(self.runs, blocks, strict=True)])
+
+    def scores(
+        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "samples n"]:
+        """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
+        series = self.series(np.column_stack([test, residual]))
+        return 0.5 * series[:, :-1] * series[:, -1:]
+
+
+@dataclass(frozen=True)
+class SpectralRegression:
+    """Columns of all runs, bin by bin, before whitening.
+
+    Parameters
+    ----------
+    responses : ndarray of complex, shape (bins, r)
+        One or two candidate responses: acceleration, derivative of velocity.
+    regressors : ndarray of complex, shape (bins, n)
+        Phi.
+    instruments : ndarray of complex, shape (bins, p)
+        Psi.
+    parameters : tuple of Parameter
+        One for each column of Phi.
+    layout : BinRows
+        The runs.
+    """
+
+    responses: Complex[np.ndarray, "bins r"]
+    regressors: Complex[np.ndarray, "bins n"]
+    instruments: Complex[np.ndarray, "bins p"]
+    parameters: tuple[Parameter, ...]
+    layout: BinRows = field(repr=False)
+
+    def whitened(
+        self,
+        blend: Float[np.ndarray, " bins"],
+        power: Float[np.ndarray, " bins"],
+        instruments: Float[np.ndarray, "rows q"],
+    ) -> Regression:
+        """Rows with the responses blended and every column divided by sqrt(power).
+
+        Parameters
+        ----------
+        blend : ndarray, shape (bins,)
+            Weight of the last response; the first one has the rest.
+        power : ndarray, shape (bins,)
+            Power of the residual.
+        instruments : ndarray, shape (rows, q)
+            Instruments that are whitened already.
+        """
+        weight = 1.0 / np.sqrt(power)
+        response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]
+        columns = np.column_stack([response, self.regressors]) * weight[:, None]
+        rows = self.layout.stacked(columns)
+        return Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, layout=self.layout)
+
+    def residuals(self, theta: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "bins r"]:
+        """Residual of each candidate response."""
+        return self.responses - (self.regressors @ theta)[:, None]

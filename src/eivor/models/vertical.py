@@ -1,0 +1,68 @@
+"""Vertical motion: z'' + g = K_u u - K z' + b, the paper's (5) with its signs put right.
+
+The response is the specific force of a level vehicle, z'' + g. Parameters: viscous friction K [1/s] and
+input gain K_u [m/s^2 per unit of mapped input]; the intercept b [m/s^2] takes up the accelerometer's bias.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from eivor.models.column import Column
+from eivor.models.equation import Equation
+from eivor.models.input_map import InputMap, Power
+from eivor.models.parameter import Parameter
+from eivor.models.regression import Regression
+from eivor.signals.signals import Signals
+
+#: Standard acceleration of gravity [m/s^2].
+GRAVITY = 9.80665
+
+VISCOUS_FRICTION = Parameter("viscous_friction", "1/s")
+INPUT_GAIN = Parameter("input_gain", "m/s^2")
+INTERCEPT = Parameter("intercept", "m/s^2")
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalMotion:
+    """The model of vertical motion.
+
+    Parameters
+    ----------
+    input_map : InputMap
+        Applied to each actuator's state.
+    intercept : bool
+        Estimate an intercept (one for each run when a flight is cut into runs).
+    """
+
+    input_map: InputMap = field(default_factory=Power)
+    intercept: bool = True
+
+    @property
+    def parameters(self) -> tuple[Parameter, Parameter]:
+        """Viscous friction and input gain."""
+        return VISCOUS_FRICTION, INPUT_GAIN
+
+    def equation(self) -> Equation:
+        """The equation for signals whose `input` is mapped, lagged and multiplied by the tilt already."""
+        terms = [(VISCOUS_FRICTION, Column("velocity_z", gain=-1.0)), (INPUT_GAIN, Column("input"))]
+        if self.intercept:
+            terms.append((INTERCEPT, Column("")))
+        return Equation(Column("specific_force_z"), tuple(terms))
+
+    def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> Regression:
+        """Rows (-z', u, 1) and z'' + g of `signals`.
+
+        Parameters
+        ----------
+        signals : Signals
+            With `velocity_z`, `specific_force_z` and `input`.
+        instruments : tuple of Column
+            Such as ``lags("input", 1, 10)``.
+
+        Raises
+        ------
+        MissingChannelError, TooFewSamplesError
+            See `Equation.regression`.
+        """
+        return self.equation().regression(signals, instruments)

@@ -1,0 +1,60 @@
+"""A first-order actuator with a delay, driven by commands that are held between samples.
+
+``tau w' + w = c(t - d)`` with ``d = (m + f) h``, ``0 <= f < 1``, has between samples the exact solution
+
+    w[k] = a w[k-1] + (1 - e) c[k-1-m] + (e - a) c[k-2-m],   a = exp(-h/tau), e = exp(-(1-f) h/tau)
+
+so the state at a sample answers the commands *before* it, never the one that starts there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+
+def actuator_state(
+    command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
+) -> Float[np.ndarray, "n rotors"]:
+    """State of each actuator at the samples; it starts at rest at its first command.
+
+    Parameters
+    ----------
+    command : ndarray, shape (n, rotors)
+        Commanded values; ``command[k]`` is held from sample k to sample k+1.
+    step_s, lag_s, delay_s : float
+        Step of the grid h, time constant tau and delay d [s]. A zero lag gives the delayed command
+        itself, as measured actuators need it: with neither lag nor delay, `command` unchanged.
+
+    Notes
+    -----
+    Performs no checks. Linear in n.
+    """
+    if lag_s <= 0.0 and delay_s <= 0.0:
+        return command
+    from scipy.signal import lfilter
+
+    whole = int(np.floor(delay_s / step_s + 1e-9))
+    fraction = max(delay_s / step_s - whole, 0.0)
+    decay = np.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
+    tail = np.exp(-(1.0 - fraction) * step_s / lag_s) if lag_s > 0.0 else 0.0
+    start = command[0]
+    delayed = delayed_by(command - start, whole + 1)
+    earlier = delayed_by(command - start, whole + 2)
+    driven = (1.0 - tail) * delayed + (tail - decay) * earlier
+    state: Float[np.ndarray, "n rotors"] = lfilter([1.0], [1.0, -decay], driven, axis=0)
+    return state + start
+
+
+def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np.ndarray, "n columns"]:
+    """Values `samples` later, preceded by zeros. Performs no checks."""
+    if samples == 0:
+        return values
+    shifted = np.zeros_like(values)
+    shifted[samples:] = values[:-samples]
+    return shifted
+
+
+def first_order_lag(values: Float[np.ndarray, " n"], *, step_s: float, lag_s: float) -> Float[np.ndarray, " n"]:
+    """Return `values`, held between samples, behind a first-order lag that starts at rest at the first one."""
+    return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]

@@ -1,0 +1,293 @@
+"""What a log holds: named channels, each with its own clock, unit and gaps.
+
+Conventions, settled here once:
+
+* Time is in seconds from the log's own start (for ULog its `start_timestamp`), strictly increasing
+  within a channel; topics may carry stamps before zero.
+* Values are in SI units, angles in radians, under the canonical names of `CANONICAL_UNITS`.
+* Axes are as logged; `Recording.frame` says which way they point. Turning them to z up is the work
+  of `eivor.flights`.
+* NaN means "the log has no value here": setpoints that are not in force, values outside the
+  channel's possible range. Readers never invent a number.
+* A *held* channel (a command, a setpoint, a state) keeps its value until its next stamp; any other is
+  a sampled continuous quantity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
+
+#: Unit of each canonical channel; a trailing ``*`` stands for a rotor's number (1, 2, ...).
+#: An empty unit is a pure number. `actuator_output_*` are motor outputs of an autopilot that also logs
+#: a thrust setpoint; they serve as input only when asked for by name.
+CANONICAL_UNITS: Mapping[str, str] = {
+    "position_z": "m",
+    "velocity_x": "m/s",
+    "velocity_y": "m/s",
+    "velocity_z": "m/s",
+    "acceleration_z": "m/s^2",
+    "specific_force_z": "m/s^2",
+    "specific_force_body_x": "m/s^2",
+    "specific_force_body_y": "m/s^2",
+    "specific_force_body_z": "m/s^2",
+    "attitude_w": "",
+    "attitude_x": "",
+    "attitude_y": "",
+    "attitude_z": "",
+    "cos_tilt": "",
+    "angular_rate_x": "rad/s",
+    "angular_rate_y": "rad/s",
+    "angular_rate_z": "rad/s",
+    "input": "",
+    "rotor_command_*": "",
+    "rotor_speed_*": "",
+    "actuator_output_*": "",
+    "battery_voltage": "V",
+    "reference_position_z": "m",
+    "reference_velocity_z": "m/s",
+    "reference_acceleration_z": "m/s^2",
+    "feedback_reference_velocity_z": "m/s",
+    "pilot_throttle": "",
+    "pilot_in_control": "",
+    "landed": "",
+}
+
+
+class Frame(Enum):
+    """Which way the axes of the world and of the body point."""
+
+    Z_UP = "z up (world east-north-up, body forward-left-up)"
+    NED = "z down (world north-east-down, body forward-right-down)"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A named diagnostic: something about the data that a reader of the result should know."""
+
+    name: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelQuality:
+    """What had to be set right, or was found wrong, while a channel was read. Counts of samples."""
+
+    duplicated_stamps: int = 0
+    backward_stamps: int = 0
+    missing_values: int = 0
+    overflowed: int = 0
+    saturated: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One quantity as logged, on its own clock.
+
+    Parameters
+    ----------
+    name : str
+        Canonical name, see `CANONICAL_UNITS`.
+    time_s : ndarray, shape (n,)
+        Stamps [s], finite and strictly increasing.
+    values : ndarray, shape (n,)
+        Values in `unit`; NaN where the log has none.
+    unit : str
+        SI unit, empty for a pure number.
+    source : str
+        Where the channel came from, in the log's own words ("vehicle_local_position.vz").
+    held : bool
+        True when the value holds until the next stamp (commands, setpoints, states).
+    quality : ChannelQuality
+        What the reader set right.
+
+    Raises
+    ------
+    ShapeError
+        When stamps and values differ in length.
+    NonFiniteError
+        When a stamp is not finite, or stamps do not strictly increase.
+    """
+
+    name: str
+    time_s: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, " n"]
+    unit: str
+    source: str = ""
+    held: bool = False
+    quality: ChannelQuality = field(default_factory=ChannelQuality)
+
+    def __post_init__(self) -> None:
+        if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
+            raise ShapeError(
+                f"one stamp for each value of channel '{self.name}'",
+                f"stamps of shape {self.time_s.shape} and values of shape {self.values.shape}",
+                "Give both as one-dimensional arrays of the same length.",
+            )
+        if not np.all(np.isfinite(self.time_s)) or np.any(np.diff(self.time_s) <= 0.0):
+            raise NonFiniteError(
+                f"finite, strictly increasing time stamps in channel '{self.name}'",
+                "stamps that are not finite, repeat, or go backward",
+                "Use `clean_channel`, which drops such samples and counts them.",
+            )
+
+    @property
+    def rate_hz(self) -> float:
+        """Mean rate over the channel's own span [Hz]; 0 with fewer than two samples."""
+        if self.time_s.size < 2:
+            return 0.0
+        return float((self.time_s.size - 1) / (self.time_s[-1] - self.time_s[0]))
+
+    def gaps(self, factor: float = 5.0, at_least_s: float = 0.1) -> list[tuple[float, float]]:
+        """Intervals [s] without a sample, longer than `factor` median steps and than `at_least_s`."""
+        steps = np.diff(self.time_s)
+        if steps.size == 0:
+            return []
+        bound = max(factor * float(np.median(steps)), at_least_s)
+        return [(float(self.time_s[i]), float(self.time_s[i + 1])) for i in np.flatnonzero(steps > bound)]
+
+
+def clean_channel(
+    name: str,
+    time_s: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, " n"],
+    unit: str,
+    *,
+    source: str = "",
+    held: bool = False,
+    overflowed: int = 0,
+    saturated: int = 0,
+) -> Channel:
+    """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
+
+    A stamp counts as backward when it lies before the latest stamp seen so far; the first sample of a
+    repeated stamp is kept. Infinite values become NaN. What was dropped is counted in the channel's
+    quality; nothing is sorted, since a log's order is evidence of its own.
+
+    Raises
+    ------
+    ShapeError
+        When stamps and values differ in length.
+    """
+    time = np.asarray(time_s, dtype=np.float64)
+    series = np.array(values, dtype=np.float64)
+    if time.shape != series.shape:
+        raise ShapeError(
+            f"one stamp for each value of channel '{name}'",
+            f"{time.size} stamps and {series.size} values",
+            "Give both as one-dimensional arrays of the same length.",
+        )
+    finite = np.isfinite(time)
+    time, series = time[finite], series[finite]
+    series[~np.isfinite(series)] = np.nan
+    latest = np.maximum.accumulate(time) if time.size else time
+    first = np.ones(time.size, dtype=bool)
+    first[1:] = time[1:] > latest[:-1]
+    duplicated = np.zeros(time.size, dtype=bool)
+    duplicated[1:] = time[1:] == latest[:-1]
+    quality = ChannelQuality(
+        duplicated_stamps=int(duplicated.sum()),
+        backward_stamps=int((~first & ~duplicated).sum()) + int((~finite).sum()),
+        missing_values=int(np.isnan(series[first]).sum()),
+        overflowed=overflowed,
+        saturated=saturated,
+    )
+    return Channel(name, time[first], series[first], unit, source, held, quality)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Everything Eivor uses of one log.
+
+    Parameters
+    ----------
+    name : str
+        What to call the log in reports: its file name.
+    format : str
+        "ulog", "csv", "parquet", "frame" (made from arrays) or "simulation".
+    channels : mapping of str to Channel
+        By canonical name.
+    frame : Frame
+        Which way z points in `channels`.
+    sha256 : str
+        Hash of the file's bytes (hexadecimal), empty when there was no file.
+    parameters : mapping of str to float
+        Vehicle parameters that the log carries, by the autopilot's own names.
+    input_map : str
+        Name of the input map that the vehicle's channel map states ("square"), empty when it does not.
+    looked_for : mapping of str to tuple of str
+        For each canonical channel the reader knows: the topics or columns it looked for.
+    findings : tuple of Finding
+        Named diagnostics of the reader.
+    """
+
+    name: str
+    format: str
+    channels: Mapping[str, Channel]
+    frame: Frame = Frame.Z_UP
+    sha256: str = ""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    input_map: str = ""
+    looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels [s]."""
+        stamps = [c.time_s for c in self.channels.values() if c.time_s.size]
+        if not stamps:
+            return (0.0, 0.0)
+        return min(float(t[0]) for t in stamps), max(float(t[-1]) for t in stamps)
+
+    def family(self, name: str) -> list[Channel]:
+        """Channels called `name`, or `name` and a rotor's number, in the order of the numbers."""
+        if name in self.channels:
+            return [self.channels[name]]
+        stem = name.rstrip("*").rstrip("_") + "_"
+        numbers = sorted(
+            int(key.removeprefix(stem))
+            for key in self.channels
+            if key.startswith(stem) and key.removeprefix(stem).isdecimal()
+        )
+        return [self.channels[f"{stem}{number}"] for number in numbers]
+
+    def channel(self, name: str) -> Channel:
+        """Return the channel called `name`.
+
+        Raises
+        ------
+        MissingChannelError
+            With the topics that were looked for.
+        """
+        if name in self.channels:
+            return self.channels[name]
+        sources = ", ".join(self.looked_for.get(name, ())) or "no source of it is known for this format"
+        raise MissingChannelError(
+            f"the channel '{name}' in {self.name}",
+            f"a log without it (looked for: {sources})",
+            "Log it, or name its column in a channel map (--map).",
+        )
+
+
+def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:
+    """Return the part of `window` [s] that lies in `span` [s].
+
+    Raises
+    ------
+    UsageError
+        When the window is empty, reversed, or outside the span.
+    """
+    start, end = max(window[0], span[0]), min(window[1], span[1])
+    if not window[0] < window[1] or not start < end:
+        raise UsageError(
+            f"a window START:END inside the log, which spans {span[0]:.2f} to {span[1]:.2f} s",
+            f"{window[0]:g}:{window[1]:g}",
+            "Give the start and the end in seconds from the log's start.",
+        )
+    return start, end

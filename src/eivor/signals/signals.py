@@ -1,0 +1,123 @@
+"""Signals: channels on one uniform grid, in SI units, z up, with a mask of the samples that count."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import MissingChannelError, NonFiniteError, ShapeError
+from eivor.signals.noise import MeasurementNoise
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Channels sampled together at a uniform rate.
+
+    Parameters
+    ----------
+    rate_hz : float
+        Samples per second [Hz].
+    channels : mapping of str to ndarray, shape (n,)
+        Canonical names to values in SI units, z up. Integer and single-precision arrays are converted
+        to double precision; nothing is modified in place.
+    noise : mapping of str to MeasurementNoise
+        What is known of the measurement noise of a channel. A channel that is not named here has no
+        *declared* noise, which is not the same as none.
+    valid : ndarray of bool, shape (n,), optional
+        Samples that may be used. Default: all of them.
+    start_s : float
+        Time of the first sample on the log's clock [s].
+
+    Raises
+    ------
+    ShapeError
+        When there is no channel, or channels or mask differ in length.
+    NonFiniteError
+        When the rate is not positive and finite, or a channel is not finite at a valid sample.
+    """
+
+    rate_hz: float
+    channels: Mapping[str, Float[np.ndarray, " n"]]
+    noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
+    valid: Bool[np.ndarray, " n"] | None = None
+    start_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
+            raise NonFiniteError(
+                "a positive rate in Hz", f"rate_hz={self.rate_hz}", "Give the number of samples per second."
+            )
+        converted = {name: np.asarray(values, dtype=np.float64) for name, values in self.channels.items()}
+        lengths = {name: values.shape for name, values in converted.items()}
+        mask = None if self.valid is None else np.asarray(self.valid, dtype=np.bool_)
+        shapes = set(lengths.values()) | (set() if mask is None else {mask.shape})
+        if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not lengths:
+            raise ShapeError(
+                "at least one channel, and one-dimensional channels and mask of equal length",
+                f"shapes {lengths}" + ("" if mask is None else f" and a mask of shape {mask.shape}"),
+                "Resample every channel to one grid first.",
+            )
+        for name, values in converted.items():
+            bad = ~np.isfinite(values) if mask is None else ~np.isfinite(values) & mask
+            if bad.any():
+                raise NonFiniteError(
+                    f"finite values in channel '{name}' at every valid sample",
+                    f"{int(bad.sum())} that are NaN or infinite, the first at sample {int(np.argmax(bad))}",
+                    "Mark those samples as not valid, or repair them.",
+                )
+        object.__setattr__(self, "channels", converted)
+        object.__setattr__(self, "valid", mask)
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples on the grid, valid or not."""
+        return int(next(iter(self.channels.values())).size)
+
+    @property
+    def step_s(self) -> float:
+        """Time between samples [s]."""
+        return 1.0 / self.rate_hz
+
+    def channel(self, name: str) -> Float[np.ndarray, " n"]:
+        """Values of the channel called `name`.
+
+        Raises
+        ------
+        MissingChannelError
+            When there is none.
+        """
+        if name not in self.channels:
+            raise MissingChannelError(
+                f"a channel called '{name}'",
+                f"channels {', '.join(sorted(self.channels))}",
+                "Add it, or name another channel.",
+            )
+        return self.channels[name]
+
+    def family(self, name: str) -> Float[np.ndarray, "n rotors"]:
+        """Channels called `name`, or `name` and a rotor's number, as columns; none gives zero columns."""
+        if name in self.channels:
+            return self.channels[name][:, None]
+        stem = f"{name}_"
+        numbers = sorted(
+            int(key.removeprefix(stem))
+            for key in self.channels
+            if key.startswith(stem) and key.removeprefix(stem).isdecimal()
+        )
+        if not numbers:
+            return np.empty((self.sample_count, 0))
+        return np.stack([self.channels[f"{stem}{number}"] for number in numbers], axis=1)
+
+    def runs(self, at_least_s: float = 0.0) -> list[slice]:
+        """Contiguous stretches of valid samples, each at least `at_least_s` long."""
+        if self.valid is None:
+            return [slice(0, self.sample_count)]
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.valid.astype(np.int8), [0]])))
+        return [
+            slice(int(first), int(last))
+            for first, last in zip(edges[::2], edges[1::2], strict=True)
+            if (last - first) * self.step_s >= at_least_s
+        ]
