@@ -57,18 +57,18 @@ def _topic_sentence(entry: TopicLogging) -> str:
 
 
 _PX4_ADVICE = (
-    "Set SDLOG_PROFILE to 25: bit 0 (default set), bit 3 (system identification: accelerations, rates and motor "
-    "commands at full rate) and bit 4 (high rate: thrust setpoint, attitude and stick at full rate).",
+    "Set SDLOG_PROFILE to 25: bit 0 (default set), bit 3 (system identification: accelerations, rates and "
+    "motor commands at full rate) and bit 4 (high rate: thrust setpoint, attitude and stick at full rate).",
     "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz: copy "
     "etc/logging/logger_topics.txt onto the card, with the topics of the profile and the lines "
     + ", ".join(f"'{line}'" for line in EXTRA_TOPIC_LINES)
     + " (topic, interval in ms). That file replaces the profile.",
-    "Fly altitude steps or a stick doublet with a height reference that changes: a hover cannot be identified.",
+    "Fly altitude steps, so that the height reference changes: a hover cannot be identified.",
 )
 
 _TABLE_ADVICE = (
     "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
-    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the vertical "
-    "acceleration, the attitude, and the height reference.",
+    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
+    "vertical acceleration, the attitude, and the height reference.",
     "Log setpoints as they are commanded, not filtered or interpolated.",
 )

@@ -17,7 +17,7 @@ HELD_STEMS = (
 
 
 def canonical_key(name: str) -> str:
-    """Key of `CANONICAL_UNITS` for a channel ("rotor_command_*" for "rotor_command_3"); empty when there is none."""
+    """Key of `CANONICAL_UNITS` for a channel ("rotor_command_*" for a rotor's); empty when there is none."""
     if name in CANONICAL_UNITS and not name.endswith("*"):
         return name
     stem, _, number = name.rpartition("_")

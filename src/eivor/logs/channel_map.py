@@ -13,7 +13,7 @@ A map states::
 
     [columns.motor_1]               # optional: the range that a column's values can have
     valid = [0, 65535]              # outside: overflow, becomes missing
-    saturates = "upper"             # "lower", "upper", "both" (default) or "none": bounds that mean saturation
+    saturates = "upper"             # bounds that mean saturation: "lower", "upper", "both" (default), "none"
 
     [channels.velocity_z]
     column = "vz"                   # or expression = "vz_raw / 100"
@@ -131,7 +131,9 @@ class ChannelMap:
 def shipped_maps() -> tuple[str, ...]:
     """Names of the maps that come with Eivor."""
     folder = resources.files("eivor.logs") / "maps"
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(
+        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+    )
 
 
 def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
@@ -152,7 +154,9 @@ def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
             raise ChannelMapError(expected, f"'{path}', which is no file", "Check the name of the map.")
         if path.stat().st_size > MAX_MAP_BYTES:
             raise ChannelMapError(
-                expected, f"'{path}', larger than {MAX_MAP_BYTES} bytes", "Give the map, not the log, as the map."
+                expected,
+                f"'{path}', larger than {MAX_MAP_BYTES} bytes",
+                "Give the map, not the log, as the map.",
             )
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
@@ -178,7 +182,9 @@ def parse_channel_map(text: str, origin: str) -> ChannelMap:
     try:
         content = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ChannelMapError(f"TOML in {origin}", f"text that is not: {error}", "Correct the syntax.") from error
+        raise ChannelMapError(
+            f"TOML in {origin}", f"text that is not: {error}", "Correct the syntax."
+        ) from error
     top = _Keys(content, origin, "")
     name = top.text("name")
     top.text("description", "")
@@ -224,7 +230,9 @@ def _rule(name: str, section: _Keys) -> ChannelRule:
             "Give the unit in which the column is logged.",
         )
     if derived and key != "cos_tilt":
-        raise section.wrong(ways[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression.")
+        raise section.wrong(
+            ways[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression."
+        )
     factor = section.number("sign", 1.0, (-1.0, 1.0)) * section.number("scale", 1.0)
     rule = ChannelRule(
         name,
@@ -250,7 +258,9 @@ def _expression(section: _Keys, way: str, si_unit: str, to_si: float) -> tuple[E
         text = f"1 - 2 * ({x}*{x} + {y}*{y}) / ({w}*{w} + {x}*{x} + {y}*{y} + {z}*{z})"
         return parse_expression(text, where), True
     if si_unit != "rad":
-        raise section.wrong("unit", "rad or deg", f"a unit of {si_unit or 'pure numbers'}", "State the angle's unit.")
+        raise section.wrong(
+            "unit", "rad or deg", f"a unit of {si_unit or 'pure numbers'}", "State the angle's unit."
+        )
     roll, pitch = (quoted(column) for column in section.columns("roll_pitch", 2))
     return parse_expression(f"cos({to_si!r} * {roll}) * cos({to_si!r} * {pitch})", where), True
 
@@ -278,7 +288,11 @@ class _Keys:
     def text(self, key: str, default: str | None = None) -> str:
         """Return a non-empty string (or the default)."""
         value = self._take(key, default, "a text")
-        if not isinstance(value, str) or (not value and default is None) or '"' in value and key == "column":
+        if (
+            not isinstance(value, str)
+            or (not value and default is None)
+            or ('"' in value and key == "column")
+        ):
             raise self.wrong(key, "a text", repr(value), "Write it in quotes; it must not be empty.")
         return value
 
@@ -307,7 +321,12 @@ class _Keys:
     def pair(self, key: str) -> tuple[float, float]:
         """Return two increasing numbers."""
         value = self._take(key, None, "[low, high]")
-        if not isinstance(value, list) or len(value) != 2 or not all(map(_is_number, value)) or value[0] >= value[1]:
+        if (
+            not isinstance(value, list)
+            or len(value) != 2
+            or not all(map(_is_number, value))
+            or value[0] >= value[1]
+        ):
             raise self.wrong(key, "[low, high] with low < high", repr(value), "Correct the range.")
         return float(value[0]), float(value[1])
 
@@ -315,7 +334,9 @@ class _Keys:
         """Return the names of `count` columns."""
         value = self._take(key, None, f"a list of {count} columns")
         names = value if isinstance(value, list) else []
-        if len(names) != count or not all(isinstance(name, str) and name and '"' not in name for name in names):
+        if len(names) != count or not all(
+            isinstance(name, str) and name and '"' not in name for name in names
+        ):
             raise self.wrong(key, f"a list of {count} column names", repr(value), "Correct the list.")
         return names
 
@@ -341,7 +362,10 @@ class _Keys:
         if unknown:
             known = ", ".join(sorted(self.taken))
             raise self.wrong(
-                unknown[0], f"one of the keys {known}", f"the unknown key '{unknown[0]}'", "Correct or remove it."
+                unknown[0],
+                f"one of the keys {known}",
+                f"the unknown key '{unknown[0]}'",
+                "Correct or remove it.",
             )
 
 

@@ -201,6 +201,7 @@ class _Parser:
         self._expect(")")
         if len(arguments) != FUNCTIONS[name]:
             raise _refused(
-                self.where, f"{self.text!r}, where {name} has {len(arguments)} arguments, not {FUNCTIONS[name]}"
+                self.where,
+                f"{self.text!r}, where {name} has {len(arguments)} arguments, not {FUNCTIONS[name]}",
             )
         return f"{name.upper()}({', '.join(arguments)})"

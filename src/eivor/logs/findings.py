@@ -94,15 +94,18 @@ def _norm(channels: Mapping[str, Channel], names: Sequence[str]) -> Float[np.nda
     parts = [channels[name].values for name in names if name in channels]
     if len(parts) != len(names) or len({part.size for part in parts}) != 1 or parts[0].size == 0:
         return None
-    return np.sqrt(np.sum(np.square(parts), axis=0))
+    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)), dtype=np.float64)
 
 
 def _force_doubts(channels: Mapping[str, Channel]) -> list[str]:
-    """A vehicle that is at rest, hovers or flies about has a specific force of about one g."""
+    """Doubt a median specific force other than one g: that of rest, of hover and of most flights."""
     doubts = []
     body = _norm(channels, [f"specific_force_body_{axis}" for axis in "xyz"])
     vertical = channels.get("specific_force_z")
-    candidates = [("The norm of specific_force_body", body), ("specific_force_z", vertical and vertical.values)]
+    candidates = [
+        ("The norm of specific_force_body", body),
+        ("specific_force_z", vertical.values if vertical is not None else None),
+    ]
     for label, values in candidates:
         if values is None:
             continue
@@ -138,7 +141,7 @@ def _rate_doubts(channels: Mapping[str, Channel]) -> list[str]:
 
 
 def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
-    """The vertical velocity must be the slope of the position, in size and in sign."""
+    """Doubt a vertical velocity that is not the slope of the position, in size and in sign."""
     position, velocity = channels.get("position_z"), channels.get("velocity_z")
     if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
         return []

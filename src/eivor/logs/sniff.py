@@ -45,7 +45,7 @@ UNREAD_FORMATS: tuple[KnownFormat, ...] = (
     KnownFormat(
         b"\xbc",
         "a Crazyflie microSD log",
-        "Convert it with `cfusdlog.py` of the Crazyflie firmware and write a table with canonical column names.",
+        "Convert it with `cfusdlog.py` of the Crazyflie firmware, and write a table with canonical names.",
     ),
     KnownFormat(
         b"H Product:Blackbox",

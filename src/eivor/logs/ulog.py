@@ -150,7 +150,8 @@ def _file_findings(clean: CleanLog, ulog: Any) -> list[Finding]:
         findings.append(
             Finding(
                 "corrupt_parts",
-                f"Damaged parts were left out: {clean.skipped_bytes} bytes and {clean.rejected_messages} messages.",
+                f"Damaged parts were left out: {clean.skipped_bytes} bytes and {clean.rejected_messages} "
+                "messages.",
             )
         )
     if ulog.dropouts:
@@ -184,7 +185,9 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
         )
     if reading.silent:
         findings.append(
-            Finding("setpoint_silent", f"Not in force while its topic is silent: {', '.join(reading.silent)}.")
+            Finding(
+                "setpoint_silent", f"Not in force while its topic is silent: {', '.join(reading.silent)}."
+            )
         )
     return reading
 
@@ -245,7 +248,7 @@ def _channel(
 
 
 def _silenced(channel: Channel, end_s: float) -> Channel:
-    """Return the channel with a NaN where its topic falls silent, for a held value would outlive its setpoint."""
+    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint."""
     limit = SILENCE_S
     if channel.time_s.size > 1:
         limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
@@ -257,7 +260,7 @@ def _silenced(channel: Channel, end_s: float) -> Channel:
 
 
 def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Add the position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded climb rate."""
+    """Add the controller's velocity setpoint: feedback under a height setpoint, else a climb rate."""
     topic = reading.topics.get(CONTROLLER_VELOCITY.topic)
     heights = _values(topic, CONTROLLER_POSITION) if topic is not None else None
     if heights is None:
@@ -280,7 +283,7 @@ def _add_pilot_in_control(reading: _Reading, clocks: Mapping[str, Float[np.ndarr
 
 
 def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Motor outputs that are used, numbered from 1 in the order of the log; an unused one is NaN or never moves."""
+    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
     for topic_name, stem in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
         used = varying_fields(topic, stem) if topic is not None else []

@@ -138,7 +138,7 @@ def _appended_offsets(data: mmap | bytes, name: str) -> list[int]:
 
 
 def _messages(data: mmap | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
-    """Complete messages between two offsets; where the chain breaks, the walk resumes at the next sync mark."""
+    """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
     unpack = struct.Struct("<HB").unpack_from
     position = start
     while position + 3 <= end:
@@ -167,7 +167,7 @@ def _starts_message(data: mmap | bytes, position: int, end: int) -> bool:
     if position + 3 > end:
         return False
     size, kind = struct.unpack_from("<HB", data, position)
-    return kind in _KNOWN_TYPES and 0 < size and position + 3 + size <= end
+    return kind in _KNOWN_TYPES and size > 0 and position + 3 + size <= end
 
 
 def _resume(data: mmap | bytes, position: int, end: int, log: CleanLog) -> int:
@@ -277,14 +277,18 @@ def _flatten(
 
 
 def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
-    """Fields (type, number, name) of a format message; None when one is malformed. A plain field has number 0."""
+    """Fields (type, number, name) of a format; None when one is malformed. A plain field has number 0."""
     texts = [text for text in str(payload, "utf-8", "ignore").partition(":")[2].split(";") if text]
     fields: list[tuple[str, int, str]] = []
     for text in texts[: MAX_FIELDS + 1]:
         words = text.split(" ")
         kind, bracket, rest = words[0].partition("[")
         digits = rest.removesuffix("]") if bracket else "0"
-        if len(words) != 2 or not words[1] or not (digits.isascii() and digits.isdecimal() and len(digits) < 6):
+        if (
+            len(words) != 2
+            or not words[1]
+            or not (digits.isascii() and digits.isdecimal() and len(digits) < 6)
+        ):
             return None
         fields.append((kind, int(digits), words[1]))
     return fields or None

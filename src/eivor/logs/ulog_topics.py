@@ -68,9 +68,7 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         )
         for axis, name in enumerate("xyz")
     },
-    **{
-        f"attitude_{name}": (Source("vehicle_attitude", f"q[{index}]"),) for index, name in enumerate("wxyz")
-    },
+    **{f"attitude_{name}": (Source("vehicle_attitude", f"q[{index}]"),) for index, name in enumerate("wxyz")},
     **{
         f"angular_rate_{name}": _body("vehicle_angular_velocity", "xyz", "sensor_combined", "gyro_rad", axis)
         for axis, name in enumerate("xyz")
@@ -98,16 +96,20 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
     ),
 }
 
-#: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded climb rate.
+#: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
+#: climb rate.
 CONTROLLER_VELOCITY = Source("vehicle_local_position_setpoint", "vz", is_setpoint=True)
 CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint=True)
 
-#: `vehicle_status.nav_state`, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
+#: The navigation state, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
 NAVIGATION_STATE = Source("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
 
 #: Motor outputs: topic and field stem, the preferred one first.
-ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (("actuator_motors", "control"), ("actuator_outputs", "output"))
+ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
+    ("actuator_motors", "control"),
+    ("actuator_outputs", "output"),
+)
 MAX_ACTUATORS = 16
 
 #: Every topic that is parsed.
@@ -173,7 +175,7 @@ TOPIC_LOGGING: tuple[TopicLogging, ...] = (
     TopicLogging("vehicle_land_detected", float("inf"), (0,)),
 )
 
-#: Full-rate topics that no profile bit has, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
+#: Topics whose rate no profile bit raises, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
 EXTRA_TOPIC_LINES: tuple[str, ...] = (
     "vehicle_local_position 20",
     "vehicle_local_position_setpoint 20",

@@ -1,0 +1,97 @@
+"""A Recording from arrays or a data frame, without a file."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from eivor.errors import DataError, EmptyLogError, ShapeError, UsageError
+from eivor.logs.canonical import canonical_key
+from eivor.logs.mapping import canonical_map, mapped_recording
+from eivor.logs.table_source import Columns
+from eivor.signals.recording import CANONICAL_UNITS, Frame, Recording
+
+
+class DataFrameLike(Protocol):
+    """A data frame of polars or pandas: columns by name."""
+
+    @property
+    def columns(self) -> Iterable[str]:
+        """Names of the columns."""
+
+    def __getitem__(self, name: str, /) -> Any: ...
+
+
+def recording_from_columns(
+    columns: Mapping[str, Any] | DataFrameLike,
+    *,
+    name: str = "arrays",
+    frame: Frame = Frame.Z_UP,
+    input_map: str = "",
+    parameters: Mapping[str, float] | None = None,
+) -> Recording:
+    """Return a recording of columns with canonical names.
+
+    Parameters
+    ----------
+    columns : mapping of str to array_like, or data frame
+        `time` [s] and canonical channels in SI units, all of one length. NaN means "no value".
+    name : str
+        What to call the recording in reports.
+    frame : Frame
+        Which way z points.
+    input_map : str
+        Name of the vehicle's input map, if it is known.
+    parameters : mapping of str to float, optional
+        Vehicle parameters, by names of your own.
+
+    Raises
+    ------
+    UsageError
+        When `time` is missing, or a name is not canonical.
+    ShapeError
+        When a column is not one-dimensional, or has another length than `time`.
+    DataError
+        When a column does not hold numbers.
+    EmptyLogError
+        When there are no values.
+    """
+    names = list(columns) if isinstance(columns, Mapping) else list(columns.columns)
+    unknown = [key for key in names if key != "time" and not canonical_key(str(key))]
+    if unknown:
+        near = difflib.get_close_matches(str(unknown[0]), CANONICAL_UNITS, n=3)
+        hint = (
+            f"Did you mean {' or '.join(near)}?" if near else f"The names are {', '.join(CANONICAL_UNITS)}."
+        )
+        raise UsageError("canonical names of channels", f"{unknown[0]!r}", hint)
+    chosen = canonical_map(names, name)
+    if chosen is None:
+        raise UsageError(
+            "a column 'time' and at least one channel",
+            f"{', '.join(names) or 'no columns'}",
+            "Add what is missing.",
+        )
+    arrays = {key: _array(key, columns[key]) for key in names}
+    rows = arrays["time"].size
+    if rows == 0:
+        raise EmptyLogError("columns with values", "columns of length 0", "Give at least one row.")
+    for key, array in arrays.items():
+        if array.shape != (rows,):
+            raise ShapeError(
+                f"columns of the length of 'time', {rows}",
+                f"'{key}' of shape {array.shape}",
+                "Give one value a row.",
+            )
+    recording = mapped_recording(chosen, chosen.rules, Columns(arrays), name=name, log_format="frame")
+    return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))
+
+
+def _array(key: str, values: Any) -> np.ndarray:
+    try:
+        return np.atleast_1d(np.asarray(values, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise DataError(f"numbers in column '{key}'", f"{error}", "Convert the column first.") from error

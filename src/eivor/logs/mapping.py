@@ -1,0 +1,263 @@
+"""A table and a channel map to a `Recording`."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import ChannelMapError, EmptyLogError
+from eivor.logs.canonical import canonical_key, held_by_default
+from eivor.logs.channel_map import ChannelMap, ChannelRule, ValidRange, load_channel_map, shipped_maps
+from eivor.logs.expressions import Expression, quoted
+from eivor.logs.extrapolation import without_extrapolation
+from eivor.logs.findings import channel_findings
+from eivor.logs.table_source import Columns
+from eivor.logs.units import TIME_UNITS
+from eivor.signals.recording import CANONICAL_UNITS, Channel, Finding, Frame, Recording, clean_channel
+
+#: First stamps beyond this are a calendar's, not a log's [s].
+EPOCH_S = 1e7
+_SHOWN = 12
+
+
+def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
+    """Map of a table with canonical column names; None when it has no `time`, or no canonical column."""
+    rules = tuple(
+        ChannelRule(name, Expression(name, quoted(name), (name,)), held=held_by_default(name))
+        for name in names
+        if canonical_key(name)
+    )
+    if "time" not in names or not rules:
+        return None
+    return ChannelMap("canonical", "time", "s", rules, Frame.Z_UP, "", {}, origin)
+
+
+def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding | None]:
+    """Return the map for a table that came without one, and a finding when a shipped map was chosen.
+
+    Raises
+    ------
+    ChannelMapError
+        When the names are not canonical and no shipped map fits.
+    """
+    canonical = canonical_map(names, table)
+    if canonical is not None:
+        return canonical, None
+    for name in shipped_maps():
+        shipped = load_channel_map(name)
+        if set(shipped.required_columns) <= set(names):
+            message = f"The shipped channel map '{name}' fits the table's columns and is used."
+            return shipped, Finding("channel_map", message)
+    raise ChannelMapError(
+        "canonical column names ('time', 'velocity_z', 'rotor_command_1', ...), or the columns of a "
+        f"shipped map ({', '.join(shipped_maps())})",
+        f"'{table}' with the columns {_listed(names)}",
+        "Write a channel map (TOML) that says which column is which channel, and give it with "
+        "`channel_map` (--map).",
+    )
+
+
+def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[ChannelRule, ...]:
+    """Rules of a map that the table can serve, after all its columns have been found.
+
+    Raises
+    ------
+    ChannelMapError
+        When a column that is not optional is not in the table, or stands there twice.
+    """
+    known = set(names)
+    rules = []
+    for rule in chosen.rules:
+        missing = [column for column in rule.expression.columns if column not in known]
+        if not missing:
+            rules.append(rule)
+        elif not rule.optional:
+            raise _no_column(missing[0], f"channels.{rule.name}", chosen, names, table)
+    used = {column for rule in chosen.rules for column in rule.expression.columns}
+    if chosen.time_column not in known:
+        raise _no_column(chosen.time_column, "time.column", chosen, names, table)
+    for column in chosen.ranges:
+        if column not in known and column not in used:
+            raise _no_column(column, f"columns.{column}", chosen, names, table)
+    doubled = {name for name in names if names.count(name) > 1} & (used | {chosen.time_column})
+    if doubled:
+        raise ChannelMapError(
+            f"columns with names of their own in '{table}'",
+            f"two columns called {_listed(sorted(doubled))}",
+            "Rename one of them.",
+        )
+    if not rules:
+        raise ChannelMapError(
+            f"at least one channel of {chosen.origin} in '{table}'",
+            "none",
+            "Check that the map fits the table.",
+        )
+    return tuple(rules)
+
+
+def _no_column(
+    column: str, key: str, chosen: ChannelMap, names: Sequence[str], table: str
+) -> ChannelMapError:
+    near = difflib.get_close_matches(column, names, n=3)
+    hint = f"Did you mean {' or '.join(map(repr, near))}?" if near else "Correct the map."
+    return ChannelMapError(
+        f"a column '{column}' ({chosen.origin}, key {key})",
+        f"'{table}' with the columns {_listed(names)}",
+        hint,
+    )
+
+
+def ignored_columns(names: Sequence[str]) -> list[Finding]:
+    """Return the finding that columns of a canonical table have other names, hence are not used."""
+    if not names:
+        return []
+    return [Finding("ignored_columns", f"Columns without a canonical name are not used: {_listed(names)}.")]
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(repr(name[:60]) for name in names[:_SHOWN])
+    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
+
+
+@dataclass(frozen=True, slots=True)
+class _Ranged:
+    """A column within its valid range: values outside are NaN; both kinds are counted."""
+
+    values: Float[np.ndarray, " n"]
+    overflowed: int = 0
+    saturated: int = 0
+
+
+def mapped_recording(
+    chosen: ChannelMap,
+    rules: Sequence[ChannelRule],
+    columns: Columns,
+    *,
+    name: str,
+    log_format: str,
+    sha256: str = "",
+    findings: Sequence[Finding] = (),
+) -> Recording:
+    """Return the recording of a table.
+
+    Parameters
+    ----------
+    chosen : ChannelMap
+        The map.
+    rules : sequence of ChannelRule
+        Those of its rules that the table can serve, see `fitted_rules`.
+    columns : Columns
+        Every column that the rules need.
+    name, log_format, sha256 : str
+        As in `Recording`.
+    findings : sequence of Finding
+        What has been found so far.
+
+    Raises
+    ------
+    EmptyLogError
+        When no channel has a value, or no row a stamp.
+    """
+    found = [*findings, *_text_findings(columns)]
+    time_s, stamped, more = _clock(chosen, columns, name)
+    found += more
+    measured = {key: raw[stamped] for key, raw in columns.values.items() if key != chosen.time_column}
+    kept, made_up = without_extrapolation(time_s, measured)
+    found += [made_up] if made_up is not None else []
+    ranged = {
+        key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
+    }
+    channels = {}
+    for rule in rules:
+        channel = _channel(rule, time_s, ranged)
+        if np.isfinite(channel.values).any():
+            channels[rule.name] = channel
+        else:
+            found.append(Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text})."))
+    if not channels:
+        raise EmptyLogError(
+            "a table with values", f"'{name}', in which every mapped column is empty", "Check the export."
+        )
+    return Recording(
+        name=name,
+        format=log_format,
+        channels=channels,
+        frame=chosen.frame,
+        sha256=sha256,
+        input_map=chosen.input_map,
+        looked_for={key: (f"column {key}",) for key in CANONICAL_UNITS}
+        | {rule.name: (rule.expression.text,) for rule in chosen.rules},
+        findings=(*found, *channel_findings(channels)),
+    )
+
+
+def _text_findings(columns: Columns) -> list[Finding]:
+    if not columns.unreadable:
+        return []
+    cells = ", ".join(f"{name[:60]} {count}" for name, count in columns.unreadable.items())
+    return [Finding("unreadable_text", f"Cells that hold no number, taken as missing: {cells}.")]
+
+
+def _clock(
+    chosen: ChannelMap, columns: Columns, name: str
+) -> tuple[Float[np.ndarray, " m"], np.ndarray, list[Finding]]:
+    """Stamps [s] of the rows that have one, which rows these are, and what was found."""
+    raw = columns.values[chosen.time_column]
+    stamped = np.isfinite(raw)
+    if not stamped.any():
+        raise EmptyLogError(
+            f"a table whose column '{chosen.time_column}' holds time stamps",
+            f"'{name}', in which it holds no number",
+            "Check the time column, or name another one in a channel map.",
+        )
+    unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
+    findings = []
+    if not stamped.all():
+        lost = int((~stamped).sum())
+        findings.append(Finding("time_stamps", f"Rows dropped, because they have no time stamp: {lost}."))
+    kept = raw[stamped]
+    if abs(kept[0]) * unit > EPOCH_S:
+        findings.append(
+            Finding("epoch_time", f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0.")
+        )
+        kept = kept - kept[0]
+    return kept * unit, stamped, findings
+
+
+def _within(
+    values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: ValidRange | None
+) -> _Ranged:
+    """Values within the bounds, the others NaN; overflow is counted among the missing ones too."""
+    if bounds is None:
+        return _Ranged(np.where(missing, np.nan, values))
+    outside = (values < bounds.low) | (values > bounds.high)
+    saturated = np.zeros(values.size, dtype=bool)
+    if bounds.saturates in ("lower", "both"):
+        saturated |= values == bounds.low
+    if bounds.saturates in ("upper", "both"):
+        saturated |= values == bounds.high
+    return _Ranged(np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum()))
+
+
+def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]) -> Channel:
+    used = [ranged[column] for column in rule.expression.columns]
+    if rule.expression.sql == quoted(rule.expression.columns[0]):
+        values = used[0].values
+    else:
+        values = rule.expression.evaluate(
+            {column: ranged[column].values for column in rule.expression.columns}
+        )
+    return clean_channel(
+        rule.name,
+        time_s,
+        values * rule.factor,
+        CANONICAL_UNITS[canonical_key(rule.name)],
+        source=rule.expression.text,
+        held=rule.held,
+        overflowed=sum(column.overflowed for column in used),
+        saturated=sum(column.saturated for column in used),
+    )
