@@ -1,0 +1,1 @@
+"""Flights: from a recording to signals, and the recipe that identifies them."""

@@ -1,0 +1,84 @@
+"""When is the vehicle in the air?
+
+By the land detector where one is logged. Else by a stated rule: it flies while its input is above a
+quarter of the level it flies at (the 95th percentile), if the log shows the input below that for half a
+second or more, and, where the height is logged, only while it is also 0.1 m above the ground (the median
+height with the input off). A log whose input is never off is taken as airborne throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+#: Input below this share of its flying level is off.
+OFF_SHARE = 0.25
+#: So long must the input be off for the rule to know the ground [s], and so high is off the ground [m].
+OFF_FOR_S = 0.5
+CLEARANCE_M = 0.1
+#: Left out after take-off and before landing [s].
+MARGIN_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Airborne:
+    """Where the vehicle flies, and how that is known.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (n,)
+        True in the air, margins left out.
+    rule : str
+        Which rule was used, in words.
+    """
+
+    mask: Bool[np.ndarray, " n"]
+    rule: str
+
+
+def airborne(
+    *,
+    input_level: Float[np.ndarray, " n"],
+    step_s: float,
+    landed: Bool[np.ndarray, " n"] | None,
+    height: Float[np.ndarray, " n"] | None,
+) -> Airborne:
+    """Airborne samples of a flight on its grid.
+
+    Parameters
+    ----------
+    input_level : ndarray, shape (n,)
+        Mean of the actuators' commands, positive up.
+    step_s : float
+        Step of the grid [s].
+    landed : ndarray of bool, shape (n,), optional
+        The land detector.
+    height : ndarray, shape (n,), optional
+        Height, z up [m].
+    """
+    if landed is not None:
+        return Airborne(_without_margins(~landed, step_s), "the log's land detector")
+    level = float(np.percentile(input_level, 95))
+    off = input_level < OFF_SHARE * level
+    if level <= 0.0:
+        return Airborne(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
+    if off.sum() * step_s < OFF_FOR_S:
+        return Airborne(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
+    flying = ~off
+    if height is None:
+        return Airborne(_without_margins(flying, step_s), "the input (no height is logged)")
+    ground = float(np.median(height[off]))
+    flying &= height > ground + CLEARANCE_M
+    return Airborne(_without_margins(flying, step_s), "the input and the height above ground")
+
+
+def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+    """`flying` shortened at each take-off and landing, but not where the log begins or ends in the air."""
+    margin = int(round(MARGIN_S / step_s))
+    grounded = np.concatenate([[0], np.cumsum(~flying)])
+    index = np.arange(flying.size)
+    earlier = np.maximum(index - margin, 0)
+    later = np.minimum(index + margin + 1, flying.size)
+    return np.asarray(grounded[later] - grounded[earlier] == 0)

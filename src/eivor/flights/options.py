@@ -1,0 +1,63 @@
+"""What a user may choose about the identification of flights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.errors import UsageError
+
+#: Largest tilt that a vertical model bears: its cosine is 0.9.
+MAX_TILT_DEG = float(np.rad2deg(np.arccos(0.9)))
+
+
+@dataclass(frozen=True, slots=True)
+class FlightOptions:
+    """Choices for the identification of a flight; the defaults are the recipe's.
+
+    Parameters
+    ----------
+    window : tuple of float, optional
+        Start and end [s] on the log's clock. Default: the whole log.
+    max_tilt_deg : float
+        Samples tilted further are left out [deg].
+    input : str
+        Channel, or family of channels, that drives the vehicle; empty for the first of rotor_command,
+        rotor_speed, input that is in the log.
+    input_map : str
+        linear, square, power:EXPONENT or mixed:SHARE; empty for the log's own, else square for rotors
+        and linear for thrust.
+    instruments : tuple of str
+        ("references",), ("lags",), or names of channels; empty for the method's own: references, and
+        lags for extended_iv.
+    method : str
+        A name out of `eivor.methods`.
+    compare : bool
+        Estimate with every method and list the results side by side.
+
+    Raises
+    ------
+    UsageError
+        When the tilt is not between 0 and 90 degrees, or the window is empty.
+    """
+
+    window: tuple[float, float] | None = None
+    max_tilt_deg: float = MAX_TILT_DEG
+    input: str = ""
+    input_map: str = ""
+    instruments: tuple[str, ...] = ()
+    method: str = "reference_iv"
+    compare: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.max_tilt_deg < 90.0:
+            raise UsageError(
+                "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
+            )
+        if self.window is not None and not self.window[0] < self.window[1]:
+            raise UsageError(
+                "a window START:END with START before END",
+                f"{self.window[0]:g}:{self.window[1]:g}",
+                "Give both in seconds from the log's start.",
+            )

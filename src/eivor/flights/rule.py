@@ -1,0 +1,235 @@
+"""The rule that turns an estimate into verdicts, one ground at a time.
+
+On the viscous friction K, which is the overall verdict:
+
+* refused: no reference varies, a conditional first-stage F is below 10, or K <= 0;
+* provisional: no exogenous reference, so that a direct method had to serve;
+* identified: K's half-width <= K/2, the lag's <= 0.1 s, the lag below the top of its grid, J's p-value
+  >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more, and
+  instruments that contain no feedback;
+* weak otherwise.
+
+The gain, the hover input and the lag have verdicts of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.flights.result import Quantity
+from eivor.identify.estimate import Estimate
+from eivor.inference.verdict import Reason, Status
+
+STRONG_FIRST_STAGE = 10.0
+FRICTION_SHARE = 0.5
+GAIN_SHARE = 0.1
+HOVER_SHARE = 0.05
+LAG_HALF_WIDTH_S = 0.1
+J_P_VALUE = 0.001
+COMMAND_RATE_HZ = 45.0
+GAIN_RATE_HZ = 20.0
+LARGE_POOL = 10
+
+FLY = (
+    "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What the verdict needs to know beside the numbers.
+
+    Parameters
+    ----------
+    flights : int
+        Number of flights used.
+    command_rate_hz, response_rate_hz : float
+        Slowest command, and the faster of velocity and acceleration over the slowest flight [Hz].
+    exogenous : bool
+        The instruments do not answer the vehicle.
+    direct : bool
+        The method uses no instruments.
+    missing_reference : str
+        Why there is no instrument; empty when there is one.
+    constant_reference : bool
+        A reference is logged, and constant.
+    """
+
+    flights: int
+    command_rate_hz: float
+    response_rate_hz: float
+    exogenous: bool
+    direct: bool
+    missing_reference: str = ""
+    constant_reference: bool = False
+
+
+def friction_reasons(
+    estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances
+) -> list[Reason]:
+    """Grounds against the viscous friction."""
+    reasons = _instrument_reasons(estimate, at)
+    friction = quantities["viscous_friction"]
+    if friction.value <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
+                "or a feedback moved the vehicle more than the reference did.",
+                FLY,
+            )
+        )
+    elif friction.half_width > FRICTION_SHARE * friction.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The viscous friction's interval is +-{friction.half_width / friction.value:.0%} wide; "
+                f"identified asks for +-{FRICTION_SHARE:.0%}.",
+                "Fly longer, faster climbs and descents, or pool several flights.",
+            )
+        )
+    reasons.extend(_lag_reasons(estimate, quantities))
+    p_value = estimate.best.over_identification[1]
+    if p_value < J_P_VALUE and at.flights < LARGE_POOL:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The references disagree about the parameters (J p-value {p_value:.1g}): something moves the "
+                "vehicle that the model does not have.",
+                "Keep the tilt small, stay off the ground, and check the input map.",
+            )
+        )
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+                "intervals do not hold.",
+                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
+    if at.constant_reference:
+        return [Reason(Status.REFUSED, f"The reference never moved ({at.missing_reference}).", FLY)]
+    if at.direct:
+        if at.missing_reference:
+            return [
+                Reason(
+                    Status.PROVISIONAL,
+                    f"No reference can serve as an instrument ({at.missing_reference}), so the numbers come "
+                    "from nonlinear least squares, which disturbances bias.",
+                    "Log the position setpoint, or the pilot's stick, at 50 Hz or more.",
+                )
+            ]
+        return [
+            Reason(
+                Status.PROVISIONAL,
+                "A direct method is biased by disturbances in closed loop.",
+                "Use reference_iv for a verdict.",
+            )
+        ]
+    strengths = estimate.best.first_stage
+    reasons = []
+    if not np.all(strengths >= STRONG_FIRST_STAGE):
+        weakest = int(np.argmin(strengths))
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The references hardly move the {estimate.names[weakest].replace('_', ' ')}: first-stage F is "
+                f"{strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed.",
+                FLY,
+            )
+        )
+    if not at.exogenous:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                "The instruments answer the vehicle's own disturbances (past inputs, or a setpoint that a "
+                "position loop computes).",
+                "Log the trajectory's position setpoint.",
+            )
+        )
+    return reasons
+
+
+def _lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> list[Reason]:
+    if "actuator_lag" not in estimate.names:
+        return []
+    reasons = []
+    half_width = quantities["effective_lag"].half_width
+    if half_width > LAG_HALF_WIDTH_S:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The actuator's lag is known to +-{half_width * 1e3:.0f} ms only; "
+                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
+                "Fly quicker steps, and log command and acceleration at 50 Hz or more.",
+            )
+        )
+    profile = estimate.best.profile
+    if profile.lag_s >= 0.999 * float(profile.lags_s[-1]):
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The lag ran into the top of its grid ({profile.lags_s[-1]:.1f} s).",
+                "Check that the input is the command of this vehicle, and its time stamps.",
+            )
+        )
+    return reasons
+
+
+def gain_reasons(estimate: Estimate, gain: Quantity, at: Circumstances) -> list[Reason]:
+    """Grounds against the input gain."""
+    if gain.value <= 0.0:
+        return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain."))
+    else:
+        strength = float(estimate.best.first_stage[estimate.names.index("input_gain")])
+        if strength < STRONG_FIRST_STAGE:
+            reasons.append(Reason(Status.WEAK, f"First-stage F of the input gain is {strength:.1f}."))
+    if gain.half_width > GAIN_SHARE * gain.value:
+        reasons.append(
+            Reason(Status.WEAK, f"The input gain's interval is +-{gain.half_width / gain.value:.0%} wide.")
+        )
+    if at.response_rate_hz < GAIN_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Velocity and acceleration are logged at {at.response_rate_hz:.0f} Hz at most.",
+                "Log one of them at 20 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def hover_reasons(hover: Quantity, at: Circumstances) -> list[Reason]:
+    """Grounds against the hover input."""
+    if not (np.isfinite(hover.value) and hover.value > 0.0):
+        return [Reason(Status.REFUSED, "The hover input is not positive.")]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input."))
+    if not hover.half_width <= HOVER_SHARE * hover.value:
+        reasons.append(
+            Reason(Status.WEAK, f"The hover input's interval is +-{hover.half_width / hover.value:.0%} wide.")
+        )
+    return reasons
+
+
+def lag_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances) -> list[Reason]:
+    """Grounds against the actuator's lag."""
+    reasons = _lag_reasons(estimate, quantities)
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag."))
+    elif "actuator_lag" in estimate.names:
+        strength = float(estimate.best.first_stage[estimate.names.index("actuator_lag")])
+        if strength < STRONG_FIRST_STAGE:
+            reasons.append(Reason(Status.WEAK, f"First-stage F of the lag is {strength:.1f}."))
+    return reasons

@@ -1,0 +1,62 @@
+"""Verdicts: what may be concluded from an estimate, with reasons in sentences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Status(Enum):
+    """How far an estimate may be trusted, best first."""
+
+    IDENTIFIED = "identified"
+    WEAK = "weak"
+    PROVISIONAL = "provisional"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One ground for a verdict.
+
+    Parameters
+    ----------
+    status : Status
+        The best that this ground allows.
+    sentence : str
+        What was found.
+    remedy : str
+        What to fly or log instead; may be empty.
+    """
+
+    status: Status
+    sentence: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Status and the reasons for it.
+
+    Parameters
+    ----------
+    status : Status
+        The worst status that a reason asks for; identified without reasons.
+    reasons : tuple of Reason
+        Worst first.
+    """
+
+    status: Status
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Each reason with its remedy."""
+        return tuple(f"{reason.sentence} {reason.remedy}".strip() for reason in self.reasons)
+
+
+def verdict(reasons: list[Reason]) -> Verdict:
+    """Return the verdict that a list of reasons amounts to."""
+    order = list(Status)
+    ranked = sorted(reasons, key=lambda reason: -order.index(reason.status))
+    return Verdict(ranked[0].status if ranked else Status.IDENTIFIED, tuple(ranked))
