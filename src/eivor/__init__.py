@@ -1,1 +1,79 @@
-"""Eivor: the parameters of moving machines from noisy recordings."""
+"""Eivor: the parameters of moving machines from noisy recordings, with honest intervals and a verdict.
+
+Public names are loaded when they are first used, so that ``import eivor`` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from eivor.flights.options import FlightOptions
+    from eivor.flights.recipe import identify_flight
+    from eivor.flights.result import FlightEstimate
+    from eivor.identify import methods
+    from eivor.identify.estimate import Estimate
+    from eivor.identify.fit import identify
+    from eivor.logs import read_log, recording_from_columns
+    from eivor.models.column import Column, lags
+    from eivor.models.regression import Regression, regression
+    from eivor.models.vertical import VerticalMotion
+    from eivor.signals.noise import WhiteNoise
+    from eivor.signals.recording import Recording
+    from eivor.signals.signals import Signals
+
+#: Where each public name lives.
+_HOMES = {
+    "Column": "eivor.models.column",
+    "Estimate": "eivor.identify.estimate",
+    "FlightEstimate": "eivor.flights.result",
+    "FlightOptions": "eivor.flights.options",
+    "Recording": "eivor.signals.recording",
+    "Regression": "eivor.models.regression",
+    "Signals": "eivor.signals.signals",
+    "VerticalMotion": "eivor.models.vertical",
+    "WhiteNoise": "eivor.signals.noise",
+    "identify": "eivor.identify.fit",
+    "identify_flight": "eivor.flights.recipe",
+    "lags": "eivor.models.column",
+    "methods": "eivor.identify.methods",
+    "read_log": "eivor.logs",
+    "recording_from_columns": "eivor.logs",
+    "regression": "eivor.models.regression",
+}
+
+__version__ = version("eivor")
+__all__ = [
+    "Column",
+    "Estimate",
+    "FlightEstimate",
+    "FlightOptions",
+    "Recording",
+    "Regression",
+    "Signals",
+    "VerticalMotion",
+    "WhiteNoise",
+    "__version__",
+    "identify",
+    "identify_flight",
+    "lags",
+    "methods",
+    "read_log",
+    "recording_from_columns",
+    "regression",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'eivor' has no attribute '{name}'")
+    home = import_module(_HOMES[name])
+    value: object = home if home.__name__.endswith(f".{name}") else getattr(home, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

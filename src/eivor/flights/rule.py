@@ -2,7 +2,8 @@
 
 On the viscous friction K, which is the overall verdict:
 
-* refused: no reference varies, a conditional first-stage F is below 10, or K <= 0;
+* refused: no reference varies, a conditional first-stage F is below 10, or K cannot be told from zero
+  (K <= 0, or an interval that reaches zero);
 * provisional: no exogenous reference, so that a direct method had to serve;
 * identified: K's half-width <= K/2, the lag's <= 0.1 s, the lag below the top of its grid, J's p-value
   >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more, and
@@ -78,6 +79,15 @@ def friction_reasons(
                 Status.REFUSED,
                 f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
                 "or a feedback moved the vehicle more than the reference did.",
+                FLY,
+            )
+        )
+    elif friction.interval[0] <= 0.0:
+        low, high = friction.interval
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] 1/s.",
                 FLY,
             )
         )
