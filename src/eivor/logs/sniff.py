@@ -107,5 +107,5 @@ def _looks_like_table(head: bytes) -> bool:
         text = decoder.decode(head)
     except UnicodeDecodeError:
         return False
-    lines = [line for line in text.splitlines()[:2] if line.strip()]
-    return bool(lines) and any(mark in lines[0] for mark in DELIMITERS)
+    header = next((line for line in text.splitlines() if line.strip()), "")
+    return any(mark in header for mark in DELIMITERS)

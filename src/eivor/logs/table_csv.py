@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -35,8 +35,9 @@ class _Layout:
     delimiter: str
     header_lines: int
     rows: int
-    decimal_comma: bool
-    cut: bool
+    decimal_comma: bool = False
+    cut: bool = False
+    trailing: bool = False
 
 
 def open_csv(file: Path) -> TableSource:
@@ -106,22 +107,20 @@ def _layout(stream: BinaryIO, name: str) -> _Layout:
             f"'{name}', whose first line holds numbers only",
             "Put a line of column names on top.",
         )
-    rows, decimal_comma, cut = _check_rows(stream, number, delimiter, len(names), name)
-    if rows == 0:
+    layout = _check_rows(stream, _Layout(tuple(names), delimiter, number, 0), name)
+    if layout.rows == 0:
         raise EmptyLogError(
             "a table with rows",
             f"'{name}' with a header only",
             "Check that logging was on during the flight.",
         )
-    return _Layout(tuple(names), delimiter, number, rows, decimal_comma, cut)
+    return layout
 
 
-def _check_rows(
-    stream: BinaryIO, header_line: int, delimiter: str, width: int, name: str
-) -> tuple[int, bool, bool]:
-    """Return the number of rows with blank ones, whether decimals have commas, and whether the end is cut."""
-    mark = delimiter.encode()
-    number, rows, decimal_comma = header_line, 0, False
+def _check_rows(stream: BinaryIO, header: _Layout, name: str) -> _Layout:
+    """Return the layout with the number of rows (blank ones included), once every line has been checked."""
+    mark, width = header.delimiter.encode(), len(header.names)
+    number, rows, decimal_comma, trailing = header.header_lines, 0, False, False
     while line := _line(stream, number + 1, name):
         number += 1
         text = line.rstrip(b"\r\n")
@@ -130,20 +129,22 @@ def _check_rows(
             continue
         count = text.count(mark) + 1
         if b'"' in text:
-            count = len(_fields(text.decode("utf-8", "replace"), delimiter, number, name))
-        if count != width and not (count == width + 1 and text.endswith(mark)):
-            if count < width and not line.endswith(b"\n"):
-                return rows, decimal_comma, True
+            count = len(_fields(text.decode("utf-8", "replace"), header.delimiter, number, name))
+        if count < width and not line.endswith(b"\n"):
+            return replace(header, rows=rows, decimal_comma=decimal_comma, cut=True, trailing=trailing)
+        if count == width + 1 and text.endswith(mark):
+            trailing = True
+        elif count != width:
             raise corrupt_table(
                 name,
                 f"whose line {number} has {count} fields where the header has {width}",
                 "Correct the line, or cut the table before it.",
             )
-        if rows == 0 and delimiter == ";":
-            fields = text.decode("utf-8", "replace").split(delimiter)
+        if rows == 0 and header.delimiter == ";":
+            fields = text.decode("utf-8", "replace").split(header.delimiter)
             decimal_comma = any(_DECIMAL_COMMA.fullmatch(field) for field in fields)
         rows += 1
-    return rows, decimal_comma, False
+    return replace(header, rows=rows, decimal_comma=decimal_comma, trailing=trailing)
 
 
 def _is_number(text: str) -> bool:
@@ -158,7 +159,8 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     """Convert some columns; a cell that is no number becomes NaN and is counted."""
     import polars as pl
 
-    schema = {f"c{i}": pl.String for i in range(len(layout.names))}
+    # one column more, for the lines that end with a delimiter
+    schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
     position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
     try:
         frame = (
@@ -169,7 +171,6 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
                 skip_lines=layout.header_lines,
                 n_rows=layout.rows,
                 schema=schema,
-                truncate_ragged_lines=True,
                 glob=False,
             )
             .select([pl.col(position[name]).alias(name) for name in columns])

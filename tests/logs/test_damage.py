@@ -1,0 +1,158 @@
+"""Damaged files: every reader answers with a Recording or an `InputError`, in bounded time."""
+
+import contextlib
+import time
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ulog_writer import flight
+
+from eivor.errors import InputError
+from eivor.logs import read_log, table_parquet
+from eivor.logs.channel_map import parse_channel_map
+from eivor.logs.expressions import parse_expression
+from eivor.signals.recording import Recording
+
+QUICK = settings(
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    derandomize=True,
+)
+
+
+def damaged(blob, rng):
+    """One of the ways in which files break: changed bytes, a cut, a block twice, a block gone, zeros."""
+    data = bytearray(blob)
+    for _ in range(rng.integers(1, 4)):
+        kind = rng.integers(6)
+        at = int(rng.integers(len(data))) if data else 0
+        length = int(rng.integers(1, 200))
+        if kind == 0:
+            for place in rng.integers(0, max(len(data), 1), rng.integers(1, 20)):
+                data[place : place + 1] = rng.bytes(1)
+        elif kind == 1:
+            del data[at:]
+        elif kind == 2:
+            data[at:at] = data[int(rng.integers(len(data) + 1)) :][:length]
+        elif kind == 3:
+            del data[at : at + length]
+        elif kind == 4:
+            data[at : at + length] = bytes(length)
+        else:
+            data[at:at] = rng.bytes(length)
+    return bytes(data)
+
+
+def survives(path, blob, limit_s=10.0):
+    path.write_bytes(blob)
+    started = time.monotonic()
+    try:
+        recording = read_log(path)
+    except InputError as error:
+        text = str(error)
+    else:
+        text = " ".join(finding.message for finding in recording.findings)
+        assert isinstance(recording, Recording)
+        assert recording.channels
+    assert len(text) < 20_000
+    assert time.monotonic() - started < limit_s
+
+
+def canonical():
+    t = np.arange(100) * 0.01
+    return pl.DataFrame({"time": t, "velocity_z": np.sin(t), "input": np.cos(t), "landed": t > 0.5})
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seeds")
+    canonical().write_csv(folder / "t.csv")
+    canonical().write_parquet(folder / "t.parquet", metadata={"eivor": "{}"})
+    canonical().write_parquet(folder / "plain.parquet", compression="uncompressed", row_group_size=20)
+    (folder / "t.ulg").write_bytes(flight().bytes())
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.ulg", "t.parquet", "plain.parquet"])
+def test_synthetic_files(tmp_path, seeds, name):
+    rng = np.random.default_rng(7)
+    for _ in range(150):
+        survives(tmp_path / "damaged", damaged(seeds[name], rng))
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.ulg", "t.parquet"])
+def test_every_length(tmp_path, seeds, name):
+    blob = seeds[name]
+    for length in range(0, len(blob), max(1, len(blob) // 150)):
+        survives(tmp_path / "cut", blob[:length])
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize(
+    "name",
+    ["px4/sample_appended_multiple.ulg", "px4/sample_px4_events.ulg", "nanobench/B2_circle_fast_rep1.csv"],
+)
+def test_real_files(tmp_path, recordings, name):
+    rng = np.random.default_rng(11)
+    blob = (recordings / name).read_bytes()[:600_000]
+    for _ in range(12):
+        survives(tmp_path / "damaged", damaged(blob, rng))
+
+
+@QUICK
+@given(st.binary(max_size=300))
+def test_any_bytes_after_a_ulog_header(tmp_path, blob):
+    survives(tmp_path / "u", b"\x55\x4c\x6f\x67\x01\x12\x35\x01" + bytes(8) + blob)
+
+
+@QUICK
+@given(st.binary(max_size=300))
+def test_any_bytes_in_a_parquet(tmp_path, blob):
+    survives(tmp_path / "p", b"PAR1" + blob + b"PAR1")
+
+
+@QUICK
+@given(st.text(max_size=200))
+def test_any_text_below_a_header(tmp_path, text):
+    survives(tmp_path / "c", b"time,velocity_z\n" + text.encode("utf-8", "replace"))
+
+
+@QUICK
+@given(st.binary(max_size=200))
+def test_any_bytes(tmp_path, blob):
+    survives(tmp_path / "b", blob)
+
+
+@QUICK
+@given(st.text(max_size=200))
+def test_any_text_as_a_map(text):
+    with contextlib.suppress(InputError):
+        parse_channel_map('name = "m"\n[time]\ncolumn = "t"\n' + text, "m.toml")
+
+
+@QUICK
+@given(st.text(alphabet="ab12.+-*/(), \"'eE_;\n", max_size=60))
+def test_any_text_as_an_expression(text):
+    try:
+        expression = parse_expression(text, "here")
+    except InputError:
+        return
+    values = {column: np.array([1.0, np.nan, -2.0]) for column in expression.columns}
+    assert expression.evaluate(values).shape == (3,)
+
+
+@pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"D", b"\x01\x00D"])
+def test_long_runs_of_nonsense_take_bounded_time(tmp_path, filler):
+    blob = flight().bytes() + filler * (3_000_000 // len(filler))
+    survives(tmp_path / "long.ulg", blob, limit_s=20.0)
+
+
+def test_a_small_parquet_of_many_rows_is_refused(tmp_path, monkeypatch):
+    canonical().write_parquet(tmp_path / "t.parquet")
+    monkeypatch.setattr(table_parquet, "MAX_ROWS", 50)  # instead of writing half a gigabyte
+    with pytest.raises(InputError, match="at most 50 rows"):
+        read_log(tmp_path / "t.parquet")

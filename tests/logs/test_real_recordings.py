@@ -1,0 +1,95 @@
+"""The facts about the real recordings that the readers must find."""
+
+import numpy as np
+import pytest
+
+from eivor.errors import MissingReaderError
+from eivor.logs import read_log
+from eivor.signals.recording import Frame
+
+pytestmark = pytest.mark.recordings
+
+OVERFLOWING = {"B2_circle_medium_rep3", "B9_trefoil_fast_rep3", "B9_trefoil_fast_rep15"}
+
+
+def names(recording):
+    return [finding.name for finding in recording.findings]
+
+
+@pytest.fixture(scope="module")
+def nanobench(recordings):
+    return {path.stem: read_log(path) for path in sorted((recordings / "nanobench").glob("*.csv"))}
+
+
+def test_nanobench_overflow(nanobench):
+    assert len(nanobench) == 9
+    assert {name for name, r in nanobench.items() if "overflow" in names(r)} == OVERFLOWING
+    assert {name for name, r in nanobench.items() if "extrapolated" in names(r)} == OVERFLOWING
+    for r in nanobench.values():
+        for rotor in r.family("rotor_command_*"):
+            assert np.nanmax(rotor.values) <= 1.01
+            assert np.nanmin(rotor.values) >= 0.0
+
+
+def test_nanobench_twins(nanobench):
+    assert nanobench["B9_trefoil_fast_rep3"].sha256 == nanobench["B9_trefoil_fast_rep15"].sha256
+    assert len({r.sha256 for r in nanobench.values()}) == 8
+
+
+def test_nanobench_units(nanobench):
+    for r in nanobench.values():
+        assert (r.frame, r.input_map, len(r.family("rotor_command_*"))) == (Frame.Z_UP, "square", 4)
+        assert "mixed_units" not in names(r)
+        force = r.channels["specific_force_body_z"].values
+        assert np.nanmedian(force) == pytest.approx(9.81, abs=0.35)
+        assert r.span_s[0] == 0.0
+        assert r.channels["reference_position_z"].held
+    assert np.nanmax(nanobench["B6_linear_ramp_rep1"].channels["position_z"].values) < 0.25
+
+
+def test_ekf_failure(recordings):
+    r = read_log(recordings / "px4" / "ekf_failure.ulg")
+    assert r.parameters["MPC_THR_HOVER"] == pytest.approx(0.35)
+    assert r.channels["input"].source == "-vehicle_thrust_setpoint.xyz[2]"
+    assert np.nanmin(r.channels["position_z"].values) < -16
+    assert r.channels["input"].rate_hz == pytest.approx(50, rel=0.01)
+    assert "reference_position_z" not in r.channels  # logged, and never in force
+    assert "trajectory_setpoint.position[2]" in " ".join(f.message for f in r.findings)
+    assert r.channels["battery_voltage"].values.max() > 20
+    assert len(r.family("actuator_output_*")) == 4
+
+
+def test_battery_brownout(recordings):
+    r = read_log(recordings / "px4" / "battery_brownout.ulg")
+    assert "battery_voltage" not in r.channels  # the battery is not connected to the sensor: 0.05 V
+    assert np.isfinite(r.channels["reference_position_z"].values).sum() == 122
+    feedback = r.channels["feedback_reference_velocity_z"]
+    assert np.isfinite(feedback.values).any()
+
+
+def test_px4_events(recordings):
+    r = read_log(recordings / "px4" / "sample_px4_events.ulg")
+    assert r.span_s == pytest.approx((-0.22, 31.132), abs=1e-3)
+    assert "pilot_throttle" not in r.channels  # one message, marked as not valid
+    assert not r.channels["pilot_in_control"].values.any()
+
+
+def test_px4_old_names(recordings):
+    r = read_log(recordings / "px4" / "sample_appended_multiple.ulg")
+    assert r.channels["input"].source == "vehicle_attitude_setpoint.thrust"
+    assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
+    assert "acceleration_z" not in r.channels
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ("ardupilot/log_0036_mechanical_failure.bin", "DataFlash"),
+        ("arpl-crazyflie/log10", "Crazyflie microSD"),
+        ("arpl-crazyflie/log15", "Crazyflie microSD"),
+        ("arpl-crazyflie/log16", "Crazyflie microSD"),
+    ],
+)
+def test_formats_without_a_reader(recordings, path, words):
+    with pytest.raises(MissingReaderError, match=words):
+        read_log(recordings / path)

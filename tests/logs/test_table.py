@@ -1,0 +1,211 @@
+import datetime
+
+import numpy as np
+import polars as pl
+import pytest
+
+from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, UnknownFormatError
+from eivor.logs import read_log
+
+
+def csv(tmp_path, text, **options):
+    path = tmp_path / "t.csv"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return read_log(path, **options)
+
+
+def names(recording):
+    return [finding.name for finding in recording.findings]
+
+
+def test_canonical_names_need_no_map(tmp_path):
+    r = csv(tmp_path, "time,velocity_z,rotor_command_1,rotor_command_2,junk\n0,1,2,3,a\n0.1,2,3,4,b\n")
+    assert (r.format, r.input_map, list(r.channels)) == (
+        "csv",
+        "",
+        ["velocity_z", "rotor_command_1", "rotor_command_2"],
+    )
+    assert [c.held for c in r.channels.values()] == [False, True, True]
+    assert [c.unit for c in r.channels.values()] == ["m/s", "", ""]
+    assert any(f.name == "ignored_columns" and "'junk'" in f.message for f in r.findings)
+    with pytest.raises(Exception, match="column input"):
+        r.channel("input")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time;velocity_z\n0;1,5\n0,1;2,5\n",
+        "time\tvelocity_z\r\n0\t1.5\r\n0.1\t2.5\r\n",
+        "time|velocity_z\n0|1.5\n0.1|2.5",
+        "\ufefftime,velocity_z\n0,1.5\n0.1,2.5\n",
+        '"time","velocity_z"\n"0","1.5"\n"0.1","2.5"\n',
+        "\n\n time , velocity_z \n 0 , 1.5 \n\n 0.1 , 2.5 \n\n",
+        "time,velocity_z\n0,1.5,\n0.1,2.5,\n",
+        'time,velocity_z,note\n0,1.5,"a,b"\n0.1,2.5,""\n',
+    ],
+)
+def test_dialects(tmp_path, text):
+    z = csv(tmp_path, text).channels["velocity_z"]
+    np.testing.assert_allclose(z.values, [1.5, 2.5])
+    np.testing.assert_allclose(z.time_s, [0.0, 0.1])
+
+
+def test_missing_and_unreadable_cells(tmp_path):
+    r = csv(
+        tmp_path,
+        "time,velocity_z,landed\n0,1,true\n1,,False\n2,NaN,TRUE\n3,oops,false\n4,NA,1\n5,-inf,0\n6,3e0,0\n",
+    )
+    np.testing.assert_array_equal(r.channels["velocity_z"].values, [1, *[np.nan] * 5, 3])
+    np.testing.assert_array_equal(r.channels["landed"].values, [1, 0, 1, 0, 1, 0, 0])
+    assert any(f.name == "unreadable_text" and "velocity_z 1" in f.message for f in r.findings)
+    assert r.channels["velocity_z"].quality.missing_values == 5
+
+
+def test_stamps(tmp_path):
+    r = csv(tmp_path, "time,velocity_z\n0,1\n1,2\n1,3\n0.5,4\n,5\n2,6\n")
+    z = r.channels["velocity_z"]
+    np.testing.assert_array_equal(z.values, [1, 2, 6])
+    assert (z.quality.duplicated_stamps, z.quality.backward_stamps) == (1, 1)
+    assert names(r).count("time_stamps") == 2
+
+
+def test_calendar_stamps_start_at_zero(tmp_path):
+    rows = "".join(f"{1772421798.5 + 0.01 * k:.3f},{k % 7}\n" for k in range(50))
+    r = csv(tmp_path, "time,velocity_z\n" + rows)
+    assert r.span_s[0] == 0.0
+    assert r.span_s[1] == pytest.approx(0.49, abs=1e-6)
+    assert "epoch_time" in names(r)
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "words"),
+    [
+        ("time,velocity_z\n", EmptyLogError, "header only"),
+        ("time,velocity_z", EmptyLogError, "header only"),
+        ("0,1\n0.1,2\n", UnknownFormatError, "numbers only"),
+        ("time,velocity_z\n0,1\n1\n2,3\n", CorruptLogError, "line 3 has 1 fields where the header has 2"),
+        ("time,velocity_z\n0,1\n1,2,3\n", CorruptLogError, "line 3 has 3 fields"),
+        (b"time,velocity_z\n0,1\n\x00\x00\n", CorruptLogError, "NUL bytes in line 3"),
+        ("time,velocity_z\n0,a\n1,b\n", EmptyLogError, "every mapped column is empty"),
+        ("time,velocity_z\na,0\nb,1\n", EmptyLogError, "'time', in which it holds no number|holds no number"),
+        ("time,speed\n0,1\n", ChannelMapError, "'time', 'speed'"),
+        ("velocity_z,speed\n0,1\n", ChannelMapError, "canonical column names"),
+        ("time,velocity_z,velocity_z\n0,1,2\n", ChannelMapError, "two columns called 'velocity_z'"),
+        (",".join(f"c{i}" for i in range(5000)) + "\n1\n", CorruptLogError, "5000 columns"),
+        ("time,velocity_z\n0," + "1" * (2 << 20) + "\n", CorruptLogError, "longer than"),
+        (b"time,velocity_z\n" + b"0,1\n" * 20000 + b"\xff\xfe,2\n", CorruptLogError, "UTF-8"),
+    ],
+)
+def test_clear_errors(tmp_path, text, error, words):
+    with pytest.raises(error, match=words):
+        csv(tmp_path, text)
+
+
+def test_a_cut_last_line_is_left_out(tmp_path):
+    r = csv(tmp_path, "time,velocity_z,input\n0,1,1\n0.1,2,1\n0.2,3")
+    assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
+    assert "truncated" in names(r)
+
+
+@pytest.mark.parametrize(
+    "cell", ["=1+1", "=cmd|' /C calc'!A0", "{0.__class__}", "[red]x[/red]", "%s%n", "<b>", "$(id)"]
+)
+def test_contents_are_never_interpreted(tmp_path, cell):
+    r = csv(tmp_path, f'time,velocity_z,"{cell}"\n0,1,1\n0.1,"{cell}",1\n0.2,2,1\n')
+    assert np.isnan(r.channels["velocity_z"].values[1])
+    with pytest.raises(ChannelMapError) as caught:
+        csv(tmp_path, f'a,"{cell}"\n0,1\n')
+    assert repr(cell) in str(caught.value)
+
+
+def test_units_that_cannot_be(tmp_path):
+    t = np.arange(200) * 0.01
+    wave = np.sin(t)
+    frame = pl.DataFrame(
+        {
+            "time": t * 1000.0,
+            "specific_force_body_x": 0 * t,
+            "specific_force_body_y": 0 * t,
+            "specific_force_body_z": 1 + 0.01 * wave,
+            "attitude_w": 2 + 0 * t,
+            "attitude_x": 0 * t,
+            "attitude_y": 0 * t,
+            "attitude_z": 0 * t,
+            "cos_tilt": 10 + wave,
+            "angular_rate_x": 50 + wave,
+            "position_z": wave,
+            "velocity_z": -np.cos(t) * 1e-3,
+        }
+    )
+    frame.write_parquet(tmp_path / "t.parquet")
+    r = read_log(tmp_path / "t.parquet")
+    doubts = " ".join(f.message for f in r.findings if f.name == "mixed_units")
+    for words in ("value in g", "norm of 2", "leaves [-1, 1]", "deg/s", "velocity_z is -1 times"):
+        assert words in doubts
+    assert "time_unit" in names(r)
+    assert r.channels["specific_force_body_z"].values[0] == 1.0  # told, not corrected
+
+
+def test_sane_units_raise_no_doubt(tmp_path):
+    t = np.arange(200) * 0.01
+    frame = {"time": t, "specific_force_z": 9.8 + np.sin(t), "position_z": np.sin(t), "velocity_z": np.cos(t)}
+    pl.DataFrame(frame).write_csv(tmp_path / "t.csv")
+    assert read_log(tmp_path / "t.csv").findings == ()
+
+
+def test_rows_that_a_resampler_made_up(tmp_path):
+    rng = np.random.default_rng(1)
+    t = np.arange(400) * 0.01
+    columns = {"time": t, "position_z": rng.normal(size=400)}
+    for i in range(1, 5):
+        values = rng.normal(size=400)
+        values[300:] = values[299] + 3.0 * i * (t[300:] - t[299])
+        columns[f"rotor_command_{i}"] = values
+    pl.DataFrame(columns).write_csv(tmp_path / "t.csv")
+    r = read_log(tmp_path / "t.csv")
+    assert "extrapolated" in names(r)
+    assert np.flatnonzero(np.isnan(r.channels["rotor_command_2"].values))[0] in (299, 300)
+    assert np.isfinite(r.channels["position_z"].values).all()
+
+
+def test_ramps_are_not_taken_for_made_up_rows(tmp_path):
+    t = np.arange(400) * 0.01
+    ramps = {f"rotor_command_{i}": i * t for i in range(1, 5)}
+    pl.DataFrame({"time": t, "velocity_z": np.sin(9 * t), **ramps}).write_csv(tmp_path / "t.csv")
+    assert "extrapolated" not in names(read_log(tmp_path / "t.csv"))
+
+
+def test_parquet_types(tmp_path):
+    start = datetime.datetime(2026, 1, 1)
+    frame = pl.DataFrame(
+        {
+            "time": [start + datetime.timedelta(milliseconds=10 * k) for k in range(4)],
+            "velocity_z": pl.Series([1, 2, None, 4], dtype=pl.Int8),
+            "landed": [True, False, True, None],
+            "input": ["1.5", " 2 ", "x", None],
+            "position_z": [[1], [2], [3], [4]],
+        }
+    )
+    frame.write_parquet(tmp_path / "t.parquet")
+    r = read_log(tmp_path / "t.parquet")
+    np.testing.assert_allclose(r.channels["velocity_z"].time_s, [0, 0.01, 0.02, 0.03], atol=1e-6)
+    np.testing.assert_array_equal(r.channels["velocity_z"].values, [1, 2, np.nan, 4])
+    np.testing.assert_array_equal(r.channels["landed"].values, [1, 0, 1, np.nan])
+    np.testing.assert_array_equal(r.channels["input"].values, [1.5, 2, np.nan, np.nan])
+    assert "position_z" not in r.channels
+    assert {"never_valid", "unreadable_text"} <= set(names(r))
+
+
+def test_parquet_without_rows(tmp_path):
+    pl.DataFrame({"time": [], "velocity_z": []}).write_parquet(tmp_path / "t.parquet")
+    with pytest.raises(EmptyLogError, match="without one"):
+        read_log(tmp_path / "t.parquet")
+
+
+def test_damaged_parquet(tmp_path):
+    pl.DataFrame({"time": [0.0, 1.0], "velocity_z": [0.0, 1.0]}).write_parquet(tmp_path / "t.parquet")
+    blob = (tmp_path / "t.parquet").read_bytes()
+    (tmp_path / "t.parquet").write_bytes(blob[:-10])
+    with pytest.raises(CorruptLogError, match="Parquet footer"):
+        read_log(tmp_path / "t.parquet")

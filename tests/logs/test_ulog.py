@@ -1,0 +1,248 @@
+import contextlib
+import io
+
+import numpy as np
+import pytest
+from ulog_writer import UlogWriter, flight, message
+
+from eivor.errors import CorruptLogError, EmptyLogError, UsageError
+from eivor.logs import read_log
+from eivor.signals.recording import Frame
+
+
+def read(tmp_path, writer):
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(writer if isinstance(writer, bytes) else writer.bytes())
+    return read_log(path)
+
+
+def names(recording):
+    return [finding.name for finding in recording.findings]
+
+
+def test_new_topic_names(tmp_path):
+    r = read(tmp_path, flight())
+    assert (r.format, r.frame, r.name) == ("ulog", Frame.NED, "flight.ulg")
+    assert len(r.sha256) == 64
+    assert r.parameters == {"MPC_THR_HOVER": 0.5, "SYS_AUTOSTART": 4001.0}
+    assert r.channels["position_z"].values.max() < 0  # z down, as logged
+    u = r.channels["input"]
+    assert u.values.min() > 0.39  # positive up
+    assert u.held
+    assert u.source == "-vehicle_thrust_setpoint.xyz[2]"
+    np.testing.assert_allclose(u.time_s, np.arange(200) * 0.02, atol=1e-9)
+    np.testing.assert_array_equal(r.channels["pilot_in_control"].values, [1.0, 0.0])
+    np.testing.assert_array_equal(r.channels["landed"].values, [1.0, 0.0])
+    assert "reference_acceleration_z" not in r.channels
+    assert "never_valid" in names(r)
+    assert r.channels["attitude_w"].values.size == 200  # padding is cut
+    with pytest.raises(Exception, match=r"battery_status\.voltage_v"):
+        r.channel("battery_voltage")
+
+
+def test_old_topic_names(tmp_path):
+    t = np.arange(50) * 0.1
+    writer = (
+        UlogWriter(flags=False)
+        .topic("vehicle_local_position", t, z=-t, vz=-1 + 0 * t, az=0 * t)
+        .topic(
+            "sensor_combined", t, gyro_rad=np.full((50, 3), 0.1), accelerometer_m_s2=np.full((50, 3), -9.8)
+        )
+        .topic("actuator_controls_0", t, control=np.tile([0, 0, 0, 0.4, 0], (50, 1)))
+        .topic("vehicle_local_position_setpoint", t, z=np.where(t < 2, np.nan, -3), vz=0.5 + 0 * t)
+        .topic("manual_control_setpoint", t, z=0.5 + 0 * t)
+        .topic("battery_status", t, voltage_v=16 - 0.01 * t)
+        .topic("actuator_outputs", t, output=np.stack([900 + t, 900 + 0 * t, 901 + t, np.nan * t], 1))
+    )
+    r = read(tmp_path, writer)
+    assert r.channels["input"].source == "actuator_controls_0.control[3]"
+    assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
+    assert r.channels["angular_rate_x"].source == "sensor_combined.gyro_rad[0]"
+    assert "acceleration_z" not in r.channels  # zeros throughout: old firmware does not estimate it
+    assert r.channels["pilot_throttle"].source == "manual_control_setpoint.z"
+    assert r.channels["actuator_output_2"].source == "actuator_outputs.output[2]"
+    assert "actuator_output_3" not in r.channels
+    # the controller's velocity setpoint is feedback while a height is commanded, a climb rate otherwise
+    commanded, feedback = r.channels["reference_velocity_z"], r.channels["feedback_reference_velocity_z"]
+    np.testing.assert_array_equal(np.isfinite(commanded.values), commanded.time_s < 1.99)
+    np.testing.assert_array_equal(np.isfinite(feedback.values), feedback.time_s > 1.99)
+
+
+def test_old_fields_of_the_trajectory(tmp_path):
+    t = np.arange(50) * 0.1
+    setpoint = {"z": -2 + 0 * t, "vz": 0.3 + 0 * t, "acceleration": np.zeros((50, 3))}
+    writer = (
+        UlogWriter()
+        .topic("trajectory_setpoint", t, **setpoint)
+        .topic("vehicle_local_position_setpoint", t, z=-2 + 0 * t, vz=0.7 + 0 * t)
+        .topic("vehicle_attitude_setpoint", t, thrust_body=np.full((50, 3), -0.6))
+    )
+    r = read(tmp_path, writer)
+    assert r.channels["reference_velocity_z"].source == "trajectory_setpoint.vz"
+    assert r.channels["reference_position_z"].source == "trajectory_setpoint.z"
+    np.testing.assert_allclose(r.channels["feedback_reference_velocity_z"].values, 0.7, rtol=1e-6)
+    np.testing.assert_allclose(r.channels["input"].values, 0.6, rtol=1e-6)
+
+
+def test_a_silent_setpoint_is_not_in_force(tmp_path):
+    t = np.concatenate([np.arange(20) * 0.2, 30 + np.arange(20) * 0.2])
+    writer = UlogWriter().topic("trajectory_setpoint", t, position=np.full((40, 3), -2.0))
+    r = read(
+        tmp_path, writer.topic("vehicle_attitude", np.arange(0, 60, 0.1), q=np.tile([1.0, 0, 0, 0], (600, 1)))
+    )
+    reference = r.channels["reference_position_z"]
+    assert "setpoint_silent" in names(r)
+    np.testing.assert_allclose(reference.time_s[np.isnan(reference.values)], [4.8, 34.8], atol=1e-6)
+
+
+def test_instances(tmp_path):
+    t = np.arange(100) * 0.1
+    writer = (
+        UlogWriter()
+        .topic("vehicle_attitude", t[:10], q=np.tile([1.0, 0, 0, 0], (10, 1)))
+        .topic("vehicle_attitude", t, instance=1, q=np.tile([0.0, 1, 0, 0], (100, 1)))
+        .topic("battery_status", t, voltage_v=0 * t, connected__bool=t < -1)
+        .topic("battery_status", t, instance=1, voltage_v=12 + 0 * t, connected__bool=t > -1)
+        .topic("actuator_outputs", t, output=np.full((100, 2), 1000.0))
+        .topic("actuator_outputs", t[:60], instance=1, output=np.stack([t, 2 * t], 1)[:60])
+    )
+    r = read(tmp_path, writer)
+    assert names(r).count("several_instances") == 3
+    np.testing.assert_allclose(r.channels["battery_voltage"].values, 12.0)
+    assert r.channels["attitude_x"].values[0] == 1.0
+    assert r.channels["actuator_output_2"].time_s.size == 60
+
+
+def test_stamps(tmp_path):
+    t = np.array([-5.0, 0.0, 1.0, 1.0, 0.5, 2.0, 1e9, 3.0])
+    r = read(tmp_path, UlogWriter(start_us=10**16).topic("vehicle_local_position", t, z=np.arange(8.0)))
+    z = r.channels["position_z"]
+    np.testing.assert_allclose(z.time_s, [-5, 0, 1, 2, 3])
+    np.testing.assert_array_equal(z.values, [0, 1, 2, 5, 7])
+    assert (z.quality.duplicated_stamps, z.quality.backward_stamps) == (1, 2)
+    assert "time_stamps" in names(r)
+
+
+def test_invalid_samples_are_missing(tmp_path):
+    t = np.arange(10) * 0.1
+    r = read(tmp_path, UlogWriter().topic("vehicle_local_position", t, z=-t, z_valid__bool=t > 0.45))
+    assert np.isnan(r.channels["position_z"].values).sum() == 5
+    assert any(f.name == "missing_values" and "position_z 5" in f.message for f in r.findings)
+
+
+def test_dropouts(tmp_path):
+    r = read(tmp_path, flight().dropout(250).dropout(1000))
+    assert [f.message for f in r.findings if f.name == "dropouts"] == [
+        "The logger lost data 2 times, 1.25 s in total."
+    ]
+
+
+def test_truncated(tmp_path):
+    blob = flight().bytes()
+    r = read(tmp_path, blob[:-20])
+    assert "truncated" in names(r)
+    assert r.channels["position_z"].time_s.size == 200
+
+
+def test_appended_data(tmp_path):
+    import struct
+
+    writer = flight()
+    cut = len(writer.bytes())
+    writer.definitions = (
+        message("B", bytes(8) + b"\x01" + bytes(7) + struct.pack("<3Q", cut - 4, 0, 0))
+        + writer.definitions[43:]
+    )
+    blob = writer.bytes()[: cut - 4] + message("O", b"\x64\x00")
+    assert "dropouts" in names(read(tmp_path, blob))
+
+
+def test_damage_between_sync_marks(tmp_path):
+    writer = flight()
+    t = np.arange(4, 6, 0.02)
+    writer.raw(b"\xff" * 100 + message("S", b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"))
+    number = 16 + 0
+    import struct
+
+    for time in t:
+        body = struct.pack("<HQ", number, 1_000_000 + round(time * 1e6)) + struct.pack(
+            "<5f3?", -1, 0, 0, 0, 0, 1, 1, 1
+        )
+        writer.raw(message("D", body))
+    r = read(tmp_path, writer)
+    assert "corrupt_parts" in names(r)
+    assert r.channels["position_z"].time_s.size == 300
+
+
+def test_nothing_useful(tmp_path):
+    with pytest.raises(EmptyLogError, match="one of the topics"):
+        read(tmp_path, UlogWriter().topic("wind", [0.0, 1.0], windspeed_north=np.zeros(2)))
+    with pytest.raises(CorruptLogError, match="header of 16 bytes"):
+        read(tmp_path, UlogWriter().bytes()[:12])
+
+
+def test_unknown_flags(tmp_path):
+    writer = flight()
+    writer.definitions = message("B", bytes(8) + b"\x02" + bytes(31)) + writer.definitions[43:]
+    with pytest.raises(CorruptLogError, match="incompatible flags"):
+        read(tmp_path, writer)
+
+
+def test_a_channel_map_is_refused(tmp_path):
+    path = tmp_path / "f.ulg"
+    path.write_bytes(flight().bytes())
+    with pytest.raises(UsageError, match="only with a table"):
+        read_log(path, channel_map="nanobench")
+
+
+@pytest.mark.parametrize(
+    "definition",
+    [
+        b"vehicle_status:uint64_t timestamp;" + b"a[65535] x;" * 3,
+        b"vehicle_status:uint64_t timestamp;vehicle_status self;",
+        b"vehicle_status:uint64_t timestamp;uint8_t[99999999999] nav_state;",
+        b"vehicle_status:uint64_t timestamp;uint8_t[-1] nav_state;",
+        b"vehicle_status:uint64_t timestamp;uint8_t nav_state;uint8_t nav_state;",
+        b"vehicle_status:float timestamp;uint8_t nav_state;",
+        b"vehicle_status:",
+        b"vehicle_status",
+        b"vehicle_status:uint64_t timestamp;uint8_t;",
+    ],
+)
+def test_unsound_formats_are_left_out(tmp_path, definition):
+    bomb = b"a:" + b"b[65535] x;"
+    writer = UlogWriter()
+    writer.definitions += message("F", definition) + message("F", bomb) + message("F", b"b:" + b"a[65535] x;")
+    writer.raw(message("A", b"\x00\x01\x00vehicle_status")).raw(message("D", b"\x01\x00" + bytes(9)))
+    t = np.arange(10) * 0.1
+    writer.topic("vehicle_attitude", t, q=np.tile([1.0, 0, 0, 0], (10, 1)))
+    r = read(tmp_path, writer)
+    assert "pilot_in_control" not in r.channels
+    assert "corrupt_parts" in names(r)
+
+
+def test_a_nested_format(tmp_path):
+    import struct
+
+    writer = UlogWriter()
+    writer.definitions += message("F", b"vehicle_status:uint64_t timestamp;inner[2] part;uint8_t nav_state;")
+    writer.definitions += message("F", b"inner:float a;float b;")
+    writer.raw(message("A", b"\x00\x01\x00vehicle_status"))
+    writer.raw(message("D", struct.pack("<HQ4fB", 1, 1_500_000, 0, 0, 0, 0, 15)))
+    r = read(tmp_path, writer)
+    np.testing.assert_array_equal(r.channels["pilot_in_control"].values, [1.0])
+
+
+def test_nothing_is_printed(tmp_path):
+    blob = bytearray(flight().bytes())
+    rng = np.random.default_rng(0)
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        for _ in range(60):
+            damaged = bytearray(blob)
+            for place in rng.integers(16, len(blob), 30):
+                damaged[place] = rng.integers(256)
+            with contextlib.suppress(CorruptLogError, EmptyLogError):
+                read(tmp_path, bytes(damaged))
+    assert out.getvalue() == ""
+    assert err.getvalue() == ""
