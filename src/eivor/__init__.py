@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
     from eivor.flights.result import FlightEstimate
-    from eivor.identify import methods
-    from eivor.identify.estimate import Estimate
-    from eivor.identify.fit import identify
+    from eivor.estimation import methods
+    from eivor.estimation.estimate import Estimate
+    from eivor.estimation.fit import identify
     from eivor.logs import read_log, recording_from_columns
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: Where each public name lives.
 _HOMES = {
     "Column": "eivor.models.column",
-    "Estimate": "eivor.identify.estimate",
+    "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",
     "FlightOptions": "eivor.flights.options",
     "Recording": "eivor.signals.recording",
@@ -35,10 +35,10 @@ _HOMES = {
     "Signals": "eivor.signals.signals",
     "VerticalMotion": "eivor.models.vertical",
     "WhiteNoise": "eivor.signals.noise",
-    "identify": "eivor.identify.fit",
+    "identify": "eivor.estimation.fit",
     "identify_flight": "eivor.flights.recipe",
     "lags": "eivor.models.column",
-    "methods": "eivor.identify.methods",
+    "methods": "eivor.estimation.methods",
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.identify.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.inference.covariance import long_run_mean_variance
 from eivor.models.vertical import GRAVITY
 from eivor.models.vertical_flights import VerticalFlights

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eivor.flights.prepare import PreparedFlight
-from eivor.identify.estimate import Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding
 

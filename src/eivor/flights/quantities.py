@@ -17,7 +17,7 @@ from eivor.flights.derived import (
 )
 from eivor.flights.result import Quantity
 from eivor.flights.rule import Circumstances, friction_reasons, gain_reasons, hover_reasons, lag_reasons
-from eivor.identify.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.vertical_flights import VerticalFlights
 

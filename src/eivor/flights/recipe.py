@@ -15,9 +15,9 @@ from eivor.flights.prepare import PreparedFlight, contains_feedback, prepare
 from eivor.flights.quantities import all_quantities, judged, nothing_estimated, segment_intercepts
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.flights.rule import FLY, Circumstances
-from eivor.identify.estimate import Estimate
-from eivor.identify.fit import identify
-from eivor.identify.methods import TABLE, by_name
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import TABLE, by_name
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.input_map import input_map
 from eivor.models.instruments import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments

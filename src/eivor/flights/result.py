@@ -12,7 +12,7 @@ from jaxtyping import Float
 from eivor.errors import EstimationError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import PreparedFlight
-from eivor.identify.estimate import Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.flights.result import Quantity
-from eivor.identify.estimate import Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.inference.verdict import Reason, Status
 
 STRONG_FIRST_STAGE = 10.0

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import InstrumentError
-from eivor.identify.estimate import Candidate, Estimate
-from eivor.identify.method import Method
-from eivor.identify.nuisance import LagProfile, lag_column, search_lag
-from eivor.identify.weighting import Weights, orthonormal_basis
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.method import Method
+from eivor.estimation.nuisance import LagProfile, lag_column, search_lag
+from eivor.estimation.weighting import Weights, orthonormal_basis
 from eivor.inference.covariance import joint_covariance
 from eivor.inference.instrument_tests import conditional_first_stage, over_identification
 from eivor.linalg.system import Solution

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import UsageError
-from eivor.identify.nuisance import LagProfile
+from eivor.estimation.nuisance import LagProfile
 from eivor.inference.covariance import JointCovariance
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.parameter import Parameter

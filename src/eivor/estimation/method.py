@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from eivor.identify.assembler import Assembler
-from eivor.identify.weighting import Weighting
+from eivor.estimation.assembler import Assembler
+from eivor.estimation.weighting import Weighting
 from eivor.linalg.system import Solver
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from eivor.errors import UsageError
-from eivor.identify.assembler import Direct, Instrumental
-from eivor.identify.method import Method
-from eivor.identify.weighting import Unweighted
-from eivor.identify.whitening import SpectralWhitening
+from eivor.estimation.assembler import Direct, Instrumental
+from eivor.estimation.method import Method
+from eivor.estimation.weighting import Unweighted
+from eivor.estimation.whitening import SpectralWhitening
 from eivor.linalg import LeastSquares, TotalLeastSquares
 
 

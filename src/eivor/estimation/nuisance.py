@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.identify.method import Method
-from eivor.identify.weighting import Weights
+from eivor.estimation.method import Method
+from eivor.estimation.weighting import Weights
 from eivor.linalg.system import Solution
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from eivor.errors import InstrumentError
-from eivor.identify.weighting import Weighting, Weights, orthonormal_basis
+from eivor.estimation.weighting import Weighting, Weights, orthonormal_basis
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import SpectralRegression
