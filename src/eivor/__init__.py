@@ -10,12 +10,12 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from eivor.flights.options import FlightOptions
-    from eivor.flights.recipe import identify_flight
-    from eivor.flights.result import FlightEstimate
     from eivor.estimation import methods
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
+    from eivor.flights.options import FlightOptions
+    from eivor.flights.recipe import identify_flight
+    from eivor.flights.result import FlightEstimate
     from eivor.logs import read_log, recording_from_columns
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression

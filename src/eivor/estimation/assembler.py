@@ -14,6 +14,7 @@ from jaxtyping import Float
 
 from eivor.errors import InstrumentError
 from eivor.linalg.system import LinearSystem
+from eivor.linalg.triangular import triangular_root
 from eivor.models.regression import Regression
 
 
@@ -47,7 +48,7 @@ class Direct(Assembler):
 
     def system(self, regression: Regression) -> LinearSystem:
         """Triangular root of the rows [Phi y]: the same solutions, n + 1 equations."""
-        root = np.linalg.qr(np.column_stack([regression.regressors, regression.response]), mode="r")
+        root = triangular_root(np.column_stack([regression.regressors, regression.response]))
         return LinearSystem(root[:, :-1], root[:, -1], regression.error_scale)
 
     def test_functions(

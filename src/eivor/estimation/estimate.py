@@ -179,7 +179,7 @@ class Estimate:
         """
         if not 0.0 < level < 1.0:
             raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
-        ends = []
+        ends: list[float] = []
         for candidate in self.tenable(level):
             value, gradient = quantity(candidate)
             half = candidate.covariance.half_width(gradient, level, extra_variance(candidate))
@@ -188,7 +188,10 @@ class Estimate:
 
     def summary(self) -> str:
         """Table of parameters, standard errors and 95 % intervals, as text."""
-        lines = [f"{self.method}", f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>26}  unit"]
+        lines = [
+            f"{self.method}",
+            f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>26}  unit",
+        ]
         for parameter in self.joint_parameters:
             low, high = self.interval(parameter.name)
             lines.append(

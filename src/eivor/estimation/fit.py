@@ -61,7 +61,9 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float, *, sea
     profile = None
     for last in [False] * (method.weighting.passes - 1) + [True]:
         if profile is not None:
-            weights = method.weighting.renewed(weights, problem, profile.solution.theta, profile.lag_s, delay_s)
+            weights = method.weighting.renewed(
+                weights, problem, profile.solution.theta, profile.lag_s, delay_s
+            )
         _check_instruments(weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method)
         profile = search_lag(problem, method, weights, delay_s, refine=True if last else searched)
     assert profile is not None  # noqa: S101 - passes >= 1

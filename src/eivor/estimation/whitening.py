@@ -76,7 +76,7 @@ class SpectralWhitening(Weighting):
         blend, power = residual_spectrum(bins, bins.residuals(theta))
         return _weights(bins, blend, power)
 
-    def fixed(self, regression: Regression) -> Regression:
+    def fixed(self, regression: Regression) -> Regression:  # noqa: ARG002 - the interface's
         """Raise: a plain regression has no spectra.
 
         Raises

@@ -1,4 +1,4 @@
-"""When is the vehicle in the air?
+"""Where the vehicle is in the air.
 
 By the land detector where one is logged. Else by a stated rule: it flies while its input is above a
 quarter of the level it flies at (the 95th percentile), if the log shows the input below that for half a
@@ -76,7 +76,7 @@ def airborne(
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
     """`flying` shortened at each take-off and landing, but not where the log begins or ends in the air."""
-    margin = int(round(MARGIN_S / step_s))
+    margin = round(MARGIN_S / step_s)
     grounded = np.concatenate([[0], np.cumsum(~flying)])
     index = np.arange(flying.size)
     earlier = np.maximum(index - margin, 0)

@@ -98,7 +98,7 @@ def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.
 
 
 def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
-    """b = mean z'' + g + K mean z' - K_u mean U, and its gradient by the joint vector."""
+    """B = mean z'' + g + K mean z' - K_u mean U, and its gradient by the joint vector."""
     K, K_u = candidate.theta[:2]
     gradient = np.zeros(candidate.values.size)
     gradient[0], gradient[1] = terms.velocity, -terms.mapped
@@ -107,7 +107,7 @@ def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.nda
 
 
 def intercepts_by_run(candidate: Candidate, terms: Balance) -> Float[np.ndarray, " runs"]:
-    """b of each run."""
+    """B of each run."""
     K, K_u = candidate.theta[:2]
     D, V, U = terms.by_run.T
     return np.asarray(D + GRAVITY + K * V - K_u * U)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.flights.prepare import PreparedFlight
 from eivor.estimation.estimate import Estimate
+from eivor.flights.prepare import PreparedFlight
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding
 
@@ -32,7 +32,9 @@ def diagnostics(
         "acceleration_rate_hz": min(flight.rates_hz["acceleration"] for flight in prepared),
     }
     if flying:
-        inputs = np.concatenate([f.flight.signals.family(f.flight.input)[f.used].mean(axis=1) for f in flying])
+        inputs = np.concatenate(
+            [f.flight.signals.family(f.flight.input)[f.used].mean(axis=1) for f in flying]
+        )
         found["mean_input"] = float(inputs.mean())
         found["input_variation"] = float(inputs.std() / abs(inputs.mean())) if inputs.mean() else 0.0
     if problem is not None and estimate is not None:
@@ -55,7 +57,9 @@ def _of_estimate(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
     )
     rows = problem.samples(best.profile.lag_s, best.delay_s)
     residual = rows.response - rows.regressors @ best.theta
-    found["durbin_watson"] = float(np.sum(np.diff(residual) ** 2) / np.sum(residual**2)) if residual.any() else 2.0
+    found["durbin_watson"] = (
+        float(np.sum(np.diff(residual) ** 2) / np.sum(residual**2)) if residual.any() else 2.0
+    )
     centred = rows.response - rows.response.mean()
     power = float(centred @ centred)
     found["r_squared"] = 1.0 - float(residual @ residual) / power if power > 0.0 else float("nan")

@@ -212,13 +212,15 @@ def _acceleration_and_tilt(log: Recording) -> tuple[Channel | None, Channel | No
 def _rotated(
     body: list[Channel | None], row: tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]] | None
 ) -> Channel | None:
-    """Specific force along the world's z axis from the body's and the attitude, on the accelerometer's clock."""
+    """World-up specific force from the body's and the attitude, on the accelerometer's clock."""
     axes = [channel for channel in body if channel is not None]
     if len(axes) != 3 or row is None or row[0].size == 0:
         return None
     time = axes[2].time_s
     same = all(channel.time_s.size == time.size for channel in axes)
-    columns = [channel.values if same else np.interp(time, channel.time_s, channel.values) for channel in axes]
+    columns = [
+        channel.values if same else np.interp(time, channel.time_s, channel.values) for channel in axes
+    ]
     up = [np.interp(time, row[0], row[1][:, axis]) for axis in range(3)]
     values = sum((u * column for u, column in zip(up, columns, strict=True)), np.zeros(time.size))
     inside = (time >= row[0][0]) & (time <= row[0][-1])
@@ -252,7 +254,8 @@ def _references(
         return references(log, grid, used)
     automatic = {reference.name: reference for reference in references(log, grid, used)}
     return tuple(
-        automatic[name] if name in automatic and name in CLEAN and automatic[name].usable
+        automatic[name]
+        if name in automatic and name in CLEAN and automatic[name].usable
         else named_reference(log, name, grid)
         for name in named
     )

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.flights.derived import (
     Balance,
     balance,
@@ -17,7 +18,6 @@ from eivor.flights.derived import (
 )
 from eivor.flights.result import Quantity
 from eivor.flights.rule import Circumstances, friction_reasons, gain_reasons, hover_reasons, lag_reasons
-from eivor.estimation.estimate import Candidate, Estimate
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.vertical_flights import VerticalFlights
 
@@ -31,7 +31,11 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Qu
     terms = {c.delay_s: balance(problem, c, lag_searched=searched) for c in estimate.candidates}
     quantities = {
         name: Quantity(
-            estimate.parameters[name], unit, estimate.std_error(name), estimate.interval(name), Status.IDENTIFIED
+            estimate.parameters[name],
+            unit,
+            estimate.std_error(name),
+            estimate.interval(name),
+            Status.IDENTIFIED,
         )
         for name, unit in zip(estimate.names, estimate.units, strict=True)
     }

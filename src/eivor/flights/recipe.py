@@ -7,7 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.errors import EstimationError, PoolingError, UsageError
+from eivor.errors import EstimationError, UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.diagnostics import diagnostics, findings
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool import check_poolable, without_duplicates
@@ -15,9 +18,6 @@ from eivor.flights.prepare import PreparedFlight, contains_feedback, prepare
 from eivor.flights.quantities import all_quantities, judged, nothing_estimated, segment_intercepts
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.flights.rule import FLY, Circumstances
-from eivor.estimation.estimate import Estimate
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import TABLE, by_name
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.input_map import input_map
 from eivor.models.instruments import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
@@ -69,7 +69,9 @@ def identify_flight(
     chosen = options or FlightOptions()
     spans = list(windows) if windows is not None else [None] * len(logs)
     if len(spans) != len(logs):
-        raise UsageError(f"{len(logs)} windows, one for each log", f"{len(spans)}", "Use None for a whole log.")
+        raise UsageError(
+            f"{len(logs)} windows, one for each log", f"{len(spans)}", "Use None for a whole log."
+        )
     kept, dropped = without_duplicates(logs, spans)
     prepared = tuple(
         prepare(log, chosen if span is None else replace(chosen, window=span)) for log, span in kept
@@ -81,7 +83,9 @@ def identify_flight(
         rows = [_row(flight.recording.name, _identified((flight,), chosen)) for flight in prepared]
         result = replace(result, flights=tuple(rows))
     if chosen.compare:
-        rows = [_row(name, _identified(prepared, replace(chosen, method=name, compare=False))) for name in TABLE]
+        rows = [
+            _row(name, _identified(prepared, replace(chosen, method=name, compare=False))) for name in TABLE
+        ]
         result = replace(result, comparisons=tuple(rows))
     return result
 
@@ -103,16 +107,13 @@ def _identified(prepared: tuple[PreparedFlight, ...], options: FlightOptions) ->
             tuple(flight.flight for flight in flying), VerticalMotion(input_map(flying[0].input_map)), rule
         )
         estimate = identify(problem, method)
-        return _with_estimate(prepared, flying, options, problem, estimate, at)
-    except PoolingError:
-        raise
+        return _with_estimate(prepared, options, problem, estimate, at)
     except EstimationError as error:
         return _without_estimate(prepared, options, Reason(Status.REFUSED, str(error), FLY))
 
 
 def _with_estimate(
     prepared: tuple[PreparedFlight, ...],
-    flying: tuple[PreparedFlight, ...],
     options: FlightOptions,
     problem: VerticalFlights,
     estimate: Estimate,
@@ -164,7 +165,8 @@ def _grounded(prepared: tuple[PreparedFlight, ...]) -> Reason:
         return Reason(Status.REFUSED, sentence, "Give a log of a flight.")
     return Reason(
         Status.REFUSED,
-        f"{which} has no three seconds in the air without a gap, inside the window and below the largest tilt.",
+        f"{which} has no three seconds in the air without a gap, inside the window and below the largest "
+        "tilt.",
         "Widen the window, allow more tilt with --max-tilt, or fly level.",
     )
 
@@ -211,5 +213,3 @@ def _why_no_reference(flying: tuple[PreparedFlight, ...]) -> tuple[str, bool]:
 def _row(label: str, result: FlightEstimate) -> FlightRow:
     shown = {name: result.quantities[name] for name in ROW_QUANTITIES if result.estimate is not None}
     return FlightRow(label, result.verdict.status, shown, result.verdict.sentences)
-
-

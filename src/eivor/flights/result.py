@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import EstimationError, UsageError
+from eivor.estimation.estimate import Estimate
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import PreparedFlight
-from eivor.estimation.estimate import Estimate
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding
@@ -200,6 +200,8 @@ class FlightEstimate:
     def _estimated(self) -> Estimate:
         if self.estimate is None:
             raise EstimationError(
-                "a flight with an estimate", f"one without: {'; '.join(self.verdict.sentences)}", "See its verdict."
+                "a flight with an estimate",
+                f"one without: {'; '.join(self.verdict.sentences)}",
+                "See its verdict.",
             )
         return self.estimate

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.flights.result import Quantity
 from eivor.estimation.estimate import Estimate
+from eivor.flights.result import Quantity
 from eivor.inference.verdict import Reason, Status
 
 STRONG_FIRST_STAGE = 10.0
@@ -67,9 +67,7 @@ class Circumstances:
     constant_reference: bool = False
 
 
-def friction_reasons(
-    estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances
-) -> list[Reason]:
+def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances) -> list[Reason]:
     """Grounds against the viscous friction."""
     reasons = _instrument_reasons(estimate, at)
     friction = quantities["viscous_friction"]
@@ -106,8 +104,8 @@ def friction_reasons(
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The references disagree about the parameters (J p-value {p_value:.1g}): something moves the "
-                "vehicle that the model does not have.",
+                f"The references disagree about the parameters (J p-value {p_value:.1g}): something "
+                "moves the vehicle that the model does not have.",
                 "Keep the tilt small, stay off the ground, and check the input map.",
             )
         )
@@ -131,8 +129,8 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
             return [
                 Reason(
                     Status.PROVISIONAL,
-                    f"No reference can serve as an instrument ({at.missing_reference}), so the numbers come "
-                    "from nonlinear least squares, which disturbances bias.",
+                    f"No reference can serve as an instrument ({at.missing_reference}), so the numbers "
+                    "come from nonlinear least squares, which disturbances bias.",
                     "Log the position setpoint, or the pilot's stick, at 50 Hz or more.",
                 )
             ]
@@ -150,8 +148,8 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
         reasons.append(
             Reason(
                 Status.REFUSED,
-                f"The references hardly move the {estimate.names[weakest].replace('_', ' ')}: first-stage F is "
-                f"{strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed.",
+                f"The instruments tell too little about the {estimate.names[weakest].replace('_', ' ')}: "
+                f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed.",
                 FLY,
             )
         )

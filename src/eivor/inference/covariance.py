@@ -62,7 +62,11 @@ class JointCovariance:
         extra_variance : float
             Variance to add that does not come from the estimates.
         """
-        quantiles = [normal_quantile(level), t_quantile(level, self.averages), t_quantile(level, self.clusters - 1)]
+        quantiles = [
+            normal_quantile(level),
+            t_quantile(level, self.averages),
+            t_quantile(level, self.clusters - 1),
+        ]
         return max(
             quantile * float(np.sqrt(_variance(C, direction) + extra_variance))
             for quantile, C in zip(quantiles, self._parts(), strict=False)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from eivor.errors import NoUniqueSolutionError, TooFewSamplesError
 from eivor.linalg.least_squares import column_lengths, triangular_condition
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
+from eivor.linalg.triangular import triangular_root
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +51,7 @@ class TotalLeastSquares(Solver):
         order = np.concatenate([exact, noisy])
         lengths = column_lengths(system.matrix)
         stacked = np.column_stack([system.matrix[:, order], system.right])
-        R = np.linalg.qr(stacked, mode="r")
+        R = triangular_root(stacked)
         condition = triangular_condition(R[:unknowns, :unknowns] / lengths[order])
         lower = R[exact.size :, exact.size :]
         theta_noisy = _smallest_vector_solution(lower, scale[noisy], scale[-1])

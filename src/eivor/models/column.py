@@ -39,7 +39,9 @@ class Column:
 
     def __post_init__(self) -> None:
         if self.lag < 0:
-            raise UsageError("a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors.")
+            raise UsageError(
+                "a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors."
+            )
 
     @property
     def name(self) -> str:

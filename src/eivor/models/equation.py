@@ -56,7 +56,7 @@ class Equation:
         )
 
     def _error_scale(self, signals: Signals) -> np.ndarray | None:
-        """Declared standard deviations of the columns' errors; None when a noisy channel has no declaration."""
+        """Declared standard deviations of the columns' errors; None when one is not declared."""
         scales = []
         for column in (*(column for _, column in self.terms), self.response):
             noise = signals.noise.get(column.channel)
@@ -67,6 +67,6 @@ class Equation:
 
 
 def _all_valid(valid: np.ndarray, lag: int) -> np.ndarray:
-    """For each row from `lag` on: are this sample and the `lag` before it all valid?"""
+    """Say for each row from `lag` on whether this sample and the `lag` before it are all valid."""
     broken = np.concatenate([[0], np.cumsum(~valid)])
     return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)

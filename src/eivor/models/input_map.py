@@ -115,7 +115,9 @@ class Mixed(InputMap):
         if mapped < 0.0:
             return float("nan")
         linear = 1.0 - self.share
-        return float(2.0 * mapped / (linear + np.sqrt(linear**2 + 4.0 * self.share * mapped))) if mapped else 0.0
+        return (
+            float(2.0 * mapped / (linear + np.sqrt(linear**2 + 4.0 * self.share * mapped))) if mapped else 0.0
+        )
 
     def slope(self, state: float) -> float:
         """``1 - share + 2 share |state|``."""

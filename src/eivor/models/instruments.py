@@ -35,9 +35,7 @@ class InstrumentRule(ABC):
         """How reports call the choice."""
 
     @abstractmethod
-    def columns(
-        self, signals: Signals, mapped_command: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "n p"]:
+    def columns(self, signals: Signals, mapped_command: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
         """Columns on the whole grid of one flight.
 
         Parameters
@@ -51,8 +49,9 @@ class InstrumentRule(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LaggedReferences(InstrumentRule):
-    """Each reference and successive first-order lags of it: four of 0.4 s for a position or a stick,
-    one of 0.2 s for a velocity or an acceleration.
+    """Each reference and successive first-order lags of it.
+
+    Four of 0.4 s for a position or a stick, one of 0.2 s for a velocity or an acceleration.
 
     Parameters
     ----------

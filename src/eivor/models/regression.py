@@ -167,11 +167,15 @@ def regression(
     """
     Phi = np.asarray(regressors, dtype=np.float64)
     if Phi.ndim != 2:
-        raise ShapeError("regressors of shape (rows, n)", f"shape {Phi.shape}", "Stack columns with np.column_stack.")
+        raise ShapeError(
+            "regressors of shape (rows, n)", f"shape {Phi.shape}", "Stack columns with np.column_stack."
+        )
     y = np.asarray(response, dtype=np.float64)
     Psi = np.empty((Phi.shape[0], 0)) if instruments is None else np.asarray(instruments, dtype=np.float64)
     if Psi.ndim != 2:
-        raise ShapeError("instruments of shape (rows, p)", f"shape {Psi.shape}", "Stack columns with np.column_stack.")
+        raise ShapeError(
+            "instruments of shape (rows, p)", f"shape {Psi.shape}", "Stack columns with np.column_stack."
+        )
     labels = names if names is not None else tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
     scale = None if error_scale is None else np.asarray(error_scale, dtype=np.float64)
     return Regression(y, Phi, Psi, tuple(Parameter(label) for label in labels), error_scale=scale)

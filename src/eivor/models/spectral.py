@@ -121,14 +121,17 @@ class BinRows(RowLayout):
 
     def stacked(self, columns: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "rows columns"]:
         """Real rows of complex columns."""
-        parts, first = [], 0
+        parts: list[np.ndarray] = []
+        first = 0
         for run in self.runs:
             block = columns[first : first + run.count]
             parts.extend((block.real, block.imag))
             first += run.count
         return np.concatenate(parts)
 
-    def complex_blocks(self, rows: Float[np.ndarray, "rows columns"]) -> list[Complex[np.ndarray, "bins columns"]]:
+    def complex_blocks(
+        self, rows: Float[np.ndarray, "rows columns"]
+    ) -> list[Complex[np.ndarray, "bins columns"]]:
         """Complex columns of each run; the inverse of `stacked`."""
         blocks, first = [], 0
         for run in self.runs:

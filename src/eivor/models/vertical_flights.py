@@ -53,7 +53,7 @@ class VerticalFlight:
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, " n"]:
-        """z' [m/s]."""
+        """Z' [m/s]."""
         return self.signals.channel("velocity_z")
 
     @cached_property
@@ -64,7 +64,7 @@ class VerticalFlight:
 
     @cached_property
     def acceleration(self) -> Float[np.ndarray, " n"] | None:
-        """z'' from the accelerometer [m/s^2]; None when it was not logged."""
+        """Z'' from the accelerometer [m/s^2]; None when it was not logged."""
         if "specific_force_z" not in self.signals.channels:
             return None
         return self.signals.channel("specific_force_z") - GRAVITY
@@ -145,7 +145,8 @@ class VerticalFlights(SeparableProblem):
     @cached_property
     def _instruments(self) -> list[Float[np.ndarray, "n p"]]:
         return [
-            self.rule.columns(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0)) for flight in self.flights
+            self.rule.columns(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))
+            for flight in self.flights
         ]
 
     # -- rows in time ---------------------------------------------------------------------------------
@@ -153,7 +154,9 @@ class VerticalFlights(SeparableProblem):
     @cached_property
     def _fixed_samples(self) -> tuple[Float[np.ndarray, "rows 2"], Float[np.ndarray, "rows p"], SampleRows]:
         """Response and -z', the instruments, and the flight of each row; means of each run removed."""
-        fixed, instruments, flights = [], [], []
+        fixed: list[np.ndarray] = []
+        instruments: list[np.ndarray] = []
+        flights: list[np.ndarray] = []
         for number, (flight, Psi) in enumerate(zip(self.flights, self._instruments, strict=True)):
             measured = flight.acceleration
             response = flight.velocity_derivative if measured is None else measured
@@ -225,7 +228,9 @@ class VerticalFlights(SeparableProblem):
 
     def _spectra(self, columns: list[Float[np.ndarray, "n columns"]]) -> Complex[np.ndarray, "bins columns"]:
         blocks = [
-            block for flight, values in zip(self.flights, columns, strict=True) for block in flight.cut(values)
+            block
+            for flight, values in zip(self.flights, columns, strict=True)
+            for block in flight.cut(values)
         ]
         return np.concatenate(
             [run.spectrum(block) for run, block in zip(self._layout.runs, blocks, strict=True)]

@@ -149,9 +149,7 @@ def simulate_vertical(
         thrust = np.clip((GRAVITY + wanted_a) / (vehicles.input_gain * tilt), 0.05 * hover**2, 3.0 * hover**2)
         command = np.sqrt(thrust)
         out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
-        out.specific_force[k] = (
-            vehicles.input_gain * tilt * state**2 - vehicles.viscous_friction * (v - gust)
-        )
+        out.specific_force[k] = vehicles.input_gain * tilt * state**2 - vehicles.viscous_friction * (v - gust)
         history.push(command)
         state, z, v = _advance(vehicles, history, state, z, v, gust, tilt, step_s)
     return out

@@ -55,6 +55,8 @@ def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np
     return shifted
 
 
-def first_order_lag(values: Float[np.ndarray, " n"], *, step_s: float, lag_s: float) -> Float[np.ndarray, " n"]:
-    """Return `values`, held between samples, behind a first-order lag that starts at rest at the first one."""
+def first_order_lag(
+    values: Float[np.ndarray, " n"], *, step_s: float, lag_s: float
+) -> Float[np.ndarray, " n"]:
+    """Held `values` behind a first-order lag that starts at rest at the first one."""
     return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]
