@@ -214,3 +214,29 @@ def test_expressions(text, value):
 def test_refused_expressions(text):
     with pytest.raises(ChannelMapError, match=r"arithmetic over columns.*at here"):
         parse_expression(text, "here")
+
+
+def test_rotorpys_own_table(tmp_path):
+    """The map of RotorPy against a flight of it: the specific force turned to world up is z'' + g."""
+    pytest.importorskip("rotorpy")
+    from rotorpy.controllers.quadrotor_control import SE3Control
+    from rotorpy.environments import Environment
+    from rotorpy.trajectories.circular_traj import ThreeDCircularTraj
+    from rotorpy.utils.postprocessing import unpack_sim_data
+    from rotorpy.vehicles.crazyflie_params import quad_params
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    np.random.seed(3)  # noqa: NPY002 - RotorPy's sensors draw from the global generator
+    world = Environment(Multirotor(quad_params), SE3Control(quad_params), ThreeDCircularTraj(), sim_rate=100)
+    result = world.run(t_final=2, terminate=False, plot=False, animate_bool=False, verbose=False)
+    frame = unpack_sim_data(result)
+    frame.to_csv(tmp_path / "flight.csv")
+    r = read_log(tmp_path / "flight.csv")
+    assert r.input_map == "square"
+    assert any(f.name == "channel_map" and "'rotorpy'" in f.message for f in r.findings)
+    w, x, y, z = (r.channels[f"attitude_{part}"].values for part in "wxyz")
+    force = [r.channels[f"specific_force_body_{axis}"].values for axis in "xyz"]
+    up = 2 * (x * z - w * y) * force[0] + 2 * (y * z + w * x) * force[1] + (1 - 2 * (x**2 + y**2)) * force[2]
+    acceleration = np.gradient(frame["zdot"].to_numpy(), frame["time"].to_numpy())
+    np.testing.assert_allclose(up[50:-1] - 9.81, acceleration[50:-1], atol=0.1)
+    np.testing.assert_array_equal(r.channels["rotor_command_3"].values, frame["r3des"].to_numpy())

@@ -36,7 +36,7 @@ def test_new_topic_names(tmp_path):
     assert "reference_acceleration_z" not in r.channels
     assert "never_valid" in names(r)
     assert r.channels["attitude_w"].values.size == 200  # padding is cut
-    with pytest.raises(Exception, match=r"battery_status\.voltage_v"):
+    with pytest.raises(Exception, match=r"battery_status\.voltage_v \[SDLOG_PROFILE bit 0\]"):
         r.channel("battery_voltage")
 
 

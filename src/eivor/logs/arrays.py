@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from eivor.logs.table_source import Columns
 from eivor.signals.recording import CANONICAL_UNITS, Frame, Recording
 
 
+@runtime_checkable
 class DataFrameLike(Protocol):
     """A data frame of polars or pandas: columns by name."""
 

@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from eivor.errors import CorruptLogError, EmptyLogError, UnknownFormatError
 from eivor.logs.sniff import DELIMITERS
 from eivor.logs.table_source import MAX_COLUMNS, Columns, TableSource, corrupt_table
 from eivor.signals.recording import Finding
+
+if TYPE_CHECKING:
+    import polars as pl
 
 MAX_LINE_BYTES = 1 << 20
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+")
@@ -184,7 +187,7 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     return Columns(values, {name: count for name, count in unreadable.items() if count})
 
 
-def _numbers(texts: "pl.Series", *, decimal_comma: bool) -> tuple[np.ndarray, int]:  # type: ignore[name-defined]
+def _numbers(texts: pl.Series, *, decimal_comma: bool) -> tuple[np.ndarray, int]:
     import polars as pl
 
     trimmed = texts.str.strip_chars()

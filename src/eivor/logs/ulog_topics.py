@@ -121,18 +121,6 @@ NEEDED_TOPICS: tuple[str, ...] = tuple(
     )
 )
 
-#: What was looked for, by channel, in the words of a message.
-LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
-    **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    "reference_velocity_z": (
-        *(source.label for source in CHANNEL_SOURCES["reference_velocity_z"]),
-        f"{CONTROLLER_VELOCITY.label} while no height setpoint is in force",
-    ),
-    "feedback_reference_velocity_z": (f"{CONTROLLER_VELOCITY.label} while a height setpoint is in force",),
-    "pilot_in_control": (NAVIGATION_STATE.label,),
-    "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
-}
-
 
 @dataclass(frozen=True, slots=True)
 class TopicLogging:
@@ -181,3 +169,27 @@ EXTRA_TOPIC_LINES: tuple[str, ...] = (
     "vehicle_local_position_setpoint 20",
     "trajectory_setpoint 20",
 )
+
+
+def _with_profile(source: Source) -> str:
+    """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
+    for entry in TOPIC_LOGGING:
+        if entry.topic == source.topic:
+            bits = sorted({0, *entry.full_rate_bits})
+            return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, bits))}]"
+    return source.label
+
+
+#: What was looked for, by channel, in the words of a message.
+LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
+    **{name: tuple(_with_profile(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()},
+    "reference_velocity_z": (
+        *(_with_profile(source) for source in CHANNEL_SOURCES["reference_velocity_z"]),
+        f"{_with_profile(CONTROLLER_VELOCITY)} while no height setpoint is in force",
+    ),
+    "feedback_reference_velocity_z": (
+        f"{_with_profile(CONTROLLER_VELOCITY)} while a height setpoint is in force",
+    ),
+    "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
+    "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
+}
