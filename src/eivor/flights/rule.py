@@ -85,7 +85,8 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
         reasons.append(
             Reason(
                 Status.REFUSED,
-                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] 1/s.",
+                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] "
+                "1/s.",
                 FLY,
             )
         )
