@@ -1,16 +1,56 @@
-"""What all tests share."""
+"""What all tests share: checked shapes, Matplotlib without a display, real recordings."""
+
+from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+from jaxtyping import install_import_hook
+
+if "eivor" in sys.modules:
+    raise RuntimeError("eivor was imported before the hook that checks shapes; import it in tests only")
+
+# Every annotated array of the package is checked at each call, in this run and in no user's.
+install_import_hook("eivor", "beartype.beartype")
+
+os.environ["MPLBACKEND"] = "Agg"
+
+settings.register_profile("default", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+settings.load_profile("ci" if os.environ.get("CI") else "default")
+
+
+def recordings_required() -> bool:
+    """Say whether tests on real recordings must run: skipping one is then a failure."""
+    return os.environ.get("EIVOR_REQUIRE_DATA", "") not in {"", "0"}
 
 
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the repository."""
     default = Path(__file__).parents[2] / "shared" / "data"
-    folder = Path(os.environ.get("EIVOR_DATA", default))
+    folder = Path(os.environ.get("EIVOR_DATA") or default)
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder}; set EIVOR_DATA")
     return folder
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark every test that uses the recordings, so that none escapes the rule above."""
+    for item in items:
+        if "recordings" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.recordings)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
+    """Turn the skip of a test on real recordings into a failure where they are required."""
+    report = yield
+    if report.skipped and recordings_required() and item.get_closest_marker("recordings"):
+        report.outcome = "failed"
+        report.longrepr = f"EIVOR_REQUIRE_DATA is set, but this test was skipped: {report.longrepr}"
+    return report

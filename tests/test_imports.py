@@ -1,0 +1,90 @@
+"""What importing costs, and that every public name is there."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import eivor
+
+#: Each of these costs a tenth of a second or more.
+HEAVY = (
+    "matplotlib",
+    "polars",
+    "pyulog",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.stats",
+    "rotorpy",
+    "pandas",
+)
+
+
+def modules_after(code: str) -> set[str]:
+    """Names of the modules that a fresh interpreter has loaded after running `code`."""
+    environment = {key: value for key, value in os.environ.items() if not key.startswith("COV_")}
+    listing = f"import sys\n{code}\nprint('\\n'.join(['@modules', *sys.modules]))"
+    run = subprocess.run(
+        [sys.executable, "-c", listing], capture_output=True, text=True, check=True, env=environment
+    )
+    return set(run.stdout.partition("@modules\n")[2].split())
+
+
+def heavy(modules: set[str]) -> list[str]:
+    return sorted(name for name in HEAVY if name in modules)
+
+
+def test_import_loads_nothing_heavy():
+    assert heavy(modules_after("import eivor")) == []
+
+
+def test_public_names_load_nothing_heavy():
+    """Touching every name loads the estimator, but no file format, no figure and no scipy.signal."""
+    loaded = modules_after("import eivor\nfor name in eivor.__all__: getattr(eivor, name)")
+    assert heavy(loaded) == []
+
+
+def test_help_loads_nothing_heavy():
+    code = (
+        "from eivor.cli.main import run\n"
+        "sys.argv = ['eivor', '--help']\n"
+        "try:\n    run()\nexcept SystemExit as end:\n    assert not end.code, end.code"
+    )
+    loaded = modules_after(code)
+    assert "typer" in loaded
+    assert heavy(loaded) == []
+
+
+@pytest.mark.parametrize("name", eivor.__all__)
+def test_public_name_resolves(name):
+    assert getattr(eivor, name) is not None
+    assert name in dir(eivor)
+
+
+def test_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        _ = eivor.nonsense
+
+
+def test_names_shadow_no_submodule():
+    """`eivor.identify` is the function; a package of that name would replace it once imported."""
+    for name in eivor.__all__:
+        if name not in {"methods", "__version__"}:
+            assert f"eivor.{name}" not in sys.modules
+
+
+def test_shapes_are_checked_in_this_run():
+    """The hook in conftest.py is on: a matrix where a vector belongs is refused by the annotation."""
+    from eivor.signals.actuator import first_order_lag
+
+    with pytest.raises(Exception, match=r"values|Type-check"):
+        first_order_lag(np.zeros((3, 2)), step_s=0.01, lag_s=0.1)
+
+
+def test_shapes_are_not_checked_for_users():
+    loaded = modules_after("import eivor\nfor name in eivor.__all__: getattr(eivor, name)")
+    assert "beartype" not in loaded
