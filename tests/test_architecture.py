@@ -1,0 +1,98 @@
+"""The import contracts hold, catch what they forbid, and are what the documentation says."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+    "contracts"
+]
+LAYERS = CONTRACTS[0]["layers"]
+
+
+def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:
+    """Result of the import linter on the package in the folder `source`, with the project's contracts."""
+    return subprocess.run(
+        [
+            *(
+                sys.executable,
+                "-c",
+                "from importlinter.cli import lint_imports_command; lint_imports_command()",
+            ),
+            *("--config", str(ROOT / "pyproject.toml"), "--no-cache"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=source,
+        env=os.environ | {"PYTHONPATH": str(source)},
+    )
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the package that may be broken."""
+    folder = tmp_path_factory.mktemp("source")
+    shutil.copytree(ROOT / "src" / "eivor", folder / "eivor", ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def test_contracts_hold(copy):
+    result = lint_imports(copy)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "line", "contract"),
+    [
+        ("linalg/system.py", "import eivor.models.column", 0),
+        ("linalg/system.py", "import eivor.signals.noise", 0),
+        ("estimation/fit.py", "import eivor.logs.read", 0),
+        ("logs/read.py", "import eivor.estimation.fit", 0),
+        ("inference/verdict.py", "import eivor.flights.options", 0),
+        ("flights/recipe.py", "import eivor.report", 0),
+        ("new_room.py", "x = 1", 0),
+        ("flights/recipe.py", "import matplotlib.pyplot", 1),
+        ("logs/read.py", "def f():\n    import pyulog", 2),
+        ("flights/grid.py", "import polars", 3),
+        ("models/vertical.py", "import rotorpy", 4),
+    ],
+)
+def test_contracts_catch(copy, file, line, contract):
+    path = copy / "eivor" / file
+    before = path.read_bytes() if path.exists() else None
+    try:
+        path.write_bytes((before or b"") + f"\n{line}\n".encode())
+        result = lint_imports(copy)
+    finally:
+        path.unlink() if before is None else path.write_bytes(before)
+    broken = [
+        name for name in (c["name"] for c in CONTRACTS) if f"{name} BROKEN" in " ".join(result.stdout.split())
+    ]
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert broken == [CONTRACTS[contract]["name"]], result.stdout
+
+
+def test_documented_order_is_the_contract():
+    """`docs/architecture.md` shows the layers as the contract has them, and a section for each room."""
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    order = [f"({layer})" if "|" in layer else layer for layer in LAYERS if layer != "errors | data"]
+    assert " > ".join([*order, "errors"]) in page
+    rooms = [path.name for path in (ROOT / "src" / "eivor").iterdir() if (path / "__init__.py").exists()]
+    for room in rooms:
+        assert f"`{room}/`" in page, f"the room {room} is not described"
+
+
+def test_only_the_command_line_ends_the_program():
+    """Below `cli/` failures are exceptions; printing is forbidden there by ruff's T20."""
+    package = ROOT / "src" / "eivor"
+    ends = [path for path in package.rglob("*.py") if "sys.exit" in path.read_text(encoding="utf-8")]
+    assert {path.relative_to(package).parts[0] for path in ends} <= {"cli"}
