@@ -1,0 +1,54 @@
+"""The entry point of the command line. Nothing heavy is imported here, so that help answers at once."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from eivor.cli import examples
+from eivor.cli.identify import EXIT_CODES, identify
+
+app = typer.Typer(
+    name="eivor",
+    help="Identify the vertical parameters of a drone from its flight logs, with intervals and a verdict.",
+    epilog="Try it: [bold]eivor identify --example[/bold]",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+)
+app.command(epilog=EXIT_CODES)(identify)
+app.add_typer(examples.app)
+
+
+def _print_version(wanted: bool) -> None:  # noqa: FBT001 - a callback of the option parser
+    if wanted:
+        from importlib.metadata import version
+
+        from eivor.cli.terminal import write
+
+        write(f"eivor {version('eivor')}\n")
+        raise typer.Exit
+
+
+@app.callback()
+def _eivor(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version and leave."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+def run() -> None:
+    """Run the command line with the arguments of the process and leave with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")
+    app(prog_name="eivor")

@@ -1,0 +1,1 @@
+"""Reports of results: tables, flight cards, JSON documents and figures."""
