@@ -240,3 +240,35 @@ def test_rotorpys_own_table(tmp_path):
     acceleration = np.gradient(frame["zdot"].to_numpy(), frame["time"].to_numpy())
     np.testing.assert_allclose(up[50:-1] - 9.81, acceleration[50:-1], atol=0.1)
     np.testing.assert_array_equal(r.channels["rotor_command_3"].values, frame["r3des"].to_numpy())
+
+
+@pytest.mark.parametrize(
+    ("unit", "scale", "words"),
+    [("rad", 30.0, "are they in degrees"), ("deg", 0.4, "are they in radians"), ("deg", 30.0, "")],
+)
+def test_angles_in_another_unit_are_told(tmp_path, unit, scale, words):
+    t = np.arange(50) * 0.01
+    frame = {"t": t, "roll": scale * np.sin(9 * t), "pitch": 0 * t}
+    pl.DataFrame(frame).write_csv(tmp_path / "t.csv")
+    (tmp_path / "m.toml").write_text(
+        HEAD.replace("ms", "s") + f'[channels.cos_tilt]\nroll_pitch = ["roll", "pitch"]\nunit = "{unit}"\n'
+    )
+    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    doubts = [f.message for f in r.findings if f.name == "mixed_units"]
+    assert (len(doubts) == 1 and words in doubts[0]) if words else doubts == []
+
+
+def test_tilt_from_a_quaternion_of_any_norm(tmp_path):
+    angle = np.linspace(0.0, 1.0, 20)
+    frame = {
+        "time": np.arange(20) * 0.1,
+        "a": 2 * np.cos(angle / 2),
+        "b": 2 * np.sin(angle / 2),
+        "c": 0 * angle,
+    }
+    pl.DataFrame(frame).write_csv(tmp_path / "t.csv")
+    text = 'name = "m"\n[time]\ncolumn = "time"\n[channels.cos_tilt]\nquaternion = ["a", "b", "c", "c"]\n'
+    (tmp_path / "m.toml").write_text(text)
+    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(r.channels["cos_tilt"].values, np.cos(angle))
+    assert not r.channels["cos_tilt"].held

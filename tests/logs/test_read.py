@@ -118,5 +118,5 @@ def test_starts_fast():
     import sys
 
     code = "import sys, eivor.logs; print([m for m in ('polars', 'pyulog', 'pandas') if m in sys.modules])"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

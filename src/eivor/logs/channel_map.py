@@ -26,6 +26,7 @@ A map states::
     [channels.cos_tilt]
     quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
 
+Axes are as the table has them, `frame` says which way they point; `input` is positive up in either frame.
 Every key is checked. A shipped map is used by itself when a table has all columns of its channels that
 are not optional.
 """
@@ -76,6 +77,10 @@ class ChannelRule:
         True for commands, setpoints and states.
     optional : bool
         True when the channel is left out of tables that lack its columns.
+    angles : tuple of str
+        Columns of roll and pitch, when the channel is computed from these.
+    angle_unit : str
+        Their unit, "rad" or "deg".
     """
 
     name: str
@@ -83,6 +88,8 @@ class ChannelRule:
     factor: float = 1.0
     held: bool = False
     optional: bool = False
+    angles: tuple[str, ...] = ()
+    angle_unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,6 +247,8 @@ def _rule(name: str, section: _Keys) -> ChannelRule:
         factor if derived else factor * to_si,
         section.flag("held", default=held_by_default(name)),
         section.flag("optional", default=False),
+        expression.columns if ways[0] == "roll_pitch" else (),
+        unit if ways[0] == "roll_pitch" else "",
     )
     section.finish()
     return rule

@@ -39,15 +39,17 @@ def without_extrapolation(
         return dict(columns), None
     middle = int(np.median(list(begun.values())))
     together = [name for name, start in begun.items() if abs(start - middle) <= TOGETHER_ROWS]
-    if len(together) < MIN_COLUMNS:
+    # four rotors on one commanded ramp are one line, not four
+    different = {tuple(columns[name][-2:]) for name in together}
+    if len(different) < MIN_COLUMNS:
         return dict(columns), None
     cleaned = dict(columns)
     for name in together:
         cleaned[name] = np.where(np.arange(time_s.size) > begun[name], np.nan, columns[name])
+    named = ", ".join(map(repr, together))
     message = (
-        f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines "
-        f"({', '.join(together)}): made up by a resampling tool after the stream had stopped, and taken as "
-        "missing."
+        f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines ({named}): made "
+        "up by a resampling tool after the stream had stopped, and taken as missing."
     )
     return cleaned, Finding("extrapolated", message)
 

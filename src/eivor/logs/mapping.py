@@ -171,6 +171,7 @@ def mapped_recording(
     ranged = {
         key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
+    found += _angle_findings(rules, ranged)
     channels = {}
     for rule in rules:
         channel = _channel(rule, time_s, ranged)
@@ -198,7 +199,7 @@ def mapped_recording(
 def _text_findings(columns: Columns) -> list[Finding]:
     if not columns.unreadable:
         return []
-    cells = ", ".join(f"{name[:60]} {count}" for name, count in columns.unreadable.items())
+    cells = ", ".join(f"{name[:60]!r} {count}" for name, count in columns.unreadable.items())
     return [Finding("unreadable_text", f"Cells that hold no number, taken as missing: {cells}.")]
 
 
@@ -226,6 +227,23 @@ def _clock(
         )
         kept = kept - kept[0]
     return kept * unit, stamped, findings
+
+
+def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
+    """Doubt angles that go round in radians, or never reach one degree."""
+    findings = []
+    for rule in rules:
+        largest = [float(np.nanmax(np.abs(ranged[c].values), initial=0.0)) for c in rule.angles]
+        if not largest:
+            continue
+        columns = " and ".join(map(repr, rule.angles))
+        if rule.angle_unit == "rad" and max(largest) > 2.0 * np.pi:
+            message = f"{columns} reach {max(largest):.3g} rad; are they in degrees?"
+            findings.append(Finding("mixed_units", message))
+        elif rule.angle_unit == "deg" and 0.0 < max(largest) < 1.0:
+            message = f"{columns} never exceed {max(largest):.3g} deg; are they in radians?"
+            findings.append(Finding("mixed_units", message))
+    return findings
 
 
 def _within(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eivor.errors import EmptyLogError, LogTooLargeError
+from eivor.logs.parquet_probe import probe_parquet
 from eivor.logs.table_source import MAX_COLUMNS, Columns, TableSource, corrupt_table
 
 if TYPE_CHECKING:
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Most rows that are read: a Parquet file may say much more than its size holds.
 MAX_ROWS = 50_000_000
+#: Most numbers that are converted, 1.6 GB of them.
+MAX_CELLS = 200_000_000
 #: Key of the file's metadata under which `write_recording` keeps what is not a number.
 METADATA_KEY = "eivor"
 _DAMAGED = "The file is damaged or incomplete; write it again."
@@ -35,6 +38,7 @@ def open_parquet(file: Path) -> TableSource:
     """
     import polars as pl
 
+    probe_parquet(file, MAX_ROWS)
     try:
         frame = pl.scan_parquet(file.resolve(), glob=False, hive_partitioning=False)
         schema = frame.collect_schema()
@@ -64,6 +68,12 @@ def open_parquet(file: Path) -> TableSource:
 def _read(file: Path, frame: pl.LazyFrame, columns: Sequence[str], rows: int) -> Columns:
     import polars as pl
 
+    if rows * len(columns) > MAX_CELLS:
+        raise LogTooLargeError(
+            f"at most {MAX_CELLS} numbers",
+            f"'{file.name}' with {rows} rows of {len(columns)} needed columns",
+            "Cut the log to the manoeuvre of interest.",
+        )
     try:
         table = frame.select([pl.col(name) for name in columns]).head(rows).collect()
         converted = {name: _numbers(table[name]) for name in columns}

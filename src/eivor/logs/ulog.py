@@ -253,7 +253,8 @@ def _silenced(channel: Channel, end_s: float) -> Channel:
     if channel.time_s.size > 1:
         limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
     following = np.append(channel.time_s[1:], end_s)
-    last = np.flatnonzero((following - channel.time_s > limit) & np.isfinite(channel.values))
+    # a millisecond more, or the sample that is put in meets the next one
+    last = np.flatnonzero((following - channel.time_s > limit + 1e-3) & np.isfinite(channel.values))
     time = np.insert(channel.time_s, last + 1, channel.time_s[last] + limit)
     values = np.insert(channel.values, last + 1, np.nan)
     return replace(channel, time_s=time, values=values)

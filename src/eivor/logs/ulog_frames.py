@@ -9,6 +9,7 @@ sound. Its cost is one pass over the file; its memory is that of the needed topi
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -19,6 +20,8 @@ from eivor.errors import CorruptLogError
 SYNC_MARK = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 _HEADER_BYTES = 16
 _KNOWN_TYPES = frozenset(b"FDIMPQARSOLCB")
+#: Three bytes that may head a message: a size that is not zero, and a known type.
+_CANDIDATE = re.compile(rb"(?s)(?:[^\x00].|.[^\x00])[FDIMPQARSOLCB]")
 _FIELD_BYTES = {
     "int8_t": 1,
     "uint8_t": 1,
@@ -177,13 +180,16 @@ def _resume(data: mmap | bytes, position: int, end: int, log: CleanLog) -> int:
         if mark >= 0:
             return mark + len(SYNC_MARK)
         log._markless_end = end  # asked once only, or a log full of breaks costs quadratic time
-    while position < end and log._searched_bytes < MAX_SEARCH_BYTES:
-        log._searched_bytes += 1
-        if position + 3 <= end and _starts_message(data, position, end):
-            size = struct.unpack_from("<H", data, position)[0]
-            if _starts_message(data, position + 3 + size, end):
-                return position
-        position += 1
+    while log._searched_bytes < MAX_SEARCH_BYTES:
+        candidate = _CANDIDATE.search(data, position, end)
+        if candidate is None:
+            break
+        start = candidate.start()
+        log._searched_bytes += start + 1 - position
+        position = start + 1
+        size = struct.unpack_from("<H", data, start)[0]
+        if _starts_message(data, start, end) and _starts_message(data, start + 3 + size, end):
+            return start
     return end
 
 
