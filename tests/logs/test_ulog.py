@@ -136,6 +136,15 @@ def test_invalid_samples_are_missing(tmp_path):
     assert any(f.name == "missing_values" and "position_z 5" in f.message for f in r.findings)
 
 
+def test_estimator_resets_are_told(tmp_path):
+    t = np.arange(40) * 0.1
+    counter = np.where(t < 2, 254, 255) + (t > 3) * -254
+    fields = {"z": -t, "z_reset_counter__uint8_t": counter, "vz_reset_counter__uint8_t": 0 * counter}
+    r = read(tmp_path, UlogWriter().topic("vehicle_local_position", t, **fields))
+    messages = [f.message for f in r.findings if f.name == "estimator_reset"]
+    assert messages == ["The estimate of height jumps at 2.00, 3.10 s."]
+
+
 def test_dropouts(tmp_path):
     r = read(tmp_path, flight().dropout(250).dropout(1000))
     assert [f.message for f in r.findings if f.name == "dropouts"] == [

@@ -33,6 +33,7 @@ from eivor.logs.ulog_topics import (
     NAVIGATION_STATE,
     NEEDED_TOPICS,
     PILOT_STATES,
+    RESET_COUNTERS,
     Source,
 )
 from eivor.signals.recording import CANONICAL_UNITS, Channel, Finding, Frame, Recording, clean_channel
@@ -179,6 +180,7 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
     _add_controller_velocity(reading, clocks)
     _add_pilot_in_control(reading, clocks)
     _add_actuators(reading, clocks)
+    findings += _reset_findings(reading, clocks)
     if reading.never_valid:
         findings.append(
             Finding("never_valid", f"Logged without one valid value: {', '.join(reading.never_valid)}.")
@@ -190,6 +192,22 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
             )
         )
     return reading
+
+
+def _reset_findings(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> list[Finding]:
+    """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
+    topic = reading.topics.get("vehicle_local_position")
+    findings = []
+    fields = topic.fields if topic is not None else {}
+    for field, meaning in RESET_COUNTERS.items():
+        if field not in fields:
+            continue
+        counts = fields[field]
+        times = clocks["vehicle_local_position"][1:][counts[1:] != counts[:-1]]
+        if times.size:
+            shown = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
+            findings.append(Finding("estimator_reset", f"The estimate of {meaning} jumps at {shown} s."))
+    return findings
 
 
 def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:

@@ -101,6 +101,9 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
 CONTROLLER_VELOCITY = Source("vehicle_local_position_setpoint", "vz", is_setpoint=True)
 CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint=True)
 
+#: Counters of the estimator's jumps in height and in vertical velocity, both of `vehicle_local_position`.
+RESET_COUNTERS: Mapping[str, str] = {"z_reset_counter": "height", "vz_reset_counter": "vertical velocity"}
+
 #: The navigation state, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
 NAVIGATION_STATE = Source("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
