@@ -19,13 +19,10 @@ import numpy as np
 import polars as pl
 
 from eivor.studies.flight_truth import SimulatedFlight
-from eivor.studies.rotorpy_flight import (
-    RotorpyFlightSpec,
-    SensorNoise,
-    TrajectoryKind,
-    Vehicle,
-    simulate_rotorpy_flight,
-)
+from eivor.studies.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
+from eivor.studies.rotorpy_vehicles import Vehicle
+from eivor.studies.sensor_noise import SensorNoise
+from eivor.studies.trajectories import TrajectoryKind
 
 SPEC = RotorpyFlightSpec(
     vehicle=Vehicle.CRAZYFLIE,

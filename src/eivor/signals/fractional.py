@@ -1,8 +1,11 @@
-"""Fractional differences and integrals of any real order.
+"""Fractional differences and sums of a record.
 
-Delta^alpha x (k) = sum_{j=0..k} a_j x(k-j), with a_0 = 1 and a_j = a_{j-1} (j - 1 - alpha) / j, so
-a_j = Gamma(j - alpha) / (Gamma(-alpha) Gamma(j + 1)). A negative order integrates: its noise has long
-memory. The output is as long as the input and everything before the record is zero, for every order.
+One boundary convention for every order, integer ones included: the record is zero before it starts
+(type II), and the output is as long as the input,
+
+    Delta^order x (k) = sum_{j=0..k} a_j x(k-j),   a_0 = 1,   a_j = a_{j-1} (j - 1 - order) / j
+
+so an order of -1 is the running sum, and a negative order gives memory.
 """
 
 from __future__ import annotations
@@ -10,44 +13,45 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import NonFiniteError
-
 
 def fractional_weights(order: float, count: int) -> Float[np.ndarray, " count"]:
-    """First `count` weights a_j of the operator of that order.
-
-    Raises
-    ------
-    NonFiniteError
-        When the order is not finite.
-    """
-    if not np.isfinite(order):
-        raise NonFiniteError("a finite order", f"{order}", "Give the exponent of the difference operator.")
-    j = np.arange(1, count)
-    weights: Float[np.ndarray, " count"] = np.cumprod(np.concatenate([[1.0], (j - 1 - order) / j]))[:count]
-    return weights
-
-
-def fractional_difference(
-    x: Float[np.ndarray, "*columns n"], order: float
-) -> Float[np.ndarray, "*columns n"]:
-    """Delta^order of `x` along its last axis, by FFT in O(n log n).
+    """Return a_0 ... a_{count-1}. Performs no checks.
 
     Parameters
     ----------
-    x : ndarray, shape (..., n)
-        Record that starts at rest.
     order : float
-        Positive differentiates, negative integrates.
-
-    Raises
-    ------
-    NonFiniteError
-        When the order is not finite.
+        Any real number; negative orders sum, positive ones take differences.
+    count : int
+        Number of weights, one or more.
     """
-    count = x.shape[-1]
-    weights = fractional_weights(order, count)
-    size = 1 << max(2 * count - 1, 1).bit_length()
-    spectrum = np.fft.rfft(x, size) * np.fft.rfft(weights, size)
-    difference: Float[np.ndarray, "*columns n"] = np.fft.irfft(spectrum, size)[..., :count]
-    return difference
+    lags = np.arange(1.0, count)
+    return np.concatenate([[1.0], np.cumprod((lags - 1.0 - order) / lags)])
+
+
+def fractional_difference(
+    values: Float[np.ndarray, "n *columns"], order: float
+) -> Float[np.ndarray, "n *columns"]:
+    """Fractional difference of each column along the first axis.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        Record, zero before it starts.
+    order : float
+        Any real number.
+
+    Returns
+    -------
+    ndarray, shape (n, ...)
+        Same unit as `values`: the step of the record is not in it.
+
+    Notes
+    -----
+    Convolution by FFT, O(n log n); the error is of the order of rounding times the largest output.
+    Performs no checks.
+    """
+    count = values.shape[0]
+    weights = fractional_weights(order, count).reshape(-1, *[1] * (values.ndim - 1))
+    spectrum = np.fft.rfft(weights, 2 * count, axis=0) * np.fft.rfft(values, 2 * count, axis=0)
+    series: Float[np.ndarray, "n *columns"] = np.fft.irfft(spectrum, 2 * count, axis=0)[:count]
+    return series

@@ -1,0 +1,46 @@
+"""Fractional differences against direct summation and against their own inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import binom
+
+from eivor.signals.fractional import fractional_difference, fractional_weights
+
+
+@given(order=st.floats(-2.0, 2.0), count=st.integers(1, 60), seed=st.integers(0, 1000))
+def test_fft_is_the_direct_sum(order, count, seed):
+    values = np.random.default_rng(seed).standard_normal((count, 2))
+    weights = fractional_weights(order, count)
+    direct = np.stack([np.convolve(weights, column)[:count] for column in values.T], axis=1)
+    scale = 1.0 + np.abs(direct).max()
+    np.testing.assert_allclose(
+        fractional_difference(values, order), direct, rtol=0.0, atol=1e-13 * count * scale
+    )
+
+
+@pytest.mark.parametrize("order", [-1.3, -0.5, 0.25, 0.5, 1.7])
+def test_weights_are_signed_binomials(order):
+    lags = np.arange(20)
+    np.testing.assert_allclose(fractional_weights(order, 20), (-1.0) ** lags * binom(order, lags), rtol=1e-10)
+
+
+def test_integer_orders_are_differences_and_sums_with_zeros_before():
+    values = np.random.default_rng(1).standard_normal(30)
+    np.testing.assert_allclose(fractional_difference(values, 0.0), values, atol=1e-13)
+    np.testing.assert_allclose(fractional_difference(values, 1.0), np.diff(values, prepend=0.0), atol=1e-13)
+    np.testing.assert_allclose(fractional_difference(values, -1.0), np.cumsum(values), atol=1e-12)
+
+
+@pytest.mark.parametrize("order", [-0.5, -0.4, 0.3, 1.0])
+def test_opposite_orders_undo_each_other(order):
+    values = np.random.default_rng(2).standard_normal(500)
+    there = fractional_difference(values, order)
+    np.testing.assert_allclose(fractional_difference(there, -order), values, atol=1e-10)
+
+
+def test_one_dimension_stays_one():
+    assert fractional_difference(np.ones(7), -0.5).shape == (7,)
