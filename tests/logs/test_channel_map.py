@@ -166,6 +166,8 @@ def test_shipped_maps_are_sound():
         ("cos(a*a + 2) - sin(b)", np.cos(6) - np.sin(3)),
         ("asin(a/4)+acos(a/4)+atan(0*a)+tan(0*a)", np.pi / 2),
         ("1e300 * a / 1e300", 2.0),
+        ("a * 2.5e-7 / 2.5e-7", 2.0),
+        ("a * 123456789012345678 / 123456789012345678", 2.0),
     ],
 )
 def test_expressions(text, value):

@@ -186,8 +186,12 @@ class _Parser:
         value = float(word)
         if not np.isfinite(value):
             raise _refused(self.where, f"{self.text!r}, where {word} is too large for a number")
-        digits = repr(value)
-        return digits if "." in digits or "e" in digits else f"{digits}.0"
+        digits, _, power = repr(value).partition("e")
+        decimal = digits if "." in digits else f"{digits}.0"
+        if not power:
+            return decimal
+        # not every version of the engine reads an exponent
+        return f"({decimal} {'/' if power.startswith('-') else '*'} POW(10.0, {abs(int(power))}.0))"
 
     def _call(self, word: str, depth: int) -> str:
         name = word.lower()
