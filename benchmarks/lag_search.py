@@ -1,0 +1,65 @@
+"""The search for the actuator's lag by the default method: seconds per delay candidate and minute of flight.
+
+Target: about 0.05 s. The peer is `scipy.signal.lfilter` on the same commands as often as the grid of lags
+has values: a search cannot do with less.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from _shared import arguments, example_flight, machine
+from scipy.signal import lfilter
+
+import eivor as ev
+from eivor.models.vertical_flights import VerticalFlights
+
+
+def least_seconds(action, repeats: int) -> float:
+    """Least time of some runs of `action` [s]."""
+    best = float("inf")
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        action()
+        best = min(best, time.perf_counter() - begun)
+    return best
+
+
+def main() -> None:
+    small = arguments(__doc__).small
+    print(machine())
+    log = ev.read_log(example_flight())
+    window = (0.0, 20.0) if small else None
+    problem = ev.identify_flight(log, ev.FlightOptions(window=window)).problem
+    assert problem is not None
+    repeats = 1 if small else 5
+    for copies in (1,) if small else (1, 4):
+        flights = VerticalFlights(problem.flights * copies, problem.motion, problem.rule)
+        commands = [flight.signals.family(flight.input) for flight in flights.flights]
+        minutes = sum(
+            (run.stop - run.start) * flight.signals.step_s / 60.0
+            for flight in flights.flights
+            for run in flight.runs
+        )
+        work = minutes * len(flights.delays_s)
+
+        def search(flights: VerticalFlights = flights) -> object:
+            return ev.identify(replace(flights), ev.methods.reference_iv())  # a copy has no memo
+
+        def filters(commands: list[np.ndarray] = commands, count: int = flights.lag_grid_s.size) -> None:
+            for _ in range(count):
+                for command in commands:
+                    lfilter([0.1], [1.0, -0.9], command, axis=0)
+
+        seconds = least_seconds(search, repeats) / work
+        peer = least_seconds(filters, repeats) / minutes
+        print(
+            f"{minutes:4.1f} min of flight   {seconds:6.3f} s per candidate and minute   "
+            f"ratio to lfilter alone {seconds / peer:5.2f}   of target {seconds / 0.05:5.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,124 @@
+"""Pages and tables that the documentation takes from the code, so that they cannot differ from it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eivor.logs.ulog_topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
+from eivor.logs.units import UNITS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+ROOT = Path(__file__).resolve().parent.parent
+NOTES = "<!-- towncrier release notes start -->"
+
+
+def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
+    """Fill in what is generated."""
+    source = page.file.src_uri
+    if source == "changelog.md":
+        return changelog()
+    if source == "cli.md":
+        return markdown + "\n" + commands()
+    if source == "logs.md":
+        return (
+            markdown.replace("<!-- table: ulog sources -->", ulog_sources())
+            .replace("<!-- table: ulog rates -->", ulog_rates())
+            .replace("<!-- table: units -->", units())
+        )
+    return markdown
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """Markdown table."""
+    lines = [list(header)]
+    lines += [["---"] * len(lines[0]), *(list(row) for row in rows)]
+    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
+
+
+def code(words: Iterable[str], joint: str = ", ") -> str:
+    """Words as inline code."""
+    return joint.join(f"`{word}`" for word in words)
+
+
+def ulog_sources() -> str:
+    """Where each channel is looked for in a ULog."""
+    rows = (
+        (code([name]), code((source.partition(" [")[0] for source in sources), "<br>"))
+        for name, sources in LOOKED_FOR.items()
+    )
+    return table(("channel", "topics and fields, in order of preference"), rows)
+
+
+def ulog_rates() -> str:
+    """How often PX4 logs each topic."""
+    rows = []
+    for entry in TOPIC_LOGGING:
+        always = entry.default_rate_hz == float("inf")
+        bits = [f"{bit} ({PROFILE_BITS[bit]})" for bit in entry.full_rate_bits if bit != 0]
+        raised = "-" if always else " or ".join(bits) or "none; see `logger_topics.txt` below"
+        rows.append(
+            (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
+        )
+    return table(("topic", "default profile", "full rate with bit"), rows)
+
+
+def units() -> str:
+    """Units that a channel map may name."""
+    rows = ((code([unit or '""']), f"{factor:.6g} {si}".strip()) for unit, (si, factor) in UNITS.items())
+    return table(("unit", "in SI"), rows)
+
+
+def changelog() -> str:
+    """CHANGELOG.md with the fragments that no release has yet."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    draft = subprocess.run(
+        [sys.executable, "-m", "towncrier", "build", "--draft", "--version", "next"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    ).stdout
+    heading, _, body = draft.partition("\n")
+    coming = f"## Not yet released\n{body}" if heading.startswith("## ") and body.strip() else ""
+    return text.replace(NOTES, coming)
+
+
+def commands() -> str:
+    """Every command with its arguments and options."""
+    import typer
+
+    from eivor.cli.main import app
+
+    root = typer.main.get_command(app)
+    return "\n".join(_command(f"eivor {name}", command) for name, command in _leaves(root, ()))
+
+
+def _leaves(command: Any, path: tuple[str, ...]) -> Iterable[tuple[str, Any]]:
+    for name, child in getattr(command, "commands", {}).items():
+        if getattr(child, "commands", None):
+            yield from _leaves(child, (*path, name))
+        elif not child.hidden:
+            yield " ".join((*path, name)), child
+
+
+def _command(name: str, command: Any) -> str:
+    rows = []
+    for parameter in command.params:
+        if getattr(parameter, "hidden", False):
+            continue
+        if parameter.param_type_name == "argument":
+            label = code([parameter.metavar or str(parameter.name).upper()])
+        else:
+            value = "" if parameter.is_flag else f" {parameter.metavar or parameter.type.name.upper()}"
+            label = code(f"{option}{value}" for option in (*parameter.opts, *parameter.secondary_opts))
+        default = parameter.default
+        shown = "" if default in (None, "", (), [], False) or callable(default) else f" Default: `{default}`."
+        rows.append((label, f"{(parameter.help or '').replace(chr(10), ' ')}{shown}"))
+    text = (command.help or "").replace("\f", "").replace("\b", "")
+    listed = table(("argument or option", "meaning"), rows) if rows else ""
+    return f"## {name}\n\n{text}\n\n{listed}\n"

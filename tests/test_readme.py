@@ -1,0 +1,103 @@
+"""The README's examples run, and say what they say."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """Fenced blocks of a language, without a list's indentation."""
+    found = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.MULTILINE | re.DOTALL)
+    return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in found]
+
+
+@pytest.mark.parametrize("number", range(len(blocks(README, "python"))))
+def test_python_example(number, tmp_path, monkeypatch, capsys):
+    """Each block runs on its own; the example flight stands in for the reader's log."""
+    monkeypatch.chdir(tmp_path)
+    example = resources.files("eivor.data") / "example_flight.parquet"
+    shutil.copy(str(example), tmp_path / "flight.ulg")
+    scope: dict[str, object] = {}
+    exec(compile(blocks(README, "python")[number], f"README.md, block {number + 1}", "exec"), scope)  # noqa: S102
+    printed = capsys.readouterr().out
+    assert "viscous_friction" in printed
+    if number == 0:
+        assert scope["fit"].verdict.status.value == "identified"
+    else:
+        assert scope["fit"].parameters["viscous_friction"] == pytest.approx(0.293, rel=1e-9)
+        assert scope["fit"].parameters["input_gain"] == pytest.approx(0.021, rel=1e-9)
+
+
+def numbers(text: str) -> list[float]:
+    return [float(word) for word in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text)]
+
+
+def test_sample_output_is_what_is_printed():
+    """The words are the same; the last digit of a number may differ from machine to machine."""
+    run = subprocess.run(
+        [sys.executable, "-c", "from eivor.cli.main import run; run()", "identify", "--example"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1"},
+    )
+    shown = blocks(README, "text")[0]
+    number = r"-?\d[\d.]*(e-?\d+)?"
+    assert re.sub(number, "#", shown).split() == re.sub(number, "#", run.stdout).split()
+    assert numbers(shown) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
+
+
+def test_channel_maps_in_the_pages_are_valid():
+    from eivor.logs.channel_map import parse_channel_map
+
+    maps = [block for page in PAGES for block in blocks(page.read_text(encoding="utf-8"), "toml")]
+    assert len(maps) >= 2
+    for block in maps:
+        assert parse_channel_map(block, "the documentation").rules
+
+
+def test_first_command_is_one_line_each():
+    """`.ci/run` takes its set-up and its tests from these lines."""
+    commands = [line for line in README.splitlines() if line.startswith("python3 -m venv .venv && ")]
+    assert [line.rpartition(" && ")[2] for line in commands] == [
+        ".venv/bin/eivor identify --example",
+        ".venv/bin/python -m pytest",
+    ]
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert commands[1] in contributing
+    assert commands[0] in (ROOT / "docs" / "getting-started.md").read_text(encoding="utf-8")
+
+
+def test_links_between_files_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_channel_and_every_unit_is_documented():
+    from eivor.signals.recording import CANONICAL_UNITS
+
+    page = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    for channel, unit in CANONICAL_UNITS.items():
+        row = [line for line in rows if f"`{channel}`" in line.split("|")[1]]
+        assert len(row) == 1, channel
+        assert unit in row[0].split("|")[2], channel
+
+
+def test_every_error_is_an_eivor_error():
+    from eivor import errors
+
+    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)]
+    assert all(issubclass(kind, errors.EivorError) for kind in kinds)
