@@ -94,7 +94,6 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
         When what came is not the file that the registry knows.
     """
     import pooch
-    import requests
 
     pooch.get_logger().setLevel("ERROR")
     downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
@@ -108,10 +107,10 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
             f"another content from {log.url}",
             "Try again later; nothing was kept. If it persists, the file has changed at its origin.",
         ) from error
-    except (OSError, requests.RequestException) as error:
+    except OSError as error:  # every error of requests is one
         raise InputError(
             f"a download of {log.url} to {folder}",
-            f"{type(error).__name__}: {_short(error)}",
+            _cause(error),
             f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
         ) from error
     return Path(found)
@@ -125,9 +124,17 @@ def _copied(url: str, output_file: str, _pooch: object) -> None:
     shutil.copyfile(unquote(urlparse(url).path), output_file)
 
 
-def _short(error: Exception) -> str:
-    text = str(error)
-    return text if len(text) <= 160 else f"{text[:157]}..."
+def _cause(error: OSError) -> str:
+    """What went wrong, in a few words: libraries' messages about networks go on for lines."""
+    import requests
+
+    if isinstance(error, requests.Timeout):
+        return f"no answer within {TIMEOUT_S:.0f} s"
+    if isinstance(error, requests.HTTPError) and error.response is not None:
+        return f"the answer {error.response.status_code} {error.response.reason}"
+    if isinstance(error, requests.RequestException):
+        return "no connection"
+    return error.strerror or str(error)
 
 
 def example_recording() -> Recording:
@@ -163,8 +170,8 @@ def list_logs() -> ExitCode:
 
 
 @app.command(
-    epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that cannot "
-    "be written; 2 wrong usage."
+    epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that "
+    "cannot be written; 2 wrong usage."
 )
 @guarded
 def fetch(

@@ -43,12 +43,9 @@ def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
 def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) -> ExitCode:
     try:
         return command(*args, **kwargs)
-    except UsageError as error:
-        complain(str(error))
-        return ExitCode.USAGE
     except EivorError as error:
         complain(str(error))
-        return ExitCode.FAILED
+        return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
     except KeyboardInterrupt:
         complain("interrupted")
         return ExitCode.INTERRUPTED
@@ -58,7 +55,7 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
     except MemoryError:
         complain("Not enough memory for this log.", "Cut it to the manoeuvre of interest, or use --window.")
         return ExitCode.FAILED
-    except Exception as error:  # noqa: BLE001 - the last line of defence: a user never sees a traceback
+    except Exception as error:  # the last line of defence: a user never sees a traceback
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise
         complain(

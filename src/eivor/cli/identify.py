@@ -161,6 +161,7 @@ def flight_options(
     instruments: str = "",
     method: str = "reference_iv",
     compare: bool = False,
+    own_window: arguments.Window | None = None,
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -179,7 +180,7 @@ def flight_options(
     if max_tilt is not None and not math.isfinite(max_tilt):
         max_tilt = 0.0  # refused below, in the library's words
     options = FlightOptions(
-        window=arguments.window(window) if window else None,
+        window=own_window or (arguments.window(window) if window else None),
         input=input_channel,
         input_map=input_map,
         instruments=arguments.names(instruments) if instruments else (),
@@ -255,7 +256,7 @@ def check_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> N
         absent = [name for name in wanted if name not in {"references", "lags", *recording.channels}]
         if absent:
             raise UsageError(
-                f"instruments out of the channels of {recording.name}: {', '.join(sorted(recording.channels))}",
+                f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}",
                 ", ".join(f"'{name}'" for name in absent),
                 "Name those, or references, or lags.",
             )

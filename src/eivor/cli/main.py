@@ -9,6 +9,8 @@ import typer
 
 from eivor.cli import examples
 from eivor.cli.identify import EXIT_CODES, identify
+from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
+from eivor.cli.inspect import inspect
 
 app = typer.Typer(
     name="eivor",
@@ -20,10 +22,11 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 app.command(epilog=EXIT_CODES)(identify)
+app.command(epilog=INSPECT_EXIT_CODES)(inspect)
 app.add_typer(examples.app)
 
 
-def _print_version(wanted: bool) -> None:  # noqa: FBT001 - a callback of the option parser
+def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 

@@ -23,9 +23,15 @@ def console(stream: TextIO) -> Console:
 
 
 def show(report: RenderableType) -> None:
-    """Print a report on standard output."""
-    console(sys.stdout).print(report)
-    sys.stdout.flush()
+    """Print a report on standard output; in a pipe without the blanks that pad lines to the width."""
+    screen = console(sys.stdout)
+    if screen.is_terminal:
+        screen.print(report)
+        sys.stdout.flush()
+        return
+    with screen.capture() as captured:
+        screen.print(report)
+    write("".join(f"{line.rstrip()}\n" for line in captured.get().splitlines()))
 
 
 def write(text: str) -> None:

@@ -53,7 +53,7 @@ def flight_card(result: FlightEstimate) -> tuple[CardSection, ...]:
     return (
         CardSection("Fly", _MANOEUVRES),
         CardSection("Log", _general_advice(log_format)),
-        CardSection("Setpoints to log", _SETPOINTS.get(log_format, _TABLE_SETPOINTS)),
+        CardSection("Setpoints", _SETPOINTS.get(log_format, _TABLE_SETPOINTS)),
     )
 
 

@@ -33,6 +33,8 @@ MEANINGS = {
     Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
     Status.REFUSED: "the flight cannot tell the viscous friction.",
 }
+#: Findings that only an inspection shows: they bear on no number.
+QUIET_FINDINGS = ("epoch_time",)
 #: Columns of the tables of flights and of methods.
 ROW_QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 
@@ -56,7 +58,7 @@ def _parts(result: FlightEstimate) -> Iterator[RenderableType]:
         yield heading("Methods side by side")
         yield row_table(result.comparisons, "method")
     yield from reasons(result)
-    yield from findings(result.findings)
+    yield from findings(_worth_telling(result))
     yield from _card(flight_card(result))
 
 
@@ -170,12 +172,30 @@ def findings(found: tuple[Finding, ...]) -> Iterator[RenderableType]:
         yield bullets(finding.message for finding in found)
 
 
+def _worth_telling(result: FlightEstimate) -> tuple[Finding, ...]:
+    """Findings without the quiet ones; what is said of several logs of a pool is said once."""
+    logs = [flight.recording.name for flight in result.prepared]
+    said: dict[tuple[str, str], list[str]] = {}
+    for finding in result.findings:
+        if finding.name in QUIET_FINDINGS:
+            continue
+        log = next((name for name in logs if finding.message.startswith(f"{name}: ")), "")
+        message = finding.message.removeprefix(f"{log}: ") if log else finding.message
+        said.setdefault((finding.name, message), []).extend([log] if log else [])
+    told = []
+    for (name, message), about in said.items():
+        everywhere = len(about) == len(logs) > 1
+        prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
+        told.append(Finding(name, prefix + message))
+    return tuple(told)
+
+
 def _card(sections: tuple[CardSection, ...]) -> Iterator[RenderableType]:
     if not sections:
         return
     yield heading("Flight card")
     grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="dim", width=8)
+    grid.add_column(style="dim", no_wrap=True)
     grid.add_column(overflow="fold")
     for section in sections:
         grid.add_row(Text(section.title), bullets(section.sentences))

@@ -2,8 +2,8 @@
 
 Conventions, settled here once:
 
-* The interval decides the digits: an end is shown to two significant digits of its distance from the
-  other end, and the value beside it to the same decimal place.
+* The interval decides the digits: its half-width is shown to two significant digits, and value and ends
+  to the same decimal place.
 * Lags are computed in seconds and shown in milliseconds.
 * A string that came from a log or from the file system goes through `printable` before it is shown.
 """
@@ -75,7 +75,7 @@ def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
     value = quantity.value * wording.scale
     low, high = (end * wording.scale for end in quantity.interval)
     bounded = math.isfinite(low) and math.isfinite(high)
-    place = _decimal_place(high - low) if bounded and high > low else _decimal_place(value, digits=4)
+    place = _decimal_place(0.5 * (high - low)) if bounded and high > low else _decimal_place(value, digits=4)
     exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)
     shown = _number(value, place, exponent)
     if not bounded:
