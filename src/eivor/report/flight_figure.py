@@ -42,7 +42,8 @@ TITLE_COLOURS = {
 SHOWN_S = 40.0
 #: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
 AUTOCORRELATION_LAGS = 30
-#: The lag profile is drawn up to so many times the height that bounds the interval.
+#: The lag profile is drawn up to so many times the height that bounds a delay, or higher; linear up to
+#: that height and logarithmic above it.
 PROFILE_HEIGHT = 5.0
 #: Length of the segments that spectra are averaged over [s].
 SEGMENT_S = 10.0
@@ -288,15 +289,20 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
         axes.set_axis_off()
         return
     quantile = chi_square_quantile(0.95)
+    tallest = PROFILE_HEIGHT * quantile
     lowest = min(candidate.criterion for candidate in estimate.candidates)
     for candidate in estimate.tenable():
         profile = candidate.profile
         least = profile.solution.objective
         scale = candidate.criterion / least if least > 0.0 and candidate.criterion > 0.0 else 1.0
-        excess = scale * (profile.objective - least)
+        # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
+        lags = np.append(profile.lags_s, profile.lag_s)
+        excess = scale * (np.append(profile.objective, least) - least) + candidate.criterion - lowest
+        order = np.argsort(lags)
+        tallest = max(tallest, float(excess.max()))
         axes.plot(
-            profile.lags_s * 1e3,
-            excess + candidate.criterion - lowest,
+            lags[order] * 1e3,
+            excess[order],
             "-o",
             ms=2,
             lw=1.1,
@@ -304,18 +310,19 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
         )
     low, high = (1e3 * end for end in result.quantities["actuator_lag"].interval)
     axes.axvspan(max(low, 1e-3), high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
-    axes.axvline(1e3 * result.quantities["actuator_lag"].value, color=SHADE, lw=1.2)
+    axes.axvline(1e3 * result.quantities["actuator_lag"].value, color=SHADE, lw=0.7)
     axes.axhline(quantile, color="black", lw=0.7, ls="--")
     axes.set_xscale("log")
     grid = estimate.best.profile.lags_s
     axes.set_xlim(0.9e3 * float(grid[0]), 1.1e3 * float(grid[-1]))
     axes.set_xticks([2, 5, 10, 20, 50, 100, 200], labels=["2", "5", "10", "20", "50", "100", "200"])
     axes.minorticks_off()
-    axes.set_ylim(-0.05 * PROFILE_HEIGHT * quantile, PROFILE_HEIGHT * quantile)
+    axes.set_yscale("symlog", linthresh=quantile)
+    axes.set_ylim(-0.15 * quantile, 1.3 * tallest)
     axes.set_xlabel("actuator lag τ [ms]")
     axes.set_ylabel("objective above its least (χ² units)")
     axes.grid(alpha=0.25)
-    _legend(axes, "upper left")
+    _legend(axes)
 
 
 # -- excitation --------------------------------------------------------------------------------------

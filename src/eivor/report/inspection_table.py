@@ -60,7 +60,7 @@ def _channel_table(found: Inspection) -> Table:
     table.add_column("range, and remarks", overflow="fold")
     for summary in found.channels:
         channel = summary.channel
-        name = Text.assemble(printable(channel.name), "\n", (printable(channel.source), "dim"))
+        name = Text.assemble((printable(channel.name), "bold"), "\n", (printable(channel.source), "dim"))
         about = Text.assemble(_range(summary), "\n", ("; ".join(_remarks(summary)), "yellow"))
         table.add_row(name, Text(f"{channel.rate_hz:.1f}"), about)
     return table
