@@ -100,5 +100,17 @@ class NoUniqueSolutionError(EstimationError):
     """A total least squares problem without a (unique) solution."""
 
 
+class ConvergenceError(EstimationError):
+    """An iteration that does not settle."""
+
+
+class MissingNoiseError(EstimationError):
+    """A compensated method needs the noise of a channel that nothing is declared of."""
+
+
+class CovarianceError(EstimationError):
+    """A covariance matrix that is not symmetric, or not positive semidefinite."""
+
+
 class InstrumentError(EstimationError):
     """Instruments that are missing, constant, or too few."""

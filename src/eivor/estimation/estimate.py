@@ -14,10 +14,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import UsageError
+from eivor.errors import EstimationError, UsageError
+from eivor.estimation.inferred import Inference, Solved, infer
 from eivor.estimation.nuisance import LagProfile
 from eivor.inference.covariance import JointCovariance
 from eivor.inference.quantiles import chi_square_quantile
+from eivor.linalg.system import Solution
 from eivor.models.parameter import Parameter
 from eivor.models.regression import Regression
 
@@ -35,48 +37,77 @@ class Candidate:
         Delay [s]; zero when none is searched.
     values : ndarray, shape (n,)
         Joint vector.
-    covariance : JointCovariance
-        Of the joint vector.
-    criterion : float
-        What delays are compared by, in units of a chi-square on one degree of freedom: J with
-        instruments, the scaled objective without.
-    over_identification : tuple of float
-        J and its p-value; (0, 1) without instruments.
-    first_stage : ndarray, shape (n,)
-        Conditional first-stage F of each joint parameter; NaN without instruments.
-    residual_variance : float
-        s^2 of the weighted rows.
-    condition : float
-        Condition number of the scaled equations.
-    rank : int
-        Number of independent instruments; 0 without.
-    rows : Regression
-        Weighted rows at the estimate.
-    profile : LagProfile
-        Objective over the lags.
+    solution : Solution
+        Linear parameters, and the condition of their equations.
+    profile : LagProfile or None
+        Objective over the lags; None when no lag was searched for.
+    solved : Solved or None
+        What inference needs; None for an estimate from moments, whose rows are gone.
     """
 
     delay_s: float
     values: Float[np.ndarray, " n"]
-    covariance: JointCovariance
-    criterion: float
-    over_identification: tuple[float, float]
-    first_stage: Float[np.ndarray, " n"]
-    residual_variance: float
-    condition: float
-    rank: int
-    rows: Regression
-    profile: LagProfile
+    solution: Solution
+    profile: LagProfile | None
+    solved: Solved | None
+
+    @property
+    def lag_s(self) -> float:
+        """Lag of the actuator [s]; zero when none was searched for."""
+        return 0.0 if self.profile is None else self.profile.lag_s
 
     @property
     def theta(self) -> Float[np.ndarray, " m"]:
         """Linear parameters."""
-        return self.values[: self.rows.regressors.shape[1]]
+        return self.solution.theta
+
+    @property
+    def rows(self) -> Regression:
+        """Weighted rows at the estimate.
+
+        Raises
+        ------
+        EstimationError
+            For an estimate from moments.
+        """
+        return self._solved().problem.rows()
 
     @property
     def residuals(self) -> Float[np.ndarray, " rows"]:
-        """Residuals of the weighted rows."""
-        return self.rows.response - self.rows.regressors @ self.theta
+        """Residuals of the weighted rows.
+
+        Raises
+        ------
+        EstimationError
+            For an estimate from moments.
+        """
+        rows = self.rows
+        return rows.response - rows.regressors @ self.theta
+
+    @cached_property
+    def inference(self) -> Inference:
+        """Covariance and tests, made by a second pass over the rows when they are first asked for.
+
+        Raises
+        ------
+        EstimationError
+            For an estimate from moments.
+        """
+        return infer(self._solved())
+
+    @property
+    def covariance(self) -> JointCovariance:
+        """Of the joint vector."""
+        return self.inference.covariance
+
+    def _solved(self) -> Solved:
+        if self.solved is None:
+            raise EstimationError(
+                "an estimate with its rows at hand, for residuals and standard errors",
+                "an estimate from moments, which do not keep the rows",
+                "Identify a chunk that fits in memory, or the whole problem, to get them.",
+            )
+        return self.solved
 
 
 @dataclass(frozen=True)
@@ -100,12 +131,16 @@ class Estimate:
     @cached_property
     def best(self) -> Candidate:
         """Candidate with the least criterion."""
-        return min(self.candidates, key=lambda candidate: candidate.criterion)
+        if len(self.candidates) == 1:
+            return self.candidates[0]
+        return min(self.candidates, key=lambda candidate: candidate.inference.criterion)
 
     def tenable(self, level: float = 0.95) -> tuple[Candidate, ...]:
         """Candidates whose criterion is within a chi-square quantile of the least one."""
-        bound = self.best.criterion + chi_square_quantile(level)
-        return tuple(candidate for candidate in self.candidates if candidate.criterion <= bound)
+        if len(self.candidates) == 1:
+            return self.candidates
+        bound = self.best.inference.criterion + chi_square_quantile(level)
+        return tuple(candidate for candidate in self.candidates if candidate.inference.criterion <= bound)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -135,7 +170,7 @@ class Estimate:
     @property
     def condition(self) -> float:
         """Condition number of the equations, columns scaled to unit length."""
-        return self.best.condition
+        return self.best.solution.condition
 
     def direction(self, name: str) -> Float[np.ndarray, " n"]:
         """Unit vector of a parameter.

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.method import Method
+from eivor.estimation.solve import solve
 from eivor.estimation.weighting import Weights
 from eivor.linalg.system import Solution
 from eivor.models.regression import Regression
@@ -39,9 +40,7 @@ class LagProfile:
     solution: Solution
 
 
-def search_lag(
-    problem: SeparableProblem, method: Method, weights: Weights, delay_s: float, *, refine: bool
-) -> LagProfile:
+def search_lag(problem: SeparableProblem, method: Method, weights: Weights, delay_s: float) -> LagProfile:
     """Profile the objective over the grid of lags and refine the minimum between its neighbours.
 
     Parameters
@@ -54,19 +53,21 @@ def search_lag(
         Fixed during the search.
     delay_s : float
         Delay [s].
-    refine : bool
-        Refine beyond the grid (Brent's bounded search).
+
+    Notes
+    -----
+    The minimum on the grid is refined between its neighbours by Brent's bounded search.
     """
 
     def solved(lag_s: float) -> Solution:
-        return method.solver.solve(method.assembler.system(weights.regression(problem, lag_s, delay_s)))
+        return solve(method, weights.regression(problem, lag_s, delay_s)).solution
 
     grid = problem.lag_grid_s
     solutions = [solved(float(lag)) for lag in grid]
     objective = np.array([solution.objective for solution in solutions])
     best = int(np.argmin(objective))
     lag_s, solution = float(grid[best]), solutions[best]
-    if refine and grid.size > 1:
+    if grid.size > 1:
         from scipy.optimize import minimize_scalar
 
         bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))

@@ -1,8 +1,8 @@
-"""Weightings: from a problem and the current estimate to the rows that the assembler sees.
+"""Weightings: how rows or equations are weighted, and renewed from the residuals.
 
-A weighting makes `Weights` out of the problem and, pass by pass, out of the residuals; weights turn the
-problem at any lag and delay into a `Regression`. The weights do not depend on the nuisance, so a whole
-search over lags shares them.
+Some weight *rows*: they turn a problem at any lag and delay of an actuator into weighted rows, and do not
+depend on the nuisance, so that a whole search over lags shares them. Others weight the *equations* of an
+instrumental method, m(theta) = psi'(y - Phi theta): they give a factor L, and L^-1 m is made small.
 """
 
 from __future__ import annotations
@@ -13,19 +13,34 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.models.regression import Regression
+from eivor.estimation.moments import Moments
+from eivor.linalg.system import LinearSystem
+from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem
-
-#: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
-SMALLEST_DIRECTION = 1e-4
 
 
 class Weights(ABC):
-    """Weights at one estimate."""
+    """Weights of rows at one estimate."""
 
     @abstractmethod
     def regression(self, problem: SeparableProblem, lag_s: float, delay_s: float) -> Regression:
         """Weighted rows of `problem` at that lag and delay."""
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedEquations:
+    """Equations after weighting.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        L^-1 A theta = L^-1 b.
+    factor : ndarray, shape (p, p), optional
+        Lower triangular L; None for the identity.
+    """
+
+    system: LinearSystem
+    factor: Float[np.ndarray, "p p"] | None = None
 
 
 class Weighting(ABC):
@@ -36,9 +51,14 @@ class Weighting(ABC):
     def passes(self) -> int:
         """Number of times the estimate is made; weights are renewed between passes."""
 
+    @property
+    @abstractmethod
+    def needs_instrument_products(self) -> bool:
+        """True when mean(psi psi') must be among the moments."""
+
     @abstractmethod
     def start(self, problem: SeparableProblem) -> Weights:
-        """Weights before anything is known."""
+        """Row weights before anything is known."""
 
     @abstractmethod
     def renewed(
@@ -49,117 +69,82 @@ class Weighting(ABC):
         lag_s: float,
         delay_s: float,
     ) -> Weights:
-        """Weights from the residuals at an estimate."""
+        """Row weights from the residuals at an estimate."""
 
     @abstractmethod
-    def fixed(self, regression: Regression) -> Regression:
-        """Rows of a plain regression, without a nuisance or spectra, as this weighting sees them."""
+    def equations(
+        self,
+        system: LinearSystem,
+        moments: Moments,
+        problem: LinearProblem | None,
+        theta: Float[np.ndarray, " n"] | None,
+    ) -> WeightedEquations:
+        """Equations weighted for the first pass (no theta yet) or by the residuals at theta.
 
-
-def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndarray, "rows q"]:
-    """Orthonormal basis of the space of the instruments, each scaled to unit length first.
-
-    Zero columns, and directions with singular values below 1e-4, are left out.
-    """
-    lengths = np.sqrt(np.einsum("ij,ij->j", instruments, instruments))
-    moving = lengths > 0.0
-    if not moving.any():
-        return np.empty((instruments.shape[0], 0))
-    U, singular, _ = np.linalg.svd(instruments[:, moving] / lengths[moving], full_matrices=False)
-    basis: Float[np.ndarray, "rows q"] = U[:, singular >= SMALLEST_DIRECTION]
-    return basis
+        Parameters
+        ----------
+        system : LinearSystem
+            A and b, means over the rows.
+        moments : Moments
+            What they were made of.
+        problem : LinearProblem, optional
+            The rows; None when only moments are at hand.
+        theta : ndarray, shape (n,), optional
+            Estimate of the pass before.
+        """
 
 
 @dataclass(frozen=True, slots=True)
 class SampleWeights(Weights):
-    """Rows in time, as they are, with the instruments given or replaced.
-
-    Parameters
-    ----------
-    basis : ndarray, shape (rows, q), optional
-        Orthonormal basis of the instruments to put in their place.
-    """
-
-    basis: Float[np.ndarray, "rows q"] | None = None
+    """Rows in time, as they are."""
 
     def regression(self, problem: SeparableProblem, lag_s: float, delay_s: float) -> Regression:
         """Rows in time."""
-        rows = problem.samples(lag_s, delay_s)
-        if self.basis is None:
-            return rows
-        return _with_instruments(rows, self.basis)
+        return problem.samples(lag_s, delay_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Unweighted(Weighting):
-    """Rows in time, each with weight one."""
+class EquationWeighting(Weighting):
+    """Weightings that leave rows as they are."""
 
-    @property
-    def passes(self) -> int:
-        """One: nothing is renewed."""
-        return 1
-
-    def start(self, problem: SeparableProblem) -> Weights:  # noqa: ARG002 - the interface's
+    def start(self, problem: SeparableProblem) -> Weights:
         """Trivial weights."""
+        del problem
         return SampleWeights()
 
     def renewed(
         self,
         weights: Weights,
-        problem: SeparableProblem,  # noqa: ARG002 - the interface's
-        theta: Float[np.ndarray, " n"],  # noqa: ARG002
-        lag_s: float,  # noqa: ARG002
-        delay_s: float,  # noqa: ARG002
+        problem: SeparableProblem,
+        theta: Float[np.ndarray, " n"],
+        lag_s: float,
+        delay_s: float,
     ) -> Weights:
         """Return the same weights."""
+        del problem, theta, lag_s, delay_s
         return weights
-
-    def fixed(self, regression: Regression) -> Regression:
-        """Return the rows as they are."""
-        return regression
 
 
 @dataclass(frozen=True, slots=True)
-class TwoStage(Weighting):
-    """Instrumental equations weighted by the inverse of mean psi psi': two-stage least squares.
-
-    Done by an orthonormal basis of the instruments, which never forms that matrix.
-    """
+class Unweighted(EquationWeighting):
+    """Every row and every equation with weight one, as in the paper's (24) and (30)."""
 
     @property
     def passes(self) -> int:
-        """One: the weight does not depend on the residuals."""
+        """One."""
         return 1
 
-    def start(self, problem: SeparableProblem) -> Weights:
-        """Orthonormal instruments."""
-        first = problem.samples(float(problem.lag_grid_s[0]), problem.delays_s[0])
-        return SampleWeights(orthonormal_basis(first.instruments))
+    @property
+    def needs_instrument_products(self) -> bool:
+        """No."""
+        return False
 
-    def renewed(
+    def equations(
         self,
-        weights: Weights,
-        problem: SeparableProblem,  # noqa: ARG002 - the interface's
-        theta: Float[np.ndarray, " n"],  # noqa: ARG002
-        lag_s: float,  # noqa: ARG002
-        delay_s: float,  # noqa: ARG002
-    ) -> Weights:
-        """Return the same weights."""
-        return weights
-
-    def fixed(self, regression: Regression) -> Regression:
-        """Orthonormal instruments in place of those given."""
-        return _with_instruments(regression, orthonormal_basis(regression.instruments))
-
-
-def _with_instruments(rows: Regression, basis: Float[np.ndarray, "rows q"]) -> Regression:
-    """Return `rows` with `basis` in place of the instruments."""
-    return Regression(
-        rows.response,
-        rows.regressors,
-        basis,
-        rows.parameters,
-        rows.columns,
-        error_scale=rows.error_scale,
-        layout=rows.layout,
-    )
+        system: LinearSystem,
+        moments: Moments,
+        problem: LinearProblem | None,
+        theta: Float[np.ndarray, " n"] | None,
+    ) -> WeightedEquations:
+        """Return the equations as they are."""
+        del moments, problem, theta
+        return WeightedEquations(system)

@@ -14,11 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
-from eivor.errors import InstrumentError
-from eivor.estimation.weighting import Weighting, Weights, orthonormal_basis
-from eivor.models.regression import Regression
+from eivor.errors import UsageError
+from eivor.estimation.moments import Moments
+from eivor.estimation.weighting import WeightedEquations, Weighting, Weights
+from eivor.inference.instrument_tests import orthonormal_basis
+from eivor.linalg.system import LinearSystem
+from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import SeparableProblem
-from eivor.models.spectral import SpectralRegression
+from eivor.models.spectral import BinRows, SpectralRegression
 
 #: Power never falls below this share of its median, so that no bin takes all the weight.
 POWER_FLOOR = 1e-6
@@ -57,6 +60,11 @@ class SpectralWhitening(Weighting):
 
     passes: int = 3
 
+    @property
+    def needs_instrument_products(self) -> bool:
+        """No: the instruments are made orthonormal."""
+        return False
+
     def start(self, problem: SeparableProblem) -> Weights:
         """Equal blend, flat power."""
         bins = problem.bins(float(problem.lag_grid_s[0]), problem.delays_s[0])
@@ -76,19 +84,28 @@ class SpectralWhitening(Weighting):
         blend, power = residual_spectrum(bins, bins.residuals(theta))
         return _weights(bins, blend, power)
 
-    def fixed(self, regression: Regression) -> Regression:  # noqa: ARG002 - the interface's
-        """Raise: a plain regression has no spectra.
+    def equations(
+        self,
+        system: LinearSystem,
+        moments: Moments,
+        problem: LinearProblem | None,
+        theta: Float[np.ndarray, " n"] | None,
+    ) -> WeightedEquations:
+        """Return the equations of whitened rows; raise for plain rows, which have no spectra.
 
         Raises
         ------
-        InstrumentError
-            Always.
+        UsageError
+            When the rows were not whitened before.
         """
-        raise InstrumentError(
-            "a flight, whose runs have spectra, for a method with spectral whitening",
-            "a regression of plain rows",
-            "Use identify_flight, or another method.",
-        )
+        del moments, theta
+        if problem is None or not isinstance(problem.rows().layout, BinRows):
+            raise UsageError(
+                "a flight, whose runs have spectra, for a method with spectral whitening",
+                "a regression of plain rows",
+                "Use identify_flight, or another method.",
+            )
+        return WeightedEquations(system)
 
 
 def residual_spectrum(

@@ -47,7 +47,7 @@ class Balance:
 
 def balance(problem: VerticalFlights, candidate: Candidate, *, lag_searched: bool) -> Balance:
     """Terms of the equation of motion, averaged over the runs."""
-    lag = candidate.profile.lag_s
+    lag = candidate.lag_s
     columns = _columns(problem, lag, candidate.delay_s)
     stacked = np.concatenate(columns)
     K, K_u = candidate.theta[:2]

@@ -44,18 +44,19 @@ def diagnostics(
 
 def _of_estimate(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     best = estimate.best
-    J, p_value = best.over_identification
+    J, p_value = best.inference.over_identification
     found = {
-        f"first_stage_F_{name}": float(F) for name, F in zip(estimate.names, best.first_stage, strict=True)
+        f"first_stage_F_{name}": float(F)
+        for name, F in zip(estimate.names, best.inference.first_stage, strict=True)
     }
     found.update(
         over_identification_J=J,
         over_identification_p_value=p_value,
-        instrument_rank=float(best.rank),
-        residual_variance=best.residual_variance,
-        condition=best.condition,
+        instrument_rank=float(best.inference.rank),
+        residual_variance=best.inference.residual_variance,
+        condition=best.solution.condition,
     )
-    rows = problem.samples(best.profile.lag_s, best.delay_s)
+    rows = problem.samples(best.lag_s, best.delay_s)
     residual = rows.response - rows.regressors @ best.theta
     found["durbin_watson"] = (
         float(np.sum(np.diff(residual) ** 2) / np.sum(residual**2)) if residual.any() else 2.0

@@ -100,7 +100,7 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
             )
         )
     reasons.extend(_lag_reasons(estimate, quantities))
-    p_value = estimate.best.over_identification[1]
+    p_value = estimate.best.inference.over_identification[1]
     if p_value < J_P_VALUE and at.flights < LARGE_POOL:
         reasons.append(
             Reason(
@@ -142,7 +142,7 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
                 "Use reference_iv for a verdict.",
             )
         ]
-    strengths = estimate.best.first_stage
+    strengths = estimate.best.inference.first_stage
     reasons = []
     if not np.all(strengths >= STRONG_FIRST_STAGE):
         weakest = int(np.argmin(strengths))
@@ -181,7 +181,7 @@ def _lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> list[Re
             )
         )
     profile = estimate.best.profile
-    if profile.lag_s >= 0.999 * float(profile.lags_s[-1]):
+    if profile is not None and profile.lag_s >= 0.999 * float(profile.lags_s[-1]):
         reasons.append(
             Reason(
                 Status.WEAK,
@@ -200,7 +200,7 @@ def gain_reasons(estimate: Estimate, gain: Quantity, at: Circumstances) -> list[
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain."))
     else:
-        strength = float(estimate.best.first_stage[estimate.names.index("input_gain")])
+        strength = float(estimate.best.inference.first_stage[estimate.names.index("input_gain")])
         if strength < STRONG_FIRST_STAGE:
             reasons.append(Reason(Status.WEAK, f"First-stage F of the input gain is {strength:.1f}."))
     if gain.half_width > GAIN_SHARE * gain.value:
@@ -238,7 +238,7 @@ def lag_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circums
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag."))
     elif "actuator_lag" in estimate.names:
-        strength = float(estimate.best.first_stage[estimate.names.index("actuator_lag")])
+        strength = float(estimate.best.inference.first_stage[estimate.names.index("actuator_lag")])
         if strength < STRONG_FIRST_STAGE:
             reasons.append(Reason(Status.WEAK, f"First-stage F of the lag is {strength:.1f}."))
     return reasons

@@ -10,6 +10,23 @@ from jaxtyping import Float
 
 from eivor.inference.quantiles import chi_square_tail
 
+#: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
+SMALLEST_DIRECTION = 1e-4
+
+
+def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndarray, "rows q"]:
+    """Orthonormal basis of the space of the instruments, each scaled to unit length first.
+
+    Zero columns, and directions with singular values below 1e-4, are left out.
+    """
+    lengths = np.sqrt(np.einsum("ij,ij->j", instruments, instruments))
+    moving = lengths > 0.0
+    if not moving.any():
+        return np.empty((instruments.shape[0], 0))
+    U, singular, _ = np.linalg.svd(instruments[:, moving] / lengths[moving], full_matrices=False)
+    basis: Float[np.ndarray, "rows q"] = U[:, singular >= SMALLEST_DIRECTION]
+    return basis
+
 
 def conditional_first_stage(
     basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"]

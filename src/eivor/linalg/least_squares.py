@@ -1,7 +1,12 @@
-"""Least squares by QR of columns scaled to unit length."""
+"""Least squares: by QR, and through the paper's augmented system.
+
+Columns are scaled to unit length before they are factorised and the solution is scaled back, which does
+not change a least squares problem and makes its condition independent of units.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,22 +14,28 @@ import scipy.linalg
 from jaxtyping import Float
 
 from eivor.errors import CollinearError
+from eivor.linalg.augmented import solve_augmented
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
+from eivor.linalg.triangular import triangular_root
 
 
-@dataclass(frozen=True, slots=True)
-class LeastSquares(Solver):
-    """Minimise ||b - A theta||_2, the paper's (9), without squaring the condition number.
+class UnweightedLeastSquares(Solver):
+    """What the ways to solve a least squares problem have in common: all but the last step."""
 
-    Cost is O(m n^2); the forward error is governed by the condition number after column scaling.
-    """
+    @abstractmethod
+    def triangular_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Solution of R theta = right, given R's smallest singular value."""
 
     def solve(self, system: LinearSystem) -> Solution:
         """Least squares solution, see `Solver.solve`."""
+        unknowns = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
-        Q, R = np.linalg.qr(system.matrix / scale)
-        condition = triangular_condition(R)
-        theta = scipy.linalg.solve_triangular(R, Q.T @ system.right) / scale
+        root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
+        R = root[:unknowns, :unknowns]
+        smallest, condition = smallest_singular_value(R)
+        theta = self.triangular_solution(R, root[:unknowns, -1], smallest) / scale
         residual = system.right - system.matrix @ theta
         return Solution(theta, residual, float(residual @ residual), condition)
 
@@ -32,10 +43,40 @@ class LeastSquares(Solver):
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_scale: Float[np.ndarray, " n_plus_1"] | None,  # noqa: ARG002 - the interface's
+        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,  # noqa: ARG002 - the interface's
     ) -> ScoreCorrection:
         """Zeros: least squares puts all of the residual into the response."""
         return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
+
+
+@dataclass(frozen=True, slots=True)
+class LeastSquares(UnweightedLeastSquares):
+    """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
+
+    def triangular_solution(
+        self,
+        R: Float[np.ndarray, "n n"],
+        right: Float[np.ndarray, " n"],
+        smallest: float,  # noqa: ARG002 - the interface's
+    ) -> Float[np.ndarray, " n"]:
+        """Back substitution."""
+        solution: Float[np.ndarray, " n"] = scipy.linalg.solve_triangular(R, right)
+        return solution
+
+
+@dataclass(frozen=True, slots=True)
+class AugmentedLeastSquares(UnweightedLeastSquares):
+    """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31).
+
+    [[s I, A], [A', 0]] [r/s; theta] = [b; 0] with s = sigma_min(A)/sqrt(2). An orthogonal reduction of
+    [A b] leaves solution and conditioning as they are and shrinks the system from m + n to 2 n.
+    """
+
+    def triangular_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Solution of the reduced augmented system."""
+        return solve_augmented(R, right, smallest / np.sqrt(2.0), 0.0)
 
 
 def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
@@ -56,13 +97,13 @@ def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
     return lengths
 
 
-def triangular_condition(R: Float[np.ndarray, "n n"]) -> float:
-    """Condition number of the triangular factor of unit-length columns.
+def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
+    """Smallest singular value and condition number of the triangular factor of unit-length columns.
 
     Raises
     ------
     CollinearError
-        When it exceeds 1/(n eps): one column is a combination of the others to rounding.
+        When the condition exceeds 1/(n eps): one column is a combination of the others to rounding.
     """
     singular = np.linalg.svd(R, compute_uv=False)
     if singular[-1] <= singular[0] * R.shape[0] * np.finfo(np.float64).eps:
@@ -71,4 +112,4 @@ def triangular_condition(R: Float[np.ndarray, "n n"]) -> float:
             f"columns of which one is a combination of the others (singular values {singular})",
             "Remove a column, or give data in which they move independently.",
         )
-    return float(singular[0] / singular[-1])
+    return float(singular[-1]), float(singular[0] / singular[-1])

@@ -21,9 +21,9 @@ class LinearSystem:
         A.
     right : ndarray, shape (m,)
         b.
-    error_scale : ndarray, shape (n + 1,), optional
-        Standard deviation of the errors in each column of A and, last, in b, up to one common factor;
-        zero for a column without error. Only total least squares uses it; None stands for all ones.
+    error_covariance : ndarray, shape (n + 1, n + 1), optional
+        Covariance of the errors in one row of [A b], up to a common factor; zero rows and columns for
+        columns without error. Only total least squares uses it; None stands for the identity.
 
     Raises
     ------
@@ -33,15 +33,18 @@ class LinearSystem:
 
     matrix: Float[np.ndarray, "m n"]
     right: Float[np.ndarray, " m"]
-    error_scale: Float[np.ndarray, " n_plus_1"] | None = None
+    error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
 
     def __post_init__(self) -> None:
         rows, unknowns = self.matrix.shape
-        scale = self.error_scale
-        if self.right.shape != (rows,) or (scale is not None and scale.shape != (unknowns + 1,)):
+        covariance = self.error_covariance
+        if self.right.shape != (rows,) or (
+            covariance is not None and covariance.shape != (unknowns + 1, unknowns + 1)
+        ):
             raise ShapeError(
-                f"{rows} right-hand sides and {unknowns + 1} error scales for a {rows} x {unknowns} matrix",
-                f"{self.right.shape} and {None if scale is None else scale.shape}",
+                f"{rows} right-hand sides and an error covariance of {unknowns + 1} columns for a "
+                f"{rows} x {unknowns} matrix",
+                f"{self.right.shape} and {None if covariance is None else covariance.shape}",
                 "Check the shapes.",
             )
         if rows < unknowns:
@@ -53,10 +56,6 @@ class LinearSystem:
         if not (np.isfinite(self.matrix).all() and np.isfinite(self.right).all()):
             raise NonFiniteError(
                 "finite equations", "NaN or infinity", "Repair or mask the samples they come from."
-            )
-        if scale is not None and not (np.isfinite(scale).all() and (scale >= 0.0).all()):
-            raise NonFiniteError(
-                "error scales of zero or more", f"{scale}", "Give standard deviations, 0 for exact columns."
             )
 
 
@@ -116,6 +115,6 @@ class Solver(ABC):
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_scale: Float[np.ndarray, " n_plus_1"] | None,
+        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
     ) -> ScoreCorrection:
         """Difference between the solver's score and that of least squares, for direct equations."""

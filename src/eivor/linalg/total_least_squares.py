@@ -1,32 +1,44 @@
-"""Total least squares: errors in the regressors as well as in the response."""
+"""Total least squares: errors in the regressors as well as in the response.
+
+Columns without error are eliminated first by an orthogonal reduction (Golub, Hoffman and Stewart 1987;
+Van Huffel and Vandewalle 1991), so that they absorb no correction. The rest is right-multiplied by the
+inverse Cholesky factor of the declared error covariance, which makes the errors alike, and solved by the
+SVD or through the paper's augmented system.
+
+Columns are never rescaled but by their declared errors, since every other scaling is another estimator;
+without a covariance the solution changes with the units of the columns.
+"""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from eivor.errors import NoUniqueSolutionError, TooFewSamplesError
-from eivor.linalg.least_squares import column_lengths, triangular_condition
+from eivor.errors import CovarianceError, NoUniqueSolutionError, TooFewSamplesError
+from eivor.linalg.augmented import solve_augmented
+from eivor.linalg.least_squares import column_lengths, smallest_singular_value
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
 from eivor.linalg.triangular import triangular_root
 
+#: sigma_min([A b]) must lie below sigma_min(A) by this share.
+SEPARATION = 1e-12
 
-@dataclass(frozen=True, slots=True)
-class TotalLeastSquares(Solver):
-    """Minimise ||b - A theta||^2 / (s_b^2 + sum_j s_j^2 theta_j^2), the paper's (13) with W = diag(s_j^2).
 
-    Columns with error scale zero are eliminated first by an orthogonal reduction (Golub, Hoffman and
-    Stewart 1987; Van Huffel and Vandewalle 1991), so they may not absorb any correction; the rest is
-    divided by its error scale and solved through the smallest right singular vector, as in (14).
+class GeneralizedTotalLeastSquares(Solver):
+    """Minimise ||b - A theta||^2 / ([theta; -1]' S [theta; -1]), the paper's (13) with any covariance S.
 
-    Notes
-    -----
-    Columns are never rescaled but by their declared errors, since every other scaling is another
-    estimator. Without error scales the solution changes with the units of the columns. O(m n^2).
+    What the ways to solve it have in common: all but the last step, for whitened errors.
     """
+
+    @abstractmethod
+    def whitened_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Theta of (R'R - smallest^2 I) theta = R' right."""
 
     def solve(self, system: LinearSystem) -> Solution:
         """Total least squares solution, see `Solver.solve`.
@@ -36,7 +48,9 @@ class TotalLeastSquares(Solver):
         TooFewSamplesError
             With fewer than n + 1 equations.
         NoUniqueSolutionError
-            When sigma_min([A b]) is not below sigma_min(A), or the response has no part in it.
+            When sigma_min([A b]) is not below sigma_min(A).
+        CovarianceError
+            When the errors of the noisy columns have a singular covariance.
         """
         rows, unknowns = system.matrix.shape
         if rows < unknowns + 1:
@@ -45,66 +59,120 @@ class TotalLeastSquares(Solver):
                 f"{rows}",
                 "Give more equations, or use least squares.",
             )
-        scale = np.ones(unknowns + 1) if system.error_scale is None else system.error_scale
-        exact = np.flatnonzero(scale[:-1] == 0.0)
-        noisy = np.flatnonzero(scale[:-1] > 0.0)
+        S = np.eye(unknowns + 1) if system.error_covariance is None else system.error_covariance
+        exact = np.flatnonzero(np.diag(S)[:-1] == 0.0)
+        noisy = np.flatnonzero(np.diag(S)[:-1] > 0.0)
         order = np.concatenate([exact, noisy])
         lengths = column_lengths(system.matrix)
-        stacked = np.column_stack([system.matrix[:, order], system.right])
-        R = triangular_root(stacked)
-        condition = triangular_condition(R[:unknowns, :unknowns] / lengths[order])
-        lower = R[exact.size :, exact.size :]
-        theta_noisy = _smallest_vector_solution(lower, scale[noisy], scale[-1])
-        right = R[: exact.size, -1] - R[: exact.size, exact.size : unknowns] @ theta_noisy
+        root = triangular_root(np.column_stack([system.matrix[:, order], system.right]))
+        _, condition = smallest_singular_value(root[:unknowns, :unknowns] / lengths[order])
+        known, split = exact.size, slice(exact.size, None)
         theta = np.empty(unknowns)
-        theta[noisy] = theta_noisy
-        if exact.size:
-            theta[exact] = scipy.linalg.solve_triangular(R[: exact.size, : exact.size], right)
+        noisy_and_response = np.append(noisy, unknowns)
+        theta[noisy] = self._noisy_part(root[split, split], S[np.ix_(noisy_and_response, noisy_and_response)])
+        if known:
+            right = root[:known, -1] - root[:known, known:unknowns] @ theta[noisy]
+            theta[exact] = scipy.linalg.solve_triangular(root[:known, :known], right)
         residual = system.right - system.matrix @ theta
-        weight = float(scale[-1] ** 2 + np.sum((scale[:-1] * theta) ** 2))
-        return Solution(theta, residual, float(residual @ residual) / weight, condition)
+        power = float(residual @ residual) / _weight(theta, S)
+        return Solution(theta, residual, power, condition)
+
+    def _noisy_part(
+        self, stacked: Float[np.ndarray, "m n_plus_1"], S: Float[np.ndarray, "n_plus_1 n_plus_1"]
+    ) -> Float[np.ndarray, " n"]:
+        """Unknowns of the columns with errors, whose covariance together with the response's is S.
+
+        With S = L L' the rows [A b] L^-T have errors of covariance I, and [theta; -1] becomes
+        L' [theta; -1] up to a factor.
+        """
+        unknowns = S.shape[0] - 1
+        if unknowns == 0:
+            return np.empty(0)
+        L = _cholesky(S)
+        whitened = scipy.linalg.solve_triangular(L, stacked.T, lower=True).T
+        root = triangular_root(whitened)
+        singular = np.linalg.svd(root, compute_uv=False)
+        R = root[:unknowns, :unknowns]
+        regressors_only = np.linalg.svd(R, compute_uv=False)
+        smallest = float(singular[-1]) if singular.size > unknowns else 0.0
+        if smallest >= float(regressors_only[-1]) * (1.0 - SEPARATION):
+            raise NoUniqueSolutionError(
+                "sigma_min([A b]) below sigma_min(A)",
+                f"{smallest:.6g} and {regressors_only[-1]:.6g}",
+                "Total least squares has no unique solution here: the regressors alone explain the "
+                "smallest direction. Use least squares, or more and better excited data.",
+            )
+        whitened_theta = self.whitened_solution(R, root[:unknowns, -1], smallest)
+        direction = scipy.linalg.solve_triangular(L, np.append(whitened_theta, -1.0), lower=True, trans="T")
+        return np.asarray(-direction[:-1] / direction[-1])
 
     def score_correction(
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_scale: Float[np.ndarray, " n_plus_1"] | None,
+        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
     ) -> ScoreCorrection:
-        """e_t W theta / s beside the regressors and -(e'e / s) W beside G'G, s = s_b^2 + theta' W theta.
+        """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G.
 
-        The score of (13) is sum of e_t (x_t + e_t W theta / s); its derivative follows because e'e / s
-        is stationary at the solution.
+        W is the covariance of the regressors' errors, w that with the response's, s the weight of the
+        residual. The score of (13) is the sum of e_t (x_t + e_t (W theta - w) / s); its derivative follows
+        because e'e / s is stationary at the solution.
         """
-        scale = np.ones(theta.size + 1) if error_scale is None else error_scale
-        W = scale[:-1] ** 2
-        weight = float(scale[-1] ** 2 + theta @ (W * theta))
+        S = np.eye(theta.size + 1) if error_covariance is None else error_covariance
+        W, pull = S[:-1, :-1], S[:-1, :-1] @ theta - S[:-1, -1]
+        weight = _weight(theta, S)
         power = float(residual @ residual) / weight
-        return ScoreCorrection(np.outer(residual, W * theta / weight), -power * np.diag(W))
+        return ScoreCorrection(np.outer(residual, pull / weight), -power * W)
 
 
-def _smallest_vector_solution(
-    stacked: Float[np.ndarray, "m n_plus_1"], scale: Float[np.ndarray, " n"], response_scale: float
-) -> Float[np.ndarray, " n"]:
-    """Unknowns from the smallest right singular vector of the scaled [A b]."""
-    if scale.size == 0:
-        return np.empty(0)
-    if response_scale == 0.0:
+@dataclass(frozen=True, slots=True)
+class TotalLeastSquares(GeneralizedTotalLeastSquares):
+    """Generalized total least squares by the SVD. O(m n^2)."""
+
+    def whitened_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Theta by the SVD of R: V diag(s_i / (s_i^2 - sigma^2)) U' right."""
+        U, singular, Vt = np.linalg.svd(R)
+        gains = singular / ((singular - smallest) * (singular + smallest))
+        return np.asarray(Vt.T @ (gains * (U.T @ right)))
+
+
+@dataclass(frozen=True, slots=True)
+class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
+    """Generalized total least squares through the augmented system, the paper's (16), (27), (33).
+
+    [[s I, A], [A', s I]] [r/s; theta] = [b; 0] with s = sigma_min([A b]), reduced to 2 n.
+    """
+
+    def whitened_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Theta of the reduced augmented system."""
+        if smallest == 0.0:
+            return np.asarray(scipy.linalg.solve_triangular(R, right))
+        return solve_augmented(R, right, smallest, smallest)
+
+
+def _weight(theta: Float[np.ndarray, " n"], S: Float[np.ndarray, "n_plus_1 n_plus_1"]) -> float:
+    """[theta; -1]' S [theta; -1]: variance of a row's residual; one when every column is exact."""
+    direction = np.append(theta, -1.0)
+    return float(direction @ S @ direction) or 1.0
+
+
+def _cholesky(S: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    scale = np.sqrt(np.diag(S))
+    if not scale.all():
         raise NoUniqueSolutionError(
-            "a response with an error scale above zero",
+            "a response with noise",
             "an exact response beside noisy regressors",
             "Declare the response's noise, or exchange response and regressor.",
         )
-    columns = np.append(scale, response_scale)
-    scaled = stacked / columns
-    singular, right_vectors = np.linalg.svd(scaled)[1:]
-    regressors_only = np.linalg.svd(scaled[:, :-1], compute_uv=False)
-    vector = right_vectors[-1]
-    tied = singular[-1] >= regressors_only[-1] * (1.0 - 1e-12)
-    if tied or abs(vector[-1]) < np.sqrt(np.finfo(np.float64).eps):
-        raise NoUniqueSolutionError(
-            "sigma_min([A b]) below sigma_min(A)",
-            f"{singular[-1]:.6g} and {regressors_only[-1]:.6g}",
-            "Total least squares has no unique solution here: the regressors alone explain the "
-            "smallest direction. Use least squares, or more and better excited data.",
-        )
-    return np.asarray(-vector[:-1] / vector[-1] * response_scale / scale)
+    try:
+        return np.asarray(scale[:, None] * np.linalg.cholesky(S / np.outer(scale, scale)))
+    except np.linalg.LinAlgError as error:
+        raise CovarianceError(
+            "a positive definite covariance of the noisy columns' errors",
+            "one that is singular or indefinite",
+            "Errors of two columns must not be exact multiples of each other; check signs and sizes.",
+        ) from error

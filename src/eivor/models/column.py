@@ -16,7 +16,7 @@ from eivor.signals.signals import Signals
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """``gain * channel[k - lag]``.
+    """``gain * gain_channel[k] * channel[k - lag]``.
 
     Parameters
     ----------
@@ -26,6 +26,8 @@ class Column:
         Samples back, zero or more.
     gain : float
         Constant, noise-free factor.
+    gain_channel : str
+        Channel whose values, known without noise, multiply the column row by row; empty for none.
 
     Raises
     ------
@@ -36,6 +38,7 @@ class Column:
     channel: str
     lag: int = 0
     gain: float = 1.0
+    gain_channel: str = ""
 
     def __post_init__(self) -> None:
         if self.lag < 0:
@@ -49,6 +52,13 @@ class Column:
         if not self.channel:
             return "intercept"
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
+
+    def gain_series(self, signals: Signals, first: int) -> float | Float[np.ndarray, " rows"]:
+        """Gain of each row from sample `first` on, or one number when it is constant."""
+        if not self.gain_channel:
+            return self.gain
+        series: Float[np.ndarray, " rows"] = self.gain * signals.channel(self.gain_channel)[first:]
+        return series
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
         """Column of `signals`, for the samples from `first` on.
@@ -65,10 +75,11 @@ class Column:
                 f"{signals.sample_count}",
                 "Give a longer record or fewer lags.",
             )
+        gain = self.gain_series(signals, first)
         if not self.channel:
-            return np.full(count, self.gain)
+            return np.full(count, gain)
         values = signals.channel(self.channel)
-        return self.gain * values[first - self.lag : first - self.lag + count]
+        return gain * values[first - self.lag : first - self.lag + count]
 
 
 def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:

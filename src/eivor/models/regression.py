@@ -2,19 +2,27 @@
 
 ``y = Phi theta + e``, with instruments Psi beside it. Rows are time samples, or the real and imaginary
 parts of the frequency bins of a run; `RowLayout` says which, and brings scores back to time, where their
-autocorrelation can be seen.
+autocorrelation can be seen. A `Regression` holds its rows; `eivor.models.signal_regression` cuts them
+out of signals when they are asked for, so that no matrix of lags need ever be built.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
-from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
-from eivor.models.column import Column
+from eivor.errors import (
+    CovarianceError,
+    MissingNoiseError,
+    NonFiniteError,
+    ShapeError,
+    TooFewSamplesError,
+)
 from eivor.models.parameter import Parameter
 
 
@@ -30,7 +38,7 @@ class RowLayout(ABC):
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
-        """Products of test functions and residual, sample by sample; their sum is ``test.T @ residual``."""
+        """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,8 +65,42 @@ class SampleRows(RowLayout):
         return test * residual[:, None]
 
 
+class LinearProblem(ABC):
+    """Anything that has rows ``y = Phi theta + e``: arrays, or signals that rows can be cut from."""
+
+    parameters: tuple[Parameter, ...]
+
+    @abstractmethod
+    def rows(self) -> Regression:
+        """Rows in arrays."""
+
+    @abstractmethod
+    def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        """Covariance of the measurement noises of [Phi y], averaged over the rows.
+
+        Raises
+        ------
+        MissingNoiseError
+            When it is not declared.
+        """
+
+    @abstractmethod
+    def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """Covariance of the noises of Psi with those of [Phi y], averaged over the rows: C and c.
+
+        Raises
+        ------
+        MissingNoiseError
+            When it is not declared.
+        """
+
+    @abstractmethod
+    def instruments_share_noise(self) -> bool:
+        """Return whether an instrument is known to share noise with a regressor or the response."""
+
+
 @dataclass(frozen=True)
-class Regression:
+class Regression(LinearProblem):
     """Response, regressors and instruments, row by row.
 
     Parameters
@@ -71,52 +113,32 @@ class Regression:
         Psi; zero columns when there are none.
     parameters : tuple of Parameter
         One for each column of Phi.
-    columns, instrument_columns : tuple of Column
-        Tags; empty for plain arrays.
-    error_scale : ndarray, shape (n + 1,), optional
-        Standard deviations of the errors in the columns of Phi and in y, see `LinearSystem`.
     layout : RowLayout
         What the rows are. Default: samples of one flight.
+    regressor_noise : ndarray, shape (n + 1, n + 1), optional
+        Covariance of the measurement noises of [Phi y].
+    instrument_noise : ndarray, shape (p, n + 1), optional
+        Covariance of the noises of Psi with those of [Phi y].
 
     Raises
     ------
-    ShapeError, NonFiniteError, TooFewSamplesError
-        When lengths differ, a number is not finite, or there are fewer rows than unknowns.
+    ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError
+        When lengths differ, a number is not finite, there are fewer rows than unknowns, or a covariance
+        is not one.
     """
 
     response: Float[np.ndarray, " rows"]
     regressors: Float[np.ndarray, "rows n"]
     instruments: Float[np.ndarray, "rows p"]
     parameters: tuple[Parameter, ...]
-    columns: tuple[Column, ...] = ()
-    instrument_columns: tuple[Column, ...] = ()
-    error_scale: Float[np.ndarray, " n_plus_1"] | None = None
     layout: RowLayout = field(default_factory=lambda: SampleRows(np.zeros(0, dtype=np.int64)))
+    regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+    instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 
     def __post_init__(self) -> None:
-        rows, unknowns = self.regressors.shape
-        if self.response.shape != (rows,) or self.instruments.shape[0] != rows:
-            raise ShapeError(
-                "response, regressors and instruments with equally many rows",
-                f"{self.response.shape}, {self.regressors.shape} and {self.instruments.shape}",
-                "Cut them from the same samples.",
-            )
-        if len(self.parameters) != unknowns:
-            raise ShapeError(
-                f"one name for each of {unknowns} regressors", f"{len(self.parameters)}", "Name every column."
-            )
-        if rows < unknowns:
-            raise TooFewSamplesError(
-                f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
-            )
-        for name in ("response", "regressors", "instruments"):
-            bad = ~np.isfinite(getattr(self, name))
-            if bad.any():
-                raise NonFiniteError(
-                    f"finite {name}",
-                    f"{int(bad.sum())} NaN or infinite, the first in row {int(np.argwhere(bad)[0][0])}",
-                    "Repair or leave out those samples.",
-                )
+        _check_rows(self)
+        _check_noise(self)
+        rows = self.response.size
         if isinstance(self.layout, SampleRows) and self.layout.flights.size != rows:
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
 
@@ -130,14 +152,139 @@ class Regression:
         """Unit of each parameter."""
         return tuple(p.unit for p in self.parameters)
 
+    def rows(self) -> Regression:
+        """Return the regression itself."""
+        return self
+
+    def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        """Return the covariance that was given.
+
+        Raises
+        ------
+        MissingNoiseError
+            When none was.
+        """
+        if self.regressor_noise is None:
+            raise MissingNoiseError(
+                "the covariance of the measurement noises of regressors and response",
+                "none",
+                "Give regression(noise_covariance=...); zeros say that a column is exact.",
+            )
+        return self.regressor_noise
+
+    def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """Return the covariance that was given.
+
+        Raises
+        ------
+        MissingNoiseError
+            When none was.
+        """
+        if self.instrument_noise is None:
+            raise MissingNoiseError(
+                "the covariance of the instruments' noises with those of regressors and response",
+                "none",
+                "Give regression(instrument_noise_covariance=...); zeros say that they share none.",
+            )
+        return self.instrument_noise
+
+    def instruments_share_noise(self) -> bool:
+        """Return whether the covariance given for the instruments is not zero."""
+        return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
+
+
+def _check_rows(self: Regression) -> None:
+    rows, unknowns = self.regressors.shape
+    if self.response.shape != (rows,) or self.instruments.shape[0] != rows:
+        raise ShapeError(
+            "response, regressors and instruments with equally many rows",
+            f"{self.response.shape}, {self.regressors.shape} and {self.instruments.shape}",
+            "Cut them from the same samples.",
+        )
+    if len(self.parameters) != unknowns:
+        raise ShapeError(
+            f"one name for each of {unknowns} regressors", f"{len(self.parameters)}", "Name every column."
+        )
+    if rows < unknowns:
+        raise TooFewSamplesError(
+            f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
+        )
+    for name in ("response", "regressors", "instruments"):
+        check_finite(name, getattr(self, name))
+
+
+def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
+    """Raise when a value is not finite; sums first, since almost always all are.
+
+    Raises
+    ------
+    NonFiniteError
+        With the number of bad values and the row of the first.
+    """
+    with np.errstate(invalid="ignore", over="ignore"):
+        if np.isfinite(np.sum(values)):
+            return
+    bad = ~np.isfinite(values)
+    if bad.any():
+        raise NonFiniteError(
+            f"finite {name}",
+            f"{int(bad.sum())} NaN or infinite, the first in row {int(np.argwhere(bad)[0][0])}",
+            "Repair or leave out those samples.",
+        )
+
+
+def _check_noise(self: Regression) -> None:
+    unknowns, available = self.regressors.shape[1], self.instruments.shape[1]
+    own, shared = self.regressor_noise, self.instrument_noise
+    if own is not None:
+        if own.shape != (unknowns + 1, unknowns + 1):
+            raise ShapeError(
+                f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]",
+                f"shape {own.shape}",
+                "Its last row and column belong to the response.",
+            )
+        check_covariance(own)
+    if shared is not None:
+        if shared.shape != (available, unknowns + 1):
+            raise ShapeError(
+                f"a {available} x {unknowns + 1} covariance of the instruments' noises with those of "
+                "[regressors, response]",
+                f"shape {shared.shape}",
+                "Its last column belongs to the response.",
+            )
+        check_finite("instrument noise covariance", shared)
+
+
+def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
+    """Raise when a matrix is not a covariance.
+
+    Raises
+    ------
+    NonFiniteError, CovarianceError
+        When it is not finite, not symmetric, or has a negative eigenvalue.
+    """
+    check_finite("covariance", matrix)
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    unit = matrix / np.outer(np.where(scale > 0.0, scale, 1.0), np.where(scale > 0.0, scale, 1.0))
+    if not np.allclose(unit, unit.T, rtol=0.0, atol=1e-10):
+        raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
+    smallest = float(np.linalg.eigvalsh(unit)[0])
+    if smallest < -1e-10:
+        raise CovarianceError(
+            "a positive semidefinite covariance",
+            f"one whose correlations have the eigenvalue {smallest:.3g}",
+            "Check the signs and sizes of its off-diagonal elements.",
+        )
+
 
 def regression(
     *,
-    response: Float[np.ndarray, " rows"],
-    regressors: Float[np.ndarray, "rows n"],
-    instruments: Float[np.ndarray, "rows p"] | None = None,
-    names: tuple[str, ...] | None = None,
-    error_scale: Float[np.ndarray, " n_plus_1"] | None = None,
+    response: ArrayLike,
+    regressors: ArrayLike,
+    instruments: ArrayLike | None = None,
+    names: Sequence[str] | None = None,
+    noise_covariance: ArrayLike | None = None,
+    instrument_noise_covariance: ArrayLike | None = None,
 ) -> Regression:
     """Regression of plain arrays, rows in time order.
 
@@ -148,12 +295,15 @@ def regression(
     regressors : array_like, shape (rows, n)
         Phi. Add a column of ones for an intercept.
     instruments : array_like, shape (rows, p), optional
-        Psi, exogenous columns.
-    names : tuple of str, optional
+        Psi, exogenous columns, those of the regressors that are exogenous among them.
+    names : sequence of str, optional
         Names of the parameters; default ``theta_1``, ``theta_2``, ...
-    error_scale : array_like, shape (n + 1,), optional
-        Standard deviations of the errors in the regressors and, last, in the response; for total
-        least squares.
+    noise_covariance : array_like, shape (n + 1, n + 1), optional
+        Covariance of the measurement noises of the regressors and, last, the response; zero rows and
+        columns for exact ones. For total least squares and bias-compensated least squares.
+    instrument_noise_covariance : array_like, shape (p, n + 1), optional
+        Covariance of the instruments' measurement noises with those of the regressors and, last, the
+        response: C and c of the compensated equations. For generalized IV.
 
     Returns
     -------
@@ -162,20 +312,35 @@ def regression(
 
     Raises
     ------
-    ShapeError, NonFiniteError, TooFewSamplesError
+    ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError
         See `Regression`.
     """
-    Phi = np.asarray(regressors, dtype=np.float64)
-    if Phi.ndim != 2:
-        raise ShapeError(
-            "regressors of shape (rows, n)", f"shape {Phi.shape}", "Stack columns with np.column_stack."
-        )
+    Phi = _matrix("regressors", regressors)
     y = np.asarray(response, dtype=np.float64)
-    Psi = np.empty((Phi.shape[0], 0)) if instruments is None else np.asarray(instruments, dtype=np.float64)
-    if Psi.ndim != 2:
+    if y.ndim != 1:
         raise ShapeError(
-            "instruments of shape (rows, p)", f"shape {Psi.shape}", "Stack columns with np.column_stack."
+            "a response of shape (rows,)", f"shape {y.shape}", "Use .ravel() or choose a column."
         )
-    labels = names if names is not None else tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
-    scale = None if error_scale is None else np.asarray(error_scale, dtype=np.float64)
-    return Regression(y, Phi, Psi, tuple(Parameter(label) for label in labels), error_scale=scale)
+    Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
+    labels = tuple(names) if names is not None else tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
+    return Regression(
+        y,
+        Phi,
+        Psi,
+        tuple(Parameter(label) for label in labels),
+        regressor_noise=_matrix_or_none("noise_covariance", noise_covariance),
+        instrument_noise=_matrix_or_none("instrument_noise_covariance", instrument_noise_covariance),
+    )
+
+
+def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
+    matrix = np.asarray(values, dtype=np.float64)
+    if matrix.ndim != 2:
+        raise ShapeError(
+            f"{name} with two dimensions", f"shape {matrix.shape}", "Stack columns with numpy.column_stack."
+        )
+    return matrix
+
+
+def _matrix_or_none(name: str, values: ArrayLike | None) -> Float[np.ndarray, "m n"] | None:
+    return None if values is None else _matrix(name, values)

@@ -198,7 +198,7 @@ class SpectralRegression:
         response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]
         columns = np.column_stack([response, self.regressors]) * weight[:, None]
         rows = self.layout.stacked(columns)
-        return Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, layout=self.layout)
+        return Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
 
     def residuals(self, theta: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "bins r"]:
         """Residual of each candidate response."""

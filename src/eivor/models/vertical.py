@@ -12,7 +12,7 @@ from eivor.models.column import Column
 from eivor.models.equation import Equation
 from eivor.models.input_map import InputMap, Power
 from eivor.models.parameter import Parameter
-from eivor.models.regression import Regression
+from eivor.models.signal_regression import SignalRegression
 from eivor.signals.signals import Signals
 
 #: Standard acceleration of gravity [m/s^2].
@@ -50,7 +50,7 @@ class VerticalMotion:
             terms.append((INTERCEPT, Column("")))
         return Equation(Column("specific_force_z"), tuple(terms))
 
-    def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> Regression:
+    def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> SignalRegression:
         """Rows (-z', u, 1) and z'' + g of `signals`.
 
         Parameters
@@ -58,11 +58,16 @@ class VerticalMotion:
         signals : Signals
             With `velocity_z`, `specific_force_z` and `input`.
         instruments : tuple of Column
-            Such as ``lags("input", 1, 10)``.
+            Such as ``lags("input", 1, 10)``. The intercept, where there is one, instruments itself.
 
-        Raises
-        ------
-        MissingChannelError, TooFewSamplesError
-            See `Equation.regression`.
+        Returns
+        -------
+        SignalRegression
+            Its rows are cut when they are asked for.
         """
-        return self.equation().regression(signals, instruments)
+        own = (Column(""),) if instruments and self.intercept else ()
+        return SignalRegression(signals, self.equation(), (*instruments, *own))
+
+    def regression_lag(self, instruments: tuple[Column, ...] = ()) -> int:
+        """Samples that a row reaches back."""
+        return max((column.lag for column in instruments), default=0)

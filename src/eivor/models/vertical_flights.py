@@ -178,23 +178,24 @@ class VerticalFlights(SeparableProblem):
             for block in flight.cut(flight.mapped_input(self.motion, lag_s, delay_s)[:, None])
         ]
         regressors = np.column_stack([fixed[:, 1], np.concatenate(moving)])
-        return Regression(
-            fixed[:, 0], regressors, instruments, self.parameters, error_scale=self.error_scale, layout=layout
-        )
+        return Regression(fixed[:, 0], regressors, instruments, self.parameters, layout, self.regressor_noise)
 
     @cached_property
-    def error_scale(self) -> Float[np.ndarray, " 3"] | None:
-        """Declared standard deviations of the errors in z', U and z'', averaged over flights; or None.
+    def regressor_noise(self) -> Float[np.ndarray, "3 3"] | None:
+        """Declared variances of the errors in z', U and z'', averaged over flights; or None.
 
         A commanded input is exact.
         """
-        scales = []
+        variances = []
         for flight in self.flights:
             noise = flight.signals.noise
             if not {"velocity_z", "specific_force_z"} <= set(noise):
                 return None
-            scales.append([noise["velocity_z"].variance, 0.0, noise["specific_force_z"].variance])
-        return np.sqrt(np.mean(scales, axis=0))
+            levels = [
+                float(noise[name].autocovariance(0, 0, 1)[0]) for name in ("velocity_z", "specific_force_z")
+            ]
+            variances.append([levels[0], 0.0, levels[1]])
+        return np.diag(np.mean(variances, axis=0))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 

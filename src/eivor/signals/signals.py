@@ -30,6 +30,9 @@ class Signals:
         Samples that may be used. Default: all of them.
     start_s : float
         Time of the first sample on the log's clock [s].
+    offset : int
+        Samples of the same record before the first one: where a chunk stands in its record, which
+        noises that started with the record need to know.
 
     Raises
     ------
@@ -44,6 +47,7 @@ class Signals:
     noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
     valid: Bool[np.ndarray, " n"] | None = None
     start_s: float = 0.0
+    offset: int = 0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):

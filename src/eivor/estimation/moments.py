@@ -1,0 +1,125 @@
+"""Moments: the mergeable summary of a problem, all that its assembler needs of it.
+
+Direct methods keep a triangular root of their rows, so that no condition number is squared; instrumental
+methods keep mean cross-products, which is how they are defined. Merging is associative and weighted by
+the numbers of rows: it gives streaming, pooling, and distributed reduction alike.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import UsageError
+from eivor.linalg.triangular import merged_roots
+
+
+class Moments(ABC):
+    """Summary of some rows."""
+
+    @property
+    @abstractmethod
+    def rows(self) -> int:
+        """Number of rows summarised."""
+
+    @abstractmethod
+    def merge(self, other: Moments) -> Moments:
+        """Summary of both sets of rows.
+
+        Raises
+        ------
+        UsageError
+            When the two are of different kinds or problems.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class TriangularMoments(Moments):
+    """Triangular root of the rows [Phi y].
+
+    Parameters
+    ----------
+    count : int
+        Number of rows.
+    root : ndarray, shape (k, n + 1), k <= n + 1
+        R with R'R = [Phi y]'[Phi y].
+    noise : ndarray, shape (n + 1, n + 1), optional
+        Mean covariance of the measurement noises of [Phi y].
+    """
+
+    count: int
+    root: Float[np.ndarray, "k n_plus_1"]
+    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.count
+
+    def merge(self, other: Moments) -> TriangularMoments:
+        """Root of the stacked roots."""
+        _check_alike(self, other, lambda m: m.root.shape[1] if isinstance(m, TriangularMoments) else -1)
+        assert isinstance(other, TriangularMoments)  # noqa: S101 - just checked
+        noise = None
+        if self.noise is not None and other.noise is not None:
+            noise = _mean(self.count, self.noise, other.count, other.noise)
+        return TriangularMoments(self.count + other.count, merged_roots(self.root, other.root), noise)
+
+
+@dataclass(frozen=True, slots=True)
+class CrossMoments(Moments):
+    """Mean cross-products of the instruments with [Phi y].
+
+    Parameters
+    ----------
+    count : int
+        Number of rows.
+    products : ndarray, shape (p, n + 1)
+        mean(psi [phi' y]).
+    noise : ndarray, shape (p, n + 1), optional
+        C and c: what the measurement noises add to it on average.
+    instruments : ndarray, shape (p, p), optional
+        mean(psi psi'), for two-stage weighting.
+    """
+
+    count: int
+    products: Float[np.ndarray, "p n_plus_1"]
+    noise: Float[np.ndarray, "p n_plus_1"] | None = None
+    instruments: Float[np.ndarray, "p p"] | None = None
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return self.count
+
+    def merge(self, other: Moments) -> CrossMoments:
+        """Count-weighted means."""
+        _check_alike(self, other, lambda m: m.products.shape if isinstance(m, CrossMoments) else -1)
+        assert isinstance(other, CrossMoments)  # noqa: S101 - just checked
+        noise = instruments = None
+        if self.noise is not None and other.noise is not None:
+            noise = _mean(self.count, self.noise, other.count, other.noise)
+        if self.instruments is not None and other.instruments is not None:
+            instruments = _mean(self.count, self.instruments, other.count, other.instruments)
+        products = _mean(self.count, self.products, other.count, other.products)
+        return CrossMoments(self.count + other.count, products, noise, instruments)
+
+
+def _mean(
+    count: int, values: Float[np.ndarray, "m n"], other_count: int, other: Float[np.ndarray, "m n"]
+) -> Float[np.ndarray, "m n"]:
+    total = count + other_count
+    return values * (count / total) + other * (other_count / total)
+
+
+def _check_alike(one: Moments, other: Moments, shape: object) -> None:
+    assert callable(shape)  # noqa: S101 - private
+    if type(one) is not type(other) or shape(one) != shape(other):
+        raise UsageError(
+            f"moments of the same kind and columns as {type(one).__name__} of shape {shape(one)}",
+            f"{type(other).__name__} of shape {shape(other)}",
+            "Merge moments that one method made of one problem.",
+        )

@@ -1,0 +1,154 @@
+"""Moments of data that do not fit in memory: chunk by chunk, with the exact overlap of lags."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor.errors import TooFewSamplesError, UsageError
+from eivor.estimation.method import Method
+from eivor.estimation.moments import Moments
+from eivor.models.column import Column
+from eivor.models.parameter import Parameter
+from eivor.models.signal_regression import SignalRegression
+from eivor.models.vertical import VerticalMotion
+from eivor.signals.signals import Signals
+
+
+@dataclass(frozen=True)
+class ProblemMoments:
+    """Moments of a problem, with the names of its parameters.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        In the order of the regressors.
+    moments : Moments
+        What the method's assembler needs.
+    """
+
+    parameters: tuple[Parameter, ...]
+    moments: Moments
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def merge(self, other: ProblemMoments) -> ProblemMoments:
+        """Moments of both sets of rows: other chunks, other flights, other machines.
+
+        Raises
+        ------
+        UsageError
+            When the parameters or the kinds of moments differ.
+        """
+        if self.names != other.names:
+            raise UsageError(
+                f"moments of the parameters {', '.join(self.names)}",
+                f"moments of {', '.join(other.names)}",
+                "Merge moments of one model.",
+            )
+        return replace(self, moments=self.moments.merge(other.moments))
+
+
+def moments(
+    chunks: Iterable[Signals],
+    *,
+    model: VerticalMotion,
+    method: Method,
+    instruments: tuple[Column, ...] = (),
+) -> ProblemMoments:
+    """Moments of one record that is given in chunks.
+
+    Parameters
+    ----------
+    chunks : iterable of Signals
+        Successive stretches of one record, in order, with the same channels and rate. Each chunk's rows
+        reach back into the chunk before it as far as the largest lag.
+    model : VerticalMotion
+        The equation.
+    method : Method
+        Its assembler says which moments to keep.
+    instruments : tuple of Column
+        Such as ``lags("input", 0, 10)``.
+
+    Returns
+    -------
+    ProblemMoments
+        Equal, but for rounding, to the moments of the whole record. Memory is that of one chunk.
+
+    Raises
+    ------
+    UsageError
+        When chunks differ in channels or rate.
+    TooFewSamplesError
+        When there is no row.
+    """
+    total: Moments | None = None
+    problem: SignalRegression | None = None
+    own = method.weighting.needs_instrument_products
+    largest_lag = model.regression_lag(instruments)
+    for joined in overlapping(chunks, largest_lag):
+        problem = model.regression(joined, instruments)
+        if joined.sample_count <= problem.first or (problem.used is not None and not problem.used.any()):
+            continue
+        found = method.assembler.moments(problem, instrument_products=own)
+        total = found if total is None else total.merge(found)
+    if total is None or problem is None:
+        raise TooFewSamplesError(
+            "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
+        )
+    return ProblemMoments(problem.parameters, total)
+
+
+def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
+    """Each chunk with the last `lag` samples before it, and its place in the record as offset.
+
+    Raises
+    ------
+    UsageError
+        When chunks differ in channels or rate.
+    """
+    before: Signals | None = None
+    for chunk in chunks:
+        if before is None:
+            joined = chunk
+        else:
+            _check_successor(before, chunk)
+            joined = _joined(before, chunk, min(lag, before.sample_count))
+        yield joined
+        before = joined
+
+
+def _joined(before: Signals, chunk: Signals, overlap: int) -> Signals:
+    start = before.sample_count - overlap
+    channels = {
+        name: np.concatenate([before.channels[name][start:], values])
+        for name, values in chunk.channels.items()
+    }
+    valid = None
+    if before.valid is not None or chunk.valid is not None:
+        parts = [
+            np.ones(s.sample_count, dtype=np.bool_) if s.valid is None else s.valid for s in (before, chunk)
+        ]
+        valid = np.concatenate([parts[0][start:], parts[1]])
+    return Signals(
+        chunk.rate_hz,
+        channels,
+        noise=chunk.noise,
+        valid=valid,
+        start_s=before.start_s + start * before.step_s,
+        offset=before.offset + start,
+    )
+
+
+def _check_successor(before: Signals, chunk: Signals) -> None:
+    if chunk.rate_hz != before.rate_hz or set(chunk.channels) != set(before.channels):
+        raise UsageError(
+            f"chunks of one record: {before.rate_hz:g} Hz, {', '.join(sorted(before.channels))}",
+            f"a chunk of {chunk.rate_hz:g} Hz with {', '.join(sorted(chunk.channels))}",
+            "Give the chunks of one record in their order.",
+        )

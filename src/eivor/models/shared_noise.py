@@ -1,0 +1,83 @@
+"""The noise that columns share: C and c of the paper's compensated equations, from the columns' tags.
+
+For a channel whose noise has autocovariance gamma, two columns of it at lags l_i and l_j share
+g_i g_j gamma(|l_i - l_j|); columns of different channels share nothing. Noises need not be stationary,
+so what is formed is the sample average over the rows that are used:
+
+    C_ij = 1/|rows| sum_{k in rows} g_i(k) g_j(k) gamma_{|l_i - l_j|}(k - max(l_i, l_j))
+
+where k counts from the beginning of the record. A column without noise (an intercept, a channel that is
+declared exact) shares nothing; a channel that nothing is declared of raises.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import MissingNoiseError
+from eivor.models.column import Column
+from eivor.signals.signals import Signals
+
+
+def shared_noise(
+    left: Sequence[Column],
+    right: Sequence[Column],
+    signals: Signals,
+    first: int,
+    rows: Bool[np.ndarray, " rows"] | None = None,
+) -> Float[np.ndarray, "left right"]:
+    """Average covariance of the measurement noises of two sets of columns.
+
+    Parameters
+    ----------
+    left, right : sequence of Column
+        Tags.
+    signals : Signals
+        With the declared noises.
+    first : int
+        First row's sample, counted from the signals' own beginning.
+    rows : ndarray of bool, optional
+        Which of the samples from `first` on are used. Default: all.
+
+    Returns
+    -------
+    ndarray, shape (len(left), len(right))
+        In products of the columns' units.
+
+    Raises
+    ------
+    MissingNoiseError
+        When two columns are of one channel whose noise is not declared.
+    """
+    shared = np.zeros((len(left), len(right)))
+    for i, one in enumerate(left):
+        for j, other in enumerate(right):
+            if one.channel and one.channel == other.channel:
+                shared[i, j] = _pair(one, other, signals, first, rows)
+    return shared
+
+
+def _pair(
+    one: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
+) -> float:
+    noise = signals.noise.get(one.channel)
+    if noise is None:
+        raise MissingNoiseError(
+            f"a declared noise of channel '{one.channel}', which instruments and regressors share",
+            f"noise of {', '.join(sorted(signals.noise)) or 'no channel'}",
+            "Declare it in Signals(noise=...), with std 0 if the channel is exact, or use other instruments.",
+        )
+    count = signals.sample_count - first
+    begin = signals.offset + first - max(one.lag, other.lag)
+    lag = abs(one.lag - other.lag)
+    growth = noise.autocovariance(lag, begin, count)
+    if rows is not None:
+        growth = growth[rows]
+    gains = one.gain_series(signals, first) * other.gain_series(signals, first)
+    if not isinstance(gains, float):
+        growth = growth * (gains if rows is None else gains[rows])
+        return float(growth.mean())
+    return gains * float(growth.mean())

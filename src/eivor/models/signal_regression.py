@@ -1,0 +1,140 @@
+"""A regression that stays with the signals it is cut from: its rows are views until they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import MissingNoiseError
+from eivor.models.column import Column
+from eivor.models.equation import Equation
+from eivor.models.parameter import Parameter
+from eivor.models.regression import LinearProblem, Regression
+from eivor.models.shared_noise import shared_noise
+from eivor.signals.signals import Signals
+
+
+@dataclass(frozen=True)
+class SignalRegression(LinearProblem):
+    """Rows of an equation in signals.
+
+    Parameters
+    ----------
+    signals : Signals
+        Where the columns come from.
+    equation : Equation
+        Response and regressors.
+    instrument_columns : tuple of Column
+        Instruments; may be empty.
+
+    Notes
+    -----
+    Rows start at the largest lag of any column, and leave out samples whose history is not valid.
+    """
+
+    signals: Signals
+    equation: Equation
+    instrument_columns: tuple[Column, ...] = ()
+    parameters: tuple[Parameter, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(parameter for parameter, _ in self.equation.terms))
+
+    @property
+    def regressor_columns(self) -> tuple[Column, ...]:
+        """Columns of the right side."""
+        return tuple(column for _, column in self.equation.terms)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def first(self) -> int:
+        """Sample of the first row."""
+        columns = (self.equation.response, *self.regressor_columns, *self.instrument_columns)
+        return max(column.lag for column in columns)
+
+    @cached_property
+    def used(self) -> Bool[np.ndarray, " rows"] | None:
+        """Which samples from `first` on are rows; None for all of them."""
+        valid = self.signals.valid
+        if valid is None or bool(valid.all()):
+            return None
+        broken = np.concatenate([[0], np.cumsum(~valid)])
+        lag = self.first
+        return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)
+
+    def column(self, column: Column) -> Float[np.ndarray, " rows"]:
+        """Values of one column.
+
+        Raises
+        ------
+        MissingChannelError, TooFewSamplesError
+            When the channel is absent, or the record shorter than the largest lag.
+        """
+        values = column.values(self.signals, self.first)
+        return values if self.used is None else values[self.used]
+
+    @cached_property
+    def _rows(self) -> Regression:
+        Phi = np.column_stack([self.column(column) for column in self.regressor_columns])
+        instruments = [self.column(column) for column in self.instrument_columns]
+        Psi = np.column_stack(instruments) if instruments else np.empty((Phi.shape[0], 0))
+        return Regression(
+            self.column(self.equation.response),
+            Phi,
+            Psi,
+            self.parameters,
+            regressor_noise=self.declared_regressor_noise(),
+        )
+
+    def rows(self) -> Regression:
+        """Rows in arrays, built once."""
+        return self._rows
+
+    def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When the noise of a channel is not declared.
+        """
+        columns = (*self.regressor_columns, self.equation.response)
+        return shared_noise(columns, columns, self.signals, self.first, self.used)
+
+    def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """C and c from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When an instrument and another column are of one channel whose noise is not declared.
+        """
+        columns = (*self.regressor_columns, self.equation.response)
+        return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
+
+    def declared_regressor_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
+        """Covariance of the noises of [Phi y]; None when a channel's noise is not declared."""
+        try:
+            return self.regressor_noise_covariance()
+        except MissingNoiseError:
+            return None
+
+    def instruments_share_noise(self) -> bool:
+        """Return whether declared noises make an instrument and another column correlated."""
+        others = (*self.regressor_columns, self.equation.response)
+        declared = set(self.signals.noise)
+        pairs = [
+            (one, other)
+            for one in self.instrument_columns
+            for other in others
+            if one.channel and one.channel == other.channel and one.channel in declared
+        ]
+        at = (self.signals, self.first, self.used)
+        return any(shared_noise([one], [other], *at).any() for one, other in pairs)
