@@ -39,8 +39,8 @@ class Candidate:
         Joint vector.
     solution : Solution
         Linear parameters, and the condition of their equations.
-    profile : LagProfile or None
-        Objective over the lags; None when no lag was searched for.
+    profile : LagProfile
+        Objective over the lags; a single lag of zero when none was searched for.
     solved : Solved or None
         What inference needs; None for an estimate from moments, whose rows are gone.
     """
@@ -48,13 +48,13 @@ class Candidate:
     delay_s: float
     values: Float[np.ndarray, " n"]
     solution: Solution
-    profile: LagProfile | None
+    profile: LagProfile
     solved: Solved | None
 
     @property
     def lag_s(self) -> float:
         """Lag of the actuator [s]; zero when none was searched for."""
-        return 0.0 if self.profile is None else self.profile.lag_s
+        return self.profile.lag_s
 
     @property
     def theta(self) -> Float[np.ndarray, " m"]:
@@ -96,6 +96,11 @@ class Candidate:
         return infer(self._solved())
 
     @property
+    def criterion(self) -> float:
+        """What delays are compared by, see `Inference.criterion`."""
+        return self.inference.criterion
+
+    @property
     def covariance(self) -> JointCovariance:
         """Of the joint vector."""
         return self.inference.covariance
@@ -133,14 +138,14 @@ class Estimate:
         """Candidate with the least criterion."""
         if len(self.candidates) == 1:
             return self.candidates[0]
-        return min(self.candidates, key=lambda candidate: candidate.inference.criterion)
+        return min(self.candidates, key=lambda candidate: candidate.criterion)
 
     def tenable(self, level: float = 0.95) -> tuple[Candidate, ...]:
         """Candidates whose criterion is within a chi-square quantile of the least one."""
         if len(self.candidates) == 1:
             return self.candidates
-        bound = self.best.inference.criterion + chi_square_quantile(level)
-        return tuple(candidate for candidate in self.candidates if candidate.inference.criterion <= bound)
+        bound = self.best.criterion + chi_square_quantile(level)
+        return tuple(candidate for candidate in self.candidates if candidate.criterion <= bound)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from eivor.errors import InstrumentError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.inferred import Solved
 from eivor.estimation.method import Method
-from eivor.estimation.nuisance import lag_column, search_lag
+from eivor.estimation.nuisance import lag_column, no_lag, search_lag
 from eivor.estimation.solve import solve, solve_moments
 from eivor.estimation.streaming import ProblemMoments
 from eivor.models.regression import LinearProblem, Regression
@@ -44,7 +44,7 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
         return _separable_estimate(problem, method)
     if isinstance(problem, ProblemMoments):
         solution = solve_moments(method, problem.moments, None).solution
-        candidate = Candidate(0.0, solution.theta, solution, None, None)
+        candidate = Candidate(0.0, solution.theta, solution, no_lag(solution), None)
         return Estimate(method.name, problem.parameters, (candidate,))
     solved = solve(method, problem)
     source = Solved(
@@ -55,7 +55,7 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
         solved.solution,
         np.empty((0, 0)),
     )
-    candidate = Candidate(0.0, solved.solution.theta, solved.solution, None, source)
+    candidate = Candidate(0.0, solved.solution.theta, solved.solution, no_lag(solved.solution), source)
     return Estimate(method.name, problem.parameters, (candidate,))
 
 
@@ -86,9 +86,7 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
         columns = np.empty((rows.response.size, 0))
     solved = solve(method, rows)
     source = Solved(rows, method, solved.system, solved.factor, solved.solution, columns)
-    return Candidate(
-        delay_s, values, profile.solution, profile if problem.lag_grid_s.size > 1 else None, source
-    )
+    return Candidate(delay_s, values, profile.solution, profile, source)
 
 
 def _check_instruments(rows: Regression, method: Method) -> None:

@@ -40,6 +40,11 @@ class LagProfile:
     solution: Solution
 
 
+def no_lag(solution: Solution) -> LagProfile:
+    """Profile of a problem without a lag to search for."""
+    return LagProfile(np.zeros(1), np.array([solution.objective]), 0.0, solution)
+
+
 def search_lag(problem: SeparableProblem, method: Method, weights: Weights, delay_s: float) -> LagProfile:
     """Profile the objective over the grid of lags and refine the minimum between its neighbours.
 

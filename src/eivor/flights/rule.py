@@ -181,7 +181,7 @@ def _lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> list[Re
             )
         )
     profile = estimate.best.profile
-    if profile is not None and profile.lag_s >= 0.999 * float(profile.lags_s[-1]):
+    if profile.lag_s >= 0.999 * float(profile.lags_s[-1]):
         reasons.append(
             Reason(
                 Status.WEAK,
