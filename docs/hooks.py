@@ -17,6 +17,18 @@ ROOT = Path(__file__).resolve().parent.parent
 NOTES = "<!-- towncrier release notes start -->"
 
 
+def on_config(config: Any) -> Any:
+    """Put every study's page into the navigation; a study is a file in docs/studies/."""
+    pages = [
+        path.relative_to(ROOT / "docs").as_posix()
+        for path in sorted((ROOT / "docs" / "studies").glob("*.md"))
+    ]
+    pages.sort(key=lambda page: page != "studies/index.md")
+    config.nav = [{"Studies": pages} if entry == {"Studies": "studies"} else entry for entry in config.nav]
+    config.nav = [entry for entry in config.nav if entry != {"Studies": []}]
+    return config
+
+
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
     """Fill in what is generated."""
     source = page.file.src_uri
@@ -37,7 +49,7 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     """Markdown table."""
     lines = [list(header)]
     lines += [["---"] * len(lines[0]), *(list(row) for row in rows)]
-    return "\n".join(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in line)} |" for line in lines)
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def code(words: Iterable[str], joint: str = ", ") -> str:
