@@ -241,6 +241,9 @@ def _airborne(log: Recording, grid: Grid, commands: Float[np.ndarray, "n rotors"
     if "landed" in log.channels:
         on_ground, known = on_grid(log.channels["landed"], grid)
         landed = (on_ground > 0.5) | ~known
+        if "ground_contact" in log.channels:
+            touching, told = on_grid(log.channels["ground_contact"], grid)
+            landed |= told & (touching > 0.5)
     if "position_z" in log.channels:
         height = on_grid(log.channels["position_z"], grid)[0]
     return airborne(input_level=commands.mean(axis=1), step_s=grid.step_s, landed=landed, height=height)

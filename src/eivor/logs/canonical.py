@@ -13,6 +13,7 @@ HELD_STEMS = (
     "feedback_reference_",
     "pilot_",
     "landed",
+    "ground_contact",
 )
 
 

@@ -90,6 +90,7 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         Source("manual_control_setpoint", "z"),
     ),
     "landed": (Source("vehicle_land_detected", "landed"),),
+    "ground_contact": (Source("vehicle_land_detected", "ground_contact"),),
     "battery_voltage": (
         Source("battery_status", "voltage_v", valid_field="connected"),
         Source("battery_status", "voltage_filtered_v", valid_field="connected"),

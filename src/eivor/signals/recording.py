@@ -57,6 +57,7 @@ CANONICAL_UNITS: Mapping[str, str] = {
     "pilot_throttle": "",
     "pilot_in_control": "",
     "landed": "",
+    "ground_contact": "",
 }
 
 
