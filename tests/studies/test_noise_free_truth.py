@@ -21,8 +21,12 @@ import pytest
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
 from eivor.flights.recipe import identify_flight
-from eivor.flights.result import FlightEstimate
+from eivor.models.input_map import Power
+from eivor.models.instruments import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
+from eivor.models.vertical import VerticalMotion
+from eivor.models.vertical_flights import VerticalFlights
 from eivor.studies.flight_truth import SimulatedFlight
 from eivor.studies.sensor_noise import SensorNoise
 from eivor.studies.trajectories import TrajectoryKind
@@ -42,34 +46,43 @@ VEHICLES = ((0.005, 0.0, 0.87), (0.04, 0.01, 0.4), (0.12, 0.02, 0.18))
 CASES = tuple(zip(EXCITATIONS, VEHICLES, strict=True))
 
 
-def quiet(kind: TrajectoryKind, vehicle: tuple[float, float, float]) -> VerticalFlightSpec:
+def quiet(kind: TrajectoryKind, vehicle: tuple[float, float, float], **changes: object) -> VerticalFlightSpec:
     lag, delay, friction = vehicle
-    return VerticalFlightSpec(
-        viscous_friction=friction,
-        actuator_lag=lag,
-        delay=delay,
-        noise=SensorNoise.none(),
-        trajectory=kind,
-        seed=71,
-    )
+    fields = {"noise": SensorNoise.none(), "trajectory": kind, "seed": 71, "duration": 40.0} | changes
+    return VerticalFlightSpec(viscous_friction=friction, actuator_lag=lag, delay=delay, **fields)
+
+
+QUIET = tuple(quiet(kind, vehicle) for kind, vehicle in CASES)
+#: Steps from a level hover: the rotor then starts where its model lets it start, at its first command.
+LEVEL = tuple(quiet(TrajectoryKind.STEPS, vehicle, tilt_rms=0.0) for vehicle in VEHICLES)
+#: A tenth of the noise of a real sensor.
+FAINT = tuple(
+    replace(spec, noise=SensorNoise(acceleration=0.04, velocity=0.003, position=0.001, attitude=0.0))
+    for spec in QUIET
+)
 
 
 @functools.cache
-def fly(spec: VerticalFlightSpec) -> SimulatedFlight:
-    return next(simulate_vertical_flights([spec]))
+def flights() -> dict[VerticalFlightSpec, SimulatedFlight]:
+    specs = [*QUIET, *LEVEL, *FAINT]
+    return dict(zip(specs, simulate_vertical_flights(specs), strict=True))
 
 
-def identified(spec: VerticalFlightSpec, method: str, *, actual: bool) -> FlightEstimate:
-    flight = fly(spec)
-    recording = actual_state_recording(flight) if actual else flight.recording
-    return identify_flight(recording, FlightOptions(method=method))
+def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
+    flight = prepare(flights()[spec].recording, FlightOptions())
+    rule: InstrumentRule = {
+        "reference_iv": LaggedReferences(flight.usable_references),
+        "extended_iv": LaggedInputs(),
+    }.get(method, NoInstruments())
+    problem = VerticalFlights((flight.flight,), VerticalMotion(Power(2.0)), rule, delays=(spec.delay,))
+    return identify(problem, by_name(method)).parameters
 
 
-@pytest.mark.parametrize(("kind", "vehicle"), CASES)
+@pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
 @pytest.mark.parametrize("method", list(TABLE))
-def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method, kind, vehicle):
-    spec = quiet(kind, vehicle)
-    found = identified(spec, method, actual=True).quantities
+def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method, spec):
+    recording = actual_state_recording(flights()[spec])
+    found = identify_flight(recording, FlightOptions(method=method)).quantities
     tolerance = SPECTRAL if method == "reference_iv" else EXACT
     assert found["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=tolerance)
     assert found["input_gain"].value == pytest.approx(spec.input_gain, rel=tolerance)
@@ -77,26 +90,17 @@ def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method
     assert found["hover_input"].value == pytest.approx(spec.hover_input, rel=1e-4)
 
 
-def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
-    problem = identified(spec, method, actual=False).problem
-    assert problem is not None
-    return identify(replace(problem, delays=(spec.delay,)), by_name(method)).parameters
-
-
-@pytest.mark.parametrize("vehicle", VEHICLES)
+@pytest.mark.parametrize("spec", LEVEL, ids=lambda spec: f"lag {spec.actuator_lag}")
 @pytest.mark.parametrize("method", [name for name in TABLE if name != "reference_iv"])
-def test_method_told_the_delay_recovers_the_lag_from_commands(method, vehicle):
-    # Steps from a level hover: the rotor then starts where its model lets it start, at its first command.
-    spec = replace(quiet(TrajectoryKind.STEPS, vehicle), tilt_rms=0.0)
+def test_method_told_the_delay_recovers_the_lag_from_commands(method, spec):
     found = told_the_delay(spec, method)
     assert found["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=1e-5)
     assert found["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=1e-3)
     assert found["input_gain"] == pytest.approx(spec.input_gain, rel=1e-3)
 
 
-@pytest.mark.parametrize(("kind", "vehicle"), CASES)
-def test_recipe_told_the_delay_recovers_the_lag_from_commands(kind, vehicle):
-    spec = quiet(kind, vehicle)
+@pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
+def test_recipe_told_the_delay_recovers_the_lag_from_commands(spec):
     found = told_the_delay(spec, "reference_iv")
     tolerance = 1.5e-3 if spec.actuator_lag < STEP_S else 2e-4
     assert found["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=tolerance)
@@ -104,11 +108,9 @@ def test_recipe_told_the_delay_recovers_the_lag_from_commands(kind, vehicle):
     assert found["input_gain"] == pytest.approx(spec.input_gain, rel=SPECTRAL)
 
 
-@pytest.mark.parametrize(("kind", "vehicle"), CASES)
-def test_recipe_tells_the_delay_from_a_tenth_of_a_sensors_noise(kind, vehicle):
-    faint = SensorNoise(acceleration=0.04, velocity=0.003, position=0.001, attitude=0.0)
-    spec = replace(quiet(kind, vehicle), noise=faint)
-    found = identified(spec, "reference_iv", actual=False).quantities
+@pytest.mark.parametrize("spec", FAINT, ids=lambda spec: str(spec.trajectory))
+def test_recipe_tells_the_delay_from_a_tenth_of_a_sensors_noise(spec):
+    found = identify_flight(flights()[spec].recording).quantities
     assert found["delay"].value == spec.delay
     assert found["effective_lag"].value == pytest.approx(spec.actuator_lag + spec.delay, abs=2.5e-3)
     assert found["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=SPECTRAL)
