@@ -35,8 +35,16 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
     if number == 0:
         assert scope["fit"].verdict.status.value == "identified"
     else:
-        assert scope["fit"].parameters["viscous_friction"] == pytest.approx(0.293, rel=1e-9)
-        assert scope["fit"].parameters["input_gain"] == pytest.approx(0.021, rel=1e-9)
+        claims = re.findall(r"input_gain in \[([\d.]+), ([\d.]+)\]", blocks(README, "python")[number])
+        for fit, claim in zip((scope["biased"], scope["fit"]), claims, strict=True):
+            assert fit.interval("input_gain") == pytest.approx([float(end) for end in claim], abs=6e-5)
+        assert not within(0.021, scope["biased"].interval("input_gain"))
+        assert within(0.021, scope["fit"].interval("input_gain"))
+        assert within(0.293, scope["fit"].interval("viscous_friction"))
+
+
+def within(value: float, interval: tuple[float, float]) -> bool:
+    return interval[0] <= value <= interval[1]
 
 
 def numbers(text: str) -> list[float]:
