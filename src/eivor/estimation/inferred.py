@@ -29,7 +29,8 @@ class Inference:
         Of the joint vector.
     criterion : float
         What delays are compared by, in units of a chi-square on one degree of freedom: J with
-        instruments, the scaled objective without.
+        instruments; without, rows times the logarithm of the objective, twice the negative log likelihood
+        of white residuals of unknown variance.
     over_identification : tuple of float
         J and its p-value; (0, 1) without instruments.
     first_stage : ndarray, shape (n,)
@@ -96,7 +97,8 @@ def infer(solved: Solved) -> Inference:
         flight_of_row=rows.layout.flight_of_row,
     )
     if not solved.method.assembler.needs_instruments:
-        criterion = solved.solution.objective / (variance if variance > 0.0 else 1.0)
+        # Divided by its own variance the objective would be alike at every delay: the likelihood is not.
+        criterion = count * float(np.log(max(solved.solution.objective, np.finfo(np.float64).tiny)))
         return Inference(covariance, criterion, (0.0, 1.0), np.full(unknowns, np.nan), variance, 0)
     basis = orthonormal_basis(rows.instruments)
     tested = over_identification(basis, residual, variance, unknowns)

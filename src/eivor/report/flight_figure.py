@@ -294,7 +294,9 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
     for candidate in estimate.tenable():
         profile = candidate.profile
         least = profile.solution.objective
-        scale = candidate.criterion / least if least > 0.0 and candidate.criterion > 0.0 else 1.0
+        # J of a method with instruments; for a direct one the logarithm's slope at its minimum
+        height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
+        scale = height / least if least > 0.0 and height > 0.0 else 1.0
         # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
         lags = np.append(profile.lags_s, profile.lag_s)
         excess = scale * (np.append(profile.objective, least) - least) + candidate.criterion - lowest
