@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.errors import MissingNoiseError
+from eivor.errors import MissingNoiseError, TooFewSamplesError
 from eivor.models.column import Column
 from eivor.signals.signals import Signals
 
@@ -51,7 +51,16 @@ def shared_noise(
     ------
     MissingNoiseError
         When two columns are of one channel whose noise is not declared.
+    TooFewSamplesError
+        When there is no row to average over.
     """
+    count = signals.sample_count - first
+    if count < 1 or not (rows is None or rows.any()):
+        raise TooFewSamplesError(
+            f"rows: valid samples with {first} more before them",
+            f"{signals.sample_count} samples, valid or not, and no row",
+            "Give a longer record, fewer lags, or fewer gaps.",
+        )
     shared = np.zeros((len(left), len(right)))
     for i, one in enumerate(left):
         for j, other in enumerate(right):

@@ -65,8 +65,10 @@ class SignalRegression(LinearProblem):
         valid = self.signals.valid
         if valid is None or bool(valid.all()):
             return None
-        broken = np.concatenate([[0], np.cumsum(~valid)])
         lag = self.first
+        if valid.size <= lag:
+            return np.zeros(0, dtype=np.bool_)
+        broken = np.concatenate([[0], np.cumsum(~valid)])
         return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)
 
     def column(self, column: Column) -> Float[np.ndarray, " rows"]:
