@@ -60,6 +60,10 @@ class GeneralizedTotalLeastSquares(Solver):
                 "Give more equations, or use least squares.",
             )
         S = np.eye(unknowns + 1) if system.error_covariance is None else system.error_covariance
+        if not (np.diag(S) >= 0.0).all():
+            raise CovarianceError(
+                "variances of zero or more", f"{np.diag(S)}", "Check the covariance of the columns' errors."
+            )
         exact = np.flatnonzero(np.diag(S)[:-1] == 0.0)
         noisy = np.flatnonzero(np.diag(S)[:-1] > 0.0)
         order = np.concatenate([exact, noisy])

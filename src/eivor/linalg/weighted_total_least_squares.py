@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Float
 
 from eivor.errors import ConvergenceError, CovarianceError, ShapeError
-from eivor.linalg.least_squares import LeastSquares
+from eivor.linalg.least_squares import LeastSquares, column_lengths
 from eivor.linalg.system import LinearSystem, Solution
 
 #: Relative change of theta at which the iteration stops, and its longest run.
@@ -44,11 +43,15 @@ def weighted_total_least_squares(
             f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}", f"{S.shape}", "One a row."
         )
     start = LeastSquares().solve(system)
-    theta, condition = start.theta, start.condition
+    # Rows [A b] in units in which every column has length one: neither the stopping rule nor the solve
+    # then depends on the user's.
+    lengths = np.append(column_lengths(A), 1.0)
+    A, S = A / lengths[:-1], S / np.outer(lengths, lengths)
+    theta = start.theta * lengths[:-1]
     for _ in range(ITERATIONS):
         weight, adjusted = _adjusted(A, b, S, theta)
         projected = adjusted / weight[:, None]
-        renewed = scipy.linalg.solve(projected.T @ A, projected.T @ b)
+        renewed = np.linalg.solve(projected.T @ A, projected.T @ b)
         change = float(np.max(np.abs(renewed - theta)))
         theta = renewed
         if change <= TOLERANCE * float(np.max(np.abs(theta))):
@@ -61,7 +64,7 @@ def weighted_total_least_squares(
         )
     residual = b - A @ theta
     weight, _ = _adjusted(A, b, S, theta)
-    return Solution(theta, residual, float(np.sum(residual**2 / weight)), condition)
+    return Solution(theta / lengths[:-1], residual, float(np.sum(residual**2 / weight)), start.condition)
 
 
 def _adjusted(
