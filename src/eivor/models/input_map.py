@@ -62,7 +62,7 @@ class Power(InputMap):
     @property
     def name(self) -> str:
         """``linear``, ``square`` or ``power:EXPONENT``."""
-        return {1.0: "linear", 2.0: "square"}.get(self.exponent, f"power:{self.exponent:g}")
+        return {1.0: "linear", 2.0: "square"}.get(self.exponent, f"power:{_shortest(self.exponent)}")
 
     def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Signed power of each state."""
@@ -104,7 +104,7 @@ class Mixed(InputMap):
     @property
     def name(self) -> str:
         """``mixed:SHARE``."""
-        return f"mixed:{self.share:g}"
+        return f"mixed:{_shortest(self.share)}"
 
     def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Blend of each state and its square."""
@@ -122,6 +122,11 @@ class Mixed(InputMap):
     def slope(self, state: float) -> float:
         """``1 - share + 2 share |state|``."""
         return float(1.0 - self.share + 2.0 * self.share * np.abs(state))
+
+
+def _shortest(number: float) -> str:
+    """Fewest digits that give the number back."""
+    return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
 def input_map(name: str) -> InputMap:
