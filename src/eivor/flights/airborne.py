@@ -1,9 +1,10 @@
 """Where the vehicle is in the air.
 
-By the land detector where one is logged, which includes its ground contact. Else by a stated rule: it flies while its input is above a
-quarter of the level it flies at (the 95th percentile), if the log shows the input below that for half a
-second or more, and, where the height is logged, only while it is also 0.1 m above the ground (the median
-height with the input off). A log whose input is never off is taken as airborne throughout.
+By the land detector where one is logged, which includes its ground contact. Else by a stated rule: it
+flies while its input is above a quarter of the level it flies at (the 95th percentile), if the log shows
+the input below that for half a second or more, and, where the height is logged, only while it is also
+0.1 m above the ground (the median height with the input off). A log whose input is never off is taken as
+airborne throughout.
 """
 
 from __future__ import annotations

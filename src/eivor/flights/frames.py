@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from eivor.errors import ShapeError
 from eivor.signals.recording import Channel, Frame, Recording
 
 #: Channels whose sign changes when z down becomes z up.
@@ -51,7 +52,18 @@ def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Floa
     """Stamps [s], and the last row of the rotation from body to world at each.
 
     Its last element is the cosine of the tilt. Quaternions are normalised; those of no length give NaN.
+
+    Raises
+    ------
+    ShapeError
+        When the four parts are on different clocks.
     """
+    if any(not np.array_equal(channel.time_s, attitude[0].time_s) for channel in attitude[1:]):
+        raise ShapeError(
+            "the four parts of an attitude on one clock",
+            f"{', '.join(f'{channel.time_s.size} stamps of {channel.name}' for channel in attitude)}",
+            "Bring them to the same stamps first: quaternions are not interpolated part by part.",
+        )
     w, x, y, z = (channel.values for channel in attitude)
     square = w**2 + x**2 + y**2 + z**2
     square = np.where(square > 0.0, square, np.nan)

@@ -78,7 +78,7 @@ def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool
         return _held(channel, finite, grid)
     time, values = channel.time_s[finite], channel.values[finite]
     t = grid.time_s
-    if channel.rate_hz > AVERAGED_FROM / grid.step_s:
+    if time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s:
         series = _averaged(time, values, grid)
     else:
         series = np.interp(t, time, values)

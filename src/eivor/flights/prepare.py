@@ -35,6 +35,8 @@ SLOW_BAND_HZ = (0.04, 4.0)
 SLOW_VELOCITY_HZ = 15.0
 #: The logged acceleration is preferred to the accelerometer and attitude unless it is slower than this.
 SLOW_ACCELERATION_HZ = 20.0
+#: A height that is known for a smaller share of the log cannot say where the ground is.
+HEIGHT_KNOWN_SHARE = 0.5
 #: An input whose standard deviation is below this share of its mean is constant.
 CONSTANT_INPUT_SHARE = 1e-6
 
@@ -160,7 +162,7 @@ def prepare(recording: Recording, options: FlightOptions) -> PreparedFlight:
 
 def _input(log: Recording, wanted: str) -> tuple[str, list[Channel]]:
     """Family and channels of the input."""
-    for family in (wanted,) if wanted else INPUTS:
+    for family in (wanted.rstrip("*").rstrip("_"),) if wanted else INPUTS:
         channels = log.family(family)
         if channels:
             return family, channels
@@ -217,9 +219,13 @@ def _rotated(
     if len(axes) != 3 or row is None or row[0].size == 0:
         return None
     time = axes[2].time_s
-    same = all(channel.time_s.size == time.size for channel in axes)
+    if not all(channel.time_s.size for channel in axes):
+        return None
     columns = [
-        channel.values if same else np.interp(time, channel.time_s, channel.values) for channel in axes
+        channel.values
+        if np.array_equal(channel.time_s, time)
+        else np.interp(time, channel.time_s, channel.values)
+        for channel in axes
     ]
     up = [np.interp(time, row[0], row[1][:, axis]) for axis in range(3)]
     values = sum((u * column for u, column in zip(up, columns, strict=True)), np.zeros(time.size))
@@ -240,12 +246,14 @@ def _airborne(log: Recording, grid: Grid, commands: Float[np.ndarray, "n rotors"
     landed = height = None
     if "landed" in log.channels:
         on_ground, known = on_grid(log.channels["landed"], grid)
-        landed = (on_ground > 0.5) | ~known
-        if "ground_contact" in log.channels:
-            touching, told = on_grid(log.channels["ground_contact"], grid)
-            landed |= told & (touching > 0.5)
+        if known.any():
+            landed = (on_ground > 0.5) | ~known
+            if "ground_contact" in log.channels:
+                touching, told = on_grid(log.channels["ground_contact"], grid)
+                landed |= told & (touching > 0.5)
     if "position_z" in log.channels:
-        height = on_grid(log.channels["position_z"], grid)[0]
+        level, known = on_grid(log.channels["position_z"], grid)
+        height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None
     return airborne(input_level=commands.mean(axis=1), step_s=grid.step_s, landed=landed, height=height)
 
 
@@ -281,5 +289,5 @@ def _mask(runs: list[slice], count: int) -> Bool[np.ndarray, " n"]:
 
 
 def contains_feedback(flight: PreparedFlight) -> bool:
-    """Return whether the only usable reference is one that a position loop computes."""
-    return set(flight.usable_references) == {FEEDBACK}
+    """Return whether a reference that a position loop computes is among those that serve."""
+    return FEEDBACK in flight.usable_references

@@ -117,9 +117,8 @@ class Signals:
 
     def runs(self, at_least_s: float = 0.0) -> list[slice]:
         """Contiguous stretches of valid samples, each at least `at_least_s` long."""
-        if self.valid is None:
-            return [slice(0, self.sample_count)]
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], self.valid.astype(np.int8), [0]])))
+        valid = np.ones(self.sample_count, dtype=np.bool_) if self.valid is None else self.valid
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(np.int8), [0]])))
         return [
             slice(int(first), int(last))
             for first, last in zip(edges[::2], edges[1::2], strict=True)
