@@ -32,6 +32,10 @@ class EivorError(Exception):
         return type(self), (self.expected, self.received, self.remedy)
 
 
+class WeakInstrumentsWarning(UserWarning):
+    """Instruments that hardly move what they are to identify; the estimate's status is weak."""
+
+
 class UsageError(EivorError):
     """The call is wrong: an option, a name or a combination that does not exist."""
 

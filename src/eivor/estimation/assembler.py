@@ -34,7 +34,7 @@ class Assembler(ABC):
 
     @abstractmethod
     def moments(self, problem: LinearProblem, *, instrument_products: bool = False) -> Moments:
-        """Summary of the problem's rows; with mean(psi psi') when a weighting needs it."""
+        """Summary of the problem's rows; with mean(psi psi') and mean(phi phi') when they are needed."""
 
     @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
@@ -131,8 +131,8 @@ class Instrumental(Assembler):
                 "an instrument of the same channel and lag as a noisy regressor",
                 "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
             )
-        count, products, own = mean_cross_products(problem, instruments=True, own=instrument_products)
-        return CrossMoments(count, products, None, own)
+        found = mean_cross_products(problem, instruments=True, own=instrument_products)
+        return CrossMoments(found.count, found.cross, None, found.instruments, found.regressors)
 
     def system(self, moments: Moments) -> LinearSystem:
         """Mean cross-products as equations."""
@@ -189,10 +189,8 @@ class Compensated(Assembler):
             When a noise that instruments and regressors share is not declared: none is never assumed.
         """
         noise = self._noise(problem)
-        count, products, own = mean_cross_products(
-            problem, instruments=self.by_instruments, own=instrument_products
-        )
-        return CrossMoments(count, products, noise, own)
+        found = mean_cross_products(problem, instruments=self.by_instruments, own=instrument_products)
+        return CrossMoments(found.count, found.cross, noise, found.instruments, found.regressors)
 
     def system(self, moments: Moments) -> LinearSystem:
         """Compensated mean cross-products as equations."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -19,9 +20,13 @@ from eivor.estimation.inferred import Inference, Solved, infer
 from eivor.estimation.nuisance import LagProfile
 from eivor.inference.covariance import JointCovariance
 from eivor.inference.quantiles import chi_square_quantile
+from eivor.inference.verdict import Reason, Status, verdict
 from eivor.linalg.system import Solution
 from eivor.models.parameter import Parameter
 from eivor.models.regression import Regression
+
+if TYPE_CHECKING:
+    import polars as pl
 
 #: A scalar function of a candidate's joint vector: its value and its gradient.
 Quantity = Callable[["Candidate"], tuple[float, Float[np.ndarray, " n"]]]
@@ -127,11 +132,19 @@ class Estimate:
         In the order of the joint vector.
     candidates : tuple of Candidate
         One for each delay, in increasing order.
+    reasons : tuple of Reason
+        Grounds against the estimate that were met while it was made.
     """
 
     method: str
     joint_parameters: tuple[Parameter, ...]
     candidates: tuple[Candidate, ...]
+    reasons: tuple[Reason, ...] = ()
+
+    @property
+    def status(self) -> Status:
+        """Weak when the instruments are; see `reasons`."""
+        return verdict(list(self.reasons)).status
 
     @cached_property
     def best(self) -> Candidate:
@@ -226,8 +239,34 @@ class Estimate:
             ends.extend((value - half, value + half))
         return min(ends), max(ends)
 
+    def to_frame(self) -> pl.DataFrame:
+        """Table of the parameters.
+
+        Returns
+        -------
+        polars.DataFrame
+            Columns `parameter`, `value`, `unit`; with the rows at hand also `std_error`, `low`, `high`
+            (95 %).
+        """
+        import polars as pl
+
+        columns: dict[str, list[str] | list[float]] = {
+            "parameter": list(self.names),
+            "value": [self.parameters[name] for name in self.names],
+            "unit": list(self.units),
+        }
+        if self.best.solved is not None:
+            intervals = [self.interval(name) for name in self.names]
+            columns["std_error"] = [self.std_error(name) for name in self.names]
+            columns["low"] = [low for low, _ in intervals]
+            columns["high"] = [high for _, high in intervals]
+        return pl.DataFrame(columns)
+
     def summary(self) -> str:
-        """Table of parameters, standard errors and 95 % intervals, as text."""
+        """Table of parameters as text, with standard errors and 95 % intervals when the rows are at hand."""
+        if self.best.solved is None:
+            lines = [f"{self.method} (from moments: no standard errors)"]
+            return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])
         lines = [
             f"{self.method}",
             f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>26}  unit",
@@ -238,4 +277,5 @@ class Estimate:
                 f"{parameter.name:<20}{self.parameters[parameter.name]:>12.5g}"
                 f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>26}  {parameter.unit}"
             )
+        lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

@@ -11,6 +11,7 @@ from eivor.estimation.method import Method
 from eivor.estimation.nuisance import lag_column, no_lag, search_lag
 from eivor.estimation.solve import solve, solve_moments
 from eivor.estimation.streaming import ProblemMoments
+from eivor.estimation.strength import weak_instruments
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import ACTUATOR_LAG, SeparableProblem
 
@@ -43,10 +44,14 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
     if isinstance(problem, SeparableProblem):
         return _separable_estimate(problem, method)
     if isinstance(problem, ProblemMoments):
-        solution = solve_moments(method, problem.moments, None).solution
+        solved_moments = solve_moments(method, problem.moments, None)
+        solution = solved_moments.solution
+        reasons = weak_instruments(problem.moments, solved_moments.system, problem.parameters)
         candidate = Candidate(0.0, solution.theta, solution, no_lag(solution), None)
-        return Estimate(method.name, problem.parameters, (candidate,))
-    solved = solve(method, problem)
+        return Estimate(method.name, problem.parameters, (candidate,), reasons)
+    moments = method.assembler.moments(problem, instrument_products=method.assembler.needs_instruments)
+    solved = solve_moments(method, moments, problem)
+    reasons = weak_instruments(moments, solved.system, problem.parameters)
     source = Solved(
         problem,
         method,
@@ -56,7 +61,7 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
         np.empty((0, 0)),
     )
     candidate = Candidate(0.0, solved.solution.theta, solved.solution, no_lag(solved.solution), source)
-    return Estimate(method.name, problem.parameters, (candidate,))
+    return Estimate(method.name, problem.parameters, (candidate,), reasons)
 
 
 def _separable_estimate(problem: SeparableProblem, method: Method) -> Estimate:

@@ -61,8 +61,8 @@ class TriangularMoments(Moments):
 
     def merge(self, other: Moments) -> TriangularMoments:
         """Root of the stacked roots."""
-        _check_alike(self, other, lambda m: m.root.shape[1] if isinstance(m, TriangularMoments) else -1)
-        assert isinstance(other, TriangularMoments)  # noqa: S101 - just checked
+        if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
+            raise _unlike(self, other)
         noise = None
         if self.noise is not None and other.noise is not None:
             noise = _mean(self.count, self.noise, other.count, other.noise)
@@ -83,12 +83,15 @@ class CrossMoments(Moments):
         C and c: what the measurement noises add to it on average.
     instruments : ndarray, shape (p, p), optional
         mean(psi psi'), for two-stage weighting.
+    regressors : ndarray, shape (n, n), optional
+        mean(phi phi'), for the strength of the instruments.
     """
 
     count: int
     products: Float[np.ndarray, "p n_plus_1"]
     noise: Float[np.ndarray, "p n_plus_1"] | None = None
     instruments: Float[np.ndarray, "p p"] | None = None
+    regressors: Float[np.ndarray, "n n"] | None = None
 
     @property
     def rows(self) -> int:
@@ -97,15 +100,13 @@ class CrossMoments(Moments):
 
     def merge(self, other: Moments) -> CrossMoments:
         """Count-weighted means."""
-        _check_alike(self, other, lambda m: m.products.shape if isinstance(m, CrossMoments) else -1)
-        assert isinstance(other, CrossMoments)  # noqa: S101 - just checked
-        noise = instruments = None
-        if self.noise is not None and other.noise is not None:
-            noise = _mean(self.count, self.noise, other.count, other.noise)
-        if self.instruments is not None and other.instruments is not None:
-            instruments = _mean(self.count, self.instruments, other.count, other.instruments)
+        if not isinstance(other, CrossMoments) or self.products.shape != other.products.shape:
+            raise _unlike(self, other)
+        parts = ("noise", "instruments", "regressors")
+        pairs = [(getattr(self, part), getattr(other, part)) for part in parts]
+        means = [None if a is None or b is None else _mean(self.count, a, other.count, b) for a, b in pairs]
         products = _mean(self.count, self.products, other.count, other.products)
-        return CrossMoments(self.count + other.count, products, noise, instruments)
+        return CrossMoments(self.count + other.count, products, *means)
 
 
 def _mean(
@@ -115,11 +116,9 @@ def _mean(
     return values * (count / total) + other * (other_count / total)
 
 
-def _check_alike(one: Moments, other: Moments, shape: object) -> None:
-    assert callable(shape)  # noqa: S101 - private
-    if type(one) is not type(other) or shape(one) != shape(other):
-        raise UsageError(
-            f"moments of the same kind and columns as {type(one).__name__} of shape {shape(one)}",
-            f"{type(other).__name__} of shape {shape(other)}",
-            "Merge moments that one method made of one problem.",
-        )
+def _unlike(one: Moments, other: Moments) -> UsageError:
+    return UsageError(
+        f"moments of the same kind and columns as these {type(one).__name__}",
+        f"{type(other).__name__} of other columns" if type(one) is type(other) else type(other).__name__,
+        "Merge moments that one method made of one problem.",
+    )

@@ -1,31 +1,51 @@
 """Sums over rows in blocks: cross-products and roots, without a matrix of lags.
 
 The columns of a `SignalRegression` are slices of its channels, so the product of an instrument and a
-regressor is a dot product of two slices; all pairs of a block are taken while it is in the cache. For
-rows in arrays it is a matrix product, block by block.
+regressor is a dot product of two slices, and successive lags are folded into matrix products; all pairs
+of a block are taken while it is in the cache. For rows in arrays it is a matrix product, block by block.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import NonFiniteError, TooFewSamplesError
+from eivor.estimation.lagged_products import lagged_products
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.column import Column
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.signal_regression import SignalRegression
 
 #: Rows in a block: a few columns of it fit in a second-level cache.
-BLOCK_ROWS = 16_384
-
-Products = tuple[int, Float[np.ndarray, "p n_plus_1"], Float[np.ndarray, "p p"] | None]
+BLOCK_ROWS = 32_768
 
 
-def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool) -> Products:
-    """Number of rows, mean(psi [phi' y]), and with `own` mean(psi psi').
+@dataclass(frozen=True, slots=True)
+class MeanProducts:
+    """Mean cross-products over the rows.
+
+    Parameters
+    ----------
+    count : int
+        Number of rows.
+    cross : ndarray, shape (p, n + 1)
+        mean(psi [phi' y]).
+    instruments, regressors : ndarray, shapes (p, p) and (n, n), optional
+        mean(psi psi') and mean(phi phi').
+    """
+
+    count: int
+    cross: Float[np.ndarray, "p n_plus_1"]
+    instruments: Float[np.ndarray, "p p"] | None = None
+    regressors: Float[np.ndarray, "n n"] | None = None
+
+
+def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool) -> MeanProducts:
+    """Mean cross-products; with `own` also those of instruments and of regressors among themselves.
 
     Parameters
     ----------
@@ -34,7 +54,7 @@ def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool)
     instruments : bool
         False takes the regressors themselves as psi.
     own : bool
-        Also average the instruments' products with each other.
+        Also average the products of instruments, and of regressors, with each other.
 
     Raises
     ------
@@ -45,48 +65,88 @@ def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool)
         found = _of_signals(problem, instruments=instruments, own=own)
     else:
         found = _of_arrays(problem.rows(), instruments=instruments, own=own)
-    if not np.isfinite(found[1]).all():
+    if not np.isfinite(found.cross).all():
         raise NonFiniteError(
             "finite cross-products", "NaN or infinity", "Check the channels for overflow or missing values."
         )
     return found
 
 
-def _of_arrays(rows: Regression, *, instruments: bool, own: bool) -> Products:
-    Psi = rows.instruments if instruments else rows.regressors
-    count = rows.response.size
-    products = np.zeros((Psi.shape[1], rows.regressors.shape[1] + 1))
-    squares = np.zeros((Psi.shape[1], Psi.shape[1])) if own else None
+def _of_arrays(rows: Regression, *, instruments: bool, own: bool) -> MeanProducts:
+    Phi, y = rows.regressors, rows.response
+    Psi = rows.instruments if instruments else Phi
+    count = y.size
+    cross = np.zeros((Psi.shape[1], Phi.shape[1] + 1))
+    squares = [np.zeros((A.shape[1], A.shape[1])) for A in (Psi, Phi)] if own else []
     for first in range(0, count, BLOCK_ROWS):
         here = slice(first, first + BLOCK_ROWS)
-        products[:, :-1] += Psi[here].T @ rows.regressors[here]
-        products[:, -1] += Psi[here].T @ rows.response[here]
-        if squares is not None:
-            squares += Psi[here].T @ Psi[here]
-    return count, products / count, None if squares is None else squares / count
+        cross[:, :-1] += Psi[here].T @ Phi[here]
+        cross[:, -1] += Psi[here].T @ y[here]
+        for place, A in enumerate((Psi, Phi) if own else ()):
+            squares[place] += A[here].T @ A[here]
+    means = [square / count for square in squares]
+    return MeanProducts(count, cross / count, *means)
 
 
-def _of_signals(problem: SignalRegression, *, instruments: bool, own: bool) -> Products:
-    right = (*problem.regressor_columns, problem.equation.response)
-    left = problem.instrument_columns if instruments else problem.regressor_columns
+def _of_signals(problem: SignalRegression, *, instruments: bool, own: bool) -> MeanProducts:
+    regressors = problem.regressor_columns
+    left = problem.instrument_columns if instruments else regressors
     count = row_count(problem)
-    products = np.zeros((len(left), len(right)))
-    squares = np.zeros((len(left), len(left))) if own else None
+    cross = _sums(problem, left, (*regressors, problem.equation.response))
+    own_products = []
+    if own:
+        own_products = [_own_sums(problem, columns) / count for columns in (left, regressors)]
+    return MeanProducts(count, cross / count, *own_products)
+
+
+def _sums(
+    problem: SignalRegression, left: Sequence[Column], right: Sequence[Column]
+) -> Float[np.ndarray, "left right"]:
+    """Sums of products of columns, all pairs of a block at a time."""
+    sums = np.zeros((len(left), len(right)))
+    folded = successive_lags(left)
     for start, stop in blocks(problem.first, problem.signals.sample_count):
-        psi = [_slice(problem, column, start, stop) for column in left]
-        phi = [_slice(problem, column, start, stop) for column in right]
-        for i, one in enumerate(psi):
-            for j, other in enumerate(phi):
-                products[i, j] += np.dot(one, other)
-        if squares is not None:
-            for i, one in enumerate(psi):
-                for j in range(i + 1):
-                    squares[i, j] += np.dot(one, psi[j])
-    gains = (np.array([c.gain for c in left]), np.array([c.gain for c in right]))
-    products *= np.outer(*gains) / count
-    if squares is not None:
-        squares = (squares + np.tril(squares, -1).T) * np.outer(gains[0], gains[0]) / count
-    return count, products, squares
+        rights = [_slice(problem, column, start, stop) for column in right]
+        if folded is not None:
+            series = problem.signals.channel(left[0].channel)
+            sums += lagged_products(series, folded, rights, start, stop)
+            continue
+        for i, column in enumerate(left):
+            one = _slice(problem, column, start, stop)
+            for j, other in enumerate(rights):
+                sums[i, j] += np.dot(one, other)
+    return sums * np.outer([c.gain for c in left], [c.gain for c in right])
+
+
+def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.ndarray, "p p"]:
+    """Sums of products of columns among themselves.
+
+    For lags of one channel the sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both
+    ends of the record, so that one row of sums gives them all.
+    """
+    if successive_lags(columns) is None:
+        return _sums(problem, columns, columns)
+    lags = [column.lag for column in columns]
+    count = len(columns)
+    sums = np.empty((count, count))
+    sums[0] = sums[:, 0] = _sums(problem, columns[:1], columns)[0] / columns[0].gain ** 2
+    values = problem.signals.channel(columns[0].channel)
+    first, last = problem.first, problem.signals.sample_count
+    for i in range(count - 1):
+        for j in range(i + 1):
+            entering = values[first - 1 - lags[i]] * values[first - 1 - lags[j]]
+            leaving = values[last - 1 - lags[i]] * values[last - 1 - lags[j]]
+            sums[i + 1, j + 1] = sums[j + 1, i + 1] = sums[i, j] + entering - leaving
+    return sums * columns[0].gain ** 2
+
+
+def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
+    """First and last lag of columns that are successive lags of one channel with a constant gain."""
+    lags = [column.lag for column in columns]
+    alike = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
+    if len(lags) < 2 or not alike or not columns[0].channel or columns[0].gain_channel:
+        return None
+    return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None
 
 
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:

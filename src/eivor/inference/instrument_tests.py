@@ -56,6 +56,40 @@ def conditional_first_stage(
     return strengths
 
 
+def first_stage_of_products(
+    instruments: Float[np.ndarray, "p p"],
+    cross: Float[np.ndarray, "p n"],
+    regressors: Float[np.ndarray, "n n"],
+    rows: int,
+) -> Float[np.ndarray, " n"]:
+    """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi').
+
+    The same statistic as `conditional_first_stage`, from moments alone: rounding limits it to about
+    half the digits, which is enough to compare it with ten. Zero when the instruments are collinear.
+    """
+    available, count = cross.shape
+    degrees = available - (count - 1)
+    scale = np.sqrt(np.diag(instruments))
+    if degrees < 1 or rows <= available or not scale.all():
+        return np.zeros(count)
+    eigenvalues, vectors = np.linalg.eigh(instruments / np.outer(scale, scale))
+    kept = eigenvalues > SMALLEST_DIRECTION**2
+    basis_products = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T @ (cross / scale[:, None])
+    projected = basis_products.T @ basis_products
+    strengths = np.zeros(count)
+    for j in range(count):
+        others = [i for i in range(count) if i != j]
+        delta = np.linalg.lstsq(projected[np.ix_(others, others)], projected[others, j], rcond=None)[0]
+        direction = np.zeros(count)
+        direction[j], direction[others] = 1.0, -delta
+        explained = float(direction @ projected @ direction)
+        total = float(direction @ regressors @ direction)
+        unexplained = total - explained
+        negligible = unexplained <= 1e-12 * float(regressors[j, j])
+        strengths[j] = np.inf if negligible else explained / degrees / (unexplained / (rows - available))
+    return strengths
+
+
 def over_identification(
     basis: Float[np.ndarray, "rows p"], residual: Float[np.ndarray, " rows"], variance: float, unknowns: int
 ) -> tuple[float, float]:
