@@ -13,14 +13,18 @@ if TYPE_CHECKING:
     from eivor.estimation import methods
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
+    from eivor.estimation.streaming import moments
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
     from eivor.flights.result import FlightEstimate
+    from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
     from eivor.logs import read_log, recording_from_columns
+    from eivor.logs.chunks import read_chunks
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
+    from eivor.models.signal_regression import SignalRegression
     from eivor.models.vertical import VerticalMotion
-    from eivor.signals.noise import WhiteNoise
+    from eivor.signals.noise import FractionalNoise, WhiteNoise
     from eivor.signals.recording import Recording
     from eivor.signals.signals import Signals
 
@@ -30,8 +34,10 @@ _HOMES = {
     "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",
     "FlightOptions": "eivor.flights.options",
+    "FractionalNoise": "eivor.signals.noise",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
+    "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "VerticalMotion": "eivor.models.vertical",
     "WhiteNoise": "eivor.signals.noise",
@@ -39,9 +45,12 @@ _HOMES = {
     "identify_flight": "eivor.flights.recipe",
     "lags": "eivor.models.column",
     "methods": "eivor.estimation.methods",
+    "moments": "eivor.estimation.streaming",
+    "read_chunks": "eivor.logs.chunks",
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
+    "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
 __version__ = version("eivor")
@@ -50,8 +59,10 @@ __all__ = [
     "Estimate",
     "FlightEstimate",
     "FlightOptions",
+    "FractionalNoise",
     "Recording",
     "Regression",
+    "SignalRegression",
     "Signals",
     "VerticalMotion",
     "WhiteNoise",
@@ -60,9 +71,12 @@ __all__ = [
     "identify_flight",
     "lags",
     "methods",
+    "moments",
+    "read_chunks",
     "read_log",
     "recording_from_columns",
     "regression",
+    "weighted_total_least_squares",
 ]
 
 
