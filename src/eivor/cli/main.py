@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import warnings
 from typing import Annotated
 
 import typer
 
 from eivor.cli import examples
+from eivor.cli.exit_codes import DEBUG_VARIABLE
 from eivor.cli.identify import EXIT_CODES, identify
 from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
 from eivor.cli.inspect import inspect
@@ -26,7 +29,7 @@ app.command(epilog=INSPECT_EXIT_CODES)(inspect)
 app.add_typer(examples.app)
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool) -> bool:
     if wanted:
         from importlib.metadata import version
 
@@ -34,6 +37,7 @@ def _print_version(wanted: bool) -> None:
 
         write(f"eivor {version('eivor')}\n")
         raise typer.Exit
+    return wanted
 
 
 @app.callback()
@@ -54,4 +58,6 @@ def run() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
+    if os.environ.get(DEBUG_VARIABLE) != "1":
+        warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     app(prog_name="eivor")

@@ -6,7 +6,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 PATIENCE_S = 1.0
 
 
-def console(stream: TextIO) -> Console:
-    """Console on a stream, created when it is needed: widths and colours follow the stream."""
+def console(*, error: bool = False) -> Console:
+    """Console on standard output or error, made when it is needed: width and colours follow the stream."""
     from rich.console import Console
 
-    return Console(file=stream, highlight=False, markup=False, emoji=False, soft_wrap=False)
+    return Console(stderr=error, highlight=False, markup=False, emoji=False, soft_wrap=False)
 
 
 def show(report: RenderableType) -> None:
     """Print a report on standard output; in a pipe without the blanks that pad lines to the width."""
-    screen = console(sys.stdout)
+    screen = console()
     if screen.is_terminal:
         screen.print(report)
         sys.stdout.flush()
@@ -60,7 +60,7 @@ def step(what: str) -> Iterator[None]:
 
     from eivor.report.wording import printable
 
-    status = console(sys.stderr).status(Text(f"{printable(what)} ..."))
+    status = console(error=True).status(Text(f"{printable(what)} ..."))
     timer = threading.Timer(PATIENCE_S, status.start)
     timer.daemon = True
     timer.start()

@@ -256,7 +256,7 @@ def _draw_autocorrelation(axes: Axes, best: Candidate, runs: list[_Run]) -> None
 
 
 def _autocorrelation(
-    blocks: list[Complex[np.ndarray, " bins"]], runs: list[SpectralRun]
+    blocks: list[Complex[np.ndarray, " _"]], runs: list[SpectralRun]
 ) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
     """Correlation at multiples of half a period of the band's top, from the power of the bins."""
     step = 1.0 / (2.0 * max(run.band_hz[1] for run in runs))

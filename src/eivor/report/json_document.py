@@ -24,8 +24,8 @@ DERIVED = ("effective_lag", "hover_input")
 ROW_PARAMETERS = ("viscous_friction", "input_gain")
 EQUATION = "z'' + g = K_u U - K z' + b; U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)"
 
-#: A value of JSON.
-Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
+#: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
+Json = object
 
 
 def json_document(result: FlightEstimate) -> dict[str, Json]:
@@ -143,7 +143,7 @@ def _row(key: str, row: FlightRow) -> Json:
 
 
 def _options(options: FlightOptions) -> Json:
-    plain: dict[str, Json] = asdict(options)
+    plain: dict[str, Json] = dict(asdict(options))
     plain["window"] = _pair(options.window)
     plain["instruments"] = list(options.instruments)
     return plain

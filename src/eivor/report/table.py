@@ -33,6 +33,8 @@ MEANINGS = {
     Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
     Status.REFUSED: "the flight cannot tell the viscous friction.",
 }
+#: Names up to this length keep their line in the tables of flights and of methods.
+LONGEST_WHOLE = 20
 #: Findings that only an inspection shows: they bear on no number.
 QUIET_FINDINGS = ("epoch_time",)
 #: Columns of the tables of flights and of methods.
@@ -135,6 +137,7 @@ def row_table(rows: tuple[FlightRow, ...], label: str) -> Table:
     words = [QUANTITIES[name] for name in ROW_QUANTITIES]
     titles = [f"{w.symbol} [{w.unit}]" if w.unit else w.symbol for w in words]
     table = _plain_table(label, *titles)
+    table.columns[0].no_wrap = all(len(row.label) <= LONGEST_WHOLE for row in rows)
     for row in rows:
         cells = [Text.assemble(printable(row.label), "\n", status_text(row.verdict))]
         for name in ROW_QUANTITIES:

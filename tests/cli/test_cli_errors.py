@@ -1,0 +1,184 @@
+"""What never happens: a traceback, a screen rewritten by a log's name, a slow start."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import polars
+import pytest
+
+from eivor.cli.exit_codes import ExitCode, guarded
+
+Caller = Callable[..., Any]
+
+HOSTILE = "a[red]b[bold]$x_1$\x1b[31m\n@1é.csv"
+
+
+def test_help_loads_nothing_heavy() -> None:
+    for arguments in (["--help"], ["identify", "--help"], ["inspect", "--help"], ["example", "--help"]):
+        code = (
+            "import sys\nfrom eivor.cli.main import app\n"
+            f"try: app({arguments!r}, prog_name='eivor')\n"
+            "except SystemExit as left: assert not left.code\n"
+            "print('@modules', *sys.modules)"
+        )
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        loaded = set(run.stdout.partition("@modules")[2].split())
+        heavy = {"numpy", "polars", "scipy", "scipy.signal", "matplotlib", "pyulog", "pooch", "requests"}
+        assert not heavy & loaded
+
+
+def test_help_answers_in_half_a_second(shell: Caller) -> None:
+    best = 1e9
+    for _ in range(3):
+        start = time.perf_counter()
+        assert shell("--help").code == 0
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.5 * float(os.environ.get("EIVOR_SLOW_MACHINE", "1"))
+
+
+def test_help_says_the_exit_codes(eivor: Caller) -> None:
+    for command in (
+        ["identify"],
+        ["inspect"],
+        ["example", "list"],
+        ["example", "fetch"],
+        ["example", "path"],
+    ):
+        run = eivor(*command, "--help")
+        assert run.code == 0
+        assert "Exit codes" in run.out
+
+
+def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
+    from eivor.estimation.methods import TABLE
+    from eivor.logs import shipped_maps
+
+    run = eivor("identify", "--help")
+    assert all(name in run.out for name in (*TABLE, *shipped_maps()))
+
+
+def test_without_arguments_there_is_help(eivor: Caller) -> None:
+    run = eivor()
+    assert "identify" in run.out + run.err
+    assert "inspect" in run.out + run.err
+
+
+def test_version(eivor: Caller) -> None:
+    import eivor as package
+
+    run = eivor("--version")
+    assert run.code == 0
+    assert run.out == f"eivor {package.__version__}\n"
+
+
+def test_a_wrong_command_is_wrong_usage(eivor: Caller) -> None:
+    run = eivor("identfy")
+    assert run.code == 2
+    assert "identify" in run.err
+
+
+def _failing(error: BaseException) -> Callable[[], None]:
+    def command() -> ExitCode:
+        raise error
+
+    return guarded(command)
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (ZeroDivisionError("seven"), 1, "unexpected ZeroDivisionError: seven"),
+        (MemoryError(), 1, "Not enough memory"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+    ],
+)
+def test_an_unexpected_error_is_one_message(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    error: BaseException,
+    code: int,
+    message: str,
+) -> None:
+    import typer
+
+    monkeypatch.delenv("EIVOR_DEBUG", raising=False)
+    with pytest.raises(typer.Exit) as left:
+        _failing(error)()
+    assert left.value.exit_code == code
+    assert message in capsys.readouterr().err
+
+
+def test_debug_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("EIVOR_DEBUG", "1")
+    with pytest.raises(ZeroDivisionError):
+        _failing(ZeroDivisionError("seven"))()
+
+
+def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
+    command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example | true"
+    run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
+    assert run.stderr == ""
+
+
+def test_an_interrupt_leaves_with_130() -> None:
+    code = (
+        "import os, signal, sys\n"
+        "import eivor.flights.recipe as recipe\n"
+        "recipe.identify_flight = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.argv = ['eivor', 'identify', '--example']\n"
+        "from eivor.cli.main import run; run()"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert run.returncode in {130, -signal.SIGINT}
+    assert "Traceback" not in run.stderr
+    assert "interrupted" in run.stderr
+
+
+def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    path = tmp_path / HOSTILE
+    flight.head(1500).write_csv(tmp_path / "x.csv")
+    (tmp_path / "x.csv").rename(path)
+    for arguments in (("identify", path, "--figure", tmp_path / "x.svg"), ("inspect", path)):
+        run = eivor(*arguments)
+        assert run.code in {0, 3}
+        assert "\x1b" not in run.out + run.err
+        assert "a[red]b[bold]$x_1$\\x1b[31m\\n@1é.csv" in "".join(run.out.split("\n"))
+    assert (tmp_path / "x.svg").stat().st_size > 10_000
+
+
+def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
+    run = eivor("identify", tmp_path / HOSTILE)
+    assert run.code == 1
+    assert "\x1b" not in run.err
+    assert run.err.count("\n") == 1
+
+
+def test_a_name_that_is_no_text(flight: polars.DataFrame, tmp_path: Path) -> None:
+    path = os.path.join(os.fsencode(tmp_path), b"\xff.csv")  # noqa: PTH118 - bytes are the point
+    source = tmp_path / "x.csv"
+    flight.head(1500).write_csv(source)
+    os.rename(source, path)  # noqa: PTH104 - bytes are the point
+    for more in ([], [b"--json", b"-"]):
+        run = subprocess.run(
+            [sys.executable, "-c", "from eivor.cli.main import run; run()", b"identify", path, *more],
+            capture_output=True,
+            check=False,
+        )
+        assert run.returncode in {0, 1, 3}
+        assert b"Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_a_poor_encoding_is_no_error(shell: Caller, encoding: str) -> None:
+    run = shell("identify", "--example", encoding=encoding, PYTHONIOENCODING=encoding, PYTHONUTF8="0")
+    assert run.code == 0, run.err
+    assert run.err == ""
+    assert "identified" in run.out

@@ -1,0 +1,288 @@
+"""`eivor identify`: every option, the exit codes, the outputs."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars
+import pytest
+
+Caller = Callable[..., Any]
+
+
+def test_the_example_is_identified(eivor: Caller) -> None:
+    run = eivor("identify", "--example")
+    assert run.code == 0
+    assert run.err == ""
+    assert "IDENTIFIED" in run.out
+    assert "viscous friction" in run.out
+    assert "Flight card" not in run.out
+
+
+def test_the_example_s_interval_holds_the_truth(eivor: Caller) -> None:
+    run = eivor("identify", "--example", "--json", "-")
+    document = json.loads(run.out)
+    assert run.code == 0
+    low, high = document["parameters"]["viscous_friction"]["interval"]
+    assert low < 0.180 < high
+    low, high = document["derived"]["effective_lag"]["interval"]
+    assert low < 0.072 < high
+
+
+def test_the_table_has_every_quantity_in_80_columns(
+    eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    run = eivor("identify", log, "--compare")
+    for word in ("viscous friction", "input gain", "hover input", "effective lag", "delay", "intercept"):
+        assert word in run.out
+    assert max(len(line) for line in run.out.splitlines()) <= 80
+    assert "…" not in run.out
+    assert "\x1b" not in run.out
+    assert all(method in run.out for method in ("reference_iv", "total_least_squares", "extended_iv"))
+
+
+def test_json_on_standard_output_is_nothing_but_json(shell: Caller) -> None:
+    run = shell("identify", "--example", "--json", "-")
+    assert run.code == 0
+    assert json.loads(run.out)["schema"] == "eivor.identify/1"
+    assert run.err == ""
+
+
+def test_json_and_figure_go_to_files(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
+        figure = tmp_path / f"fit{ending}"
+        run = eivor("identify", log, "--json", tmp_path / "fit.json", "--figure", figure)
+        assert "viscous friction" in run.out
+        assert figure.read_bytes().startswith(magic)
+    assert json.loads((tmp_path / "fit.json").read_text())["logs"][0]["name"] == "flight.csv"
+
+
+def test_the_window_is_used(eivor: Caller, log: Path) -> None:
+    for arguments in (("--window", "5:20", log), (f"{log}@5:20",), ("--window", "0:9", f"{log}@5:20")):
+        document = json.loads(eivor("identify", *arguments, "--json", "-").out)
+        assert document["window"] == pytest.approx([5.0, 20.0], abs=0.02)
+
+
+def test_a_window_may_begin_before_zero(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    path = tmp_path / "early.csv"
+    flight.with_columns(polars.col("time") - 10.0).write_csv(path)
+    document = json.loads(eivor("identify", path, "--window", "-8:15", "--json", "-").out)
+    assert document["window"] == pytest.approx([-8.0, 15.0], abs=0.02)
+
+
+def test_tilt_method_map_and_input_are_passed_on(eivor: Caller, log: Path) -> None:
+    run = eivor(
+        *("identify", log, "--max-tilt", "15", "--method", "least_squares", "--input-map", "power:1.9"),
+        *("--input", "rotor_command", "--json", "-"),
+    )
+    document = json.loads(run.out)
+    assert run.code == 3
+    assert document["method"] == "least_squares"
+    assert document["model"]["input_map"] == "power:1.9"
+    assert document["provenance"]["options"]["max_tilt_deg"] == 15.0
+    assert document["verdict"] == "provisional"
+
+
+def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
+    document = json.loads(eivor("identify", log, "--instruments", "reference_position_z", "--json", "-").out)
+    assert document["instruments"] == "reference_position_z"
+    document = json.loads(eivor("identify", log, "--instruments", "lags", "--json", "-").out)
+    assert "lagged" in document["instruments"]
+    assert document["verdict"] != "identified"
+
+
+def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    paths = []
+    for number, part in enumerate((flight.slice(0, 1500), flight.slice(1500, 1500))):
+        paths.append(tmp_path / f"part{number}.csv")
+        part.write_csv(paths[-1])
+    run = eivor("identify", *paths, "--json", tmp_path / "pool.json", "--figure", tmp_path / "pool.png")
+    document = json.loads((tmp_path / "pool.json").read_text())
+    assert "Flights one by one" in run.out
+    assert [row["log"] for row in document["flights"]] == ["part0.csv", "part1.csv"]
+    assert document["window"] is None
+    assert len(document["parameters"]["intercept"]["by_segment"]) == 2
+
+
+def test_the_same_file_twice_is_used_once(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.csv"
+    shutil.copy(log, copy)
+    run = eivor("identify", log, copy)
+    assert "same content" in run.out
+    assert "Flights one by one" not in run.out
+
+
+def test_logs_of_one_name_are_told_by_their_paths(
+    eivor: Caller, flight: polars.DataFrame, tmp_path: Path
+) -> None:
+    paths = []
+    for number, part in enumerate((flight.slice(0, 1500), flight.slice(1500, 1500))):
+        (tmp_path / str(number)).mkdir()
+        paths.append(tmp_path / str(number) / "log.csv")
+        part.write_csv(paths[-1])
+    document = json.loads(eivor("identify", *paths, "--json", "-").out)
+    assert [log["name"] for log in document["logs"]] == [str(path) for path in paths]
+
+
+def test_a_channel_map_is_used(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    table, mapping = tmp_path / "mine.csv", tmp_path / "mine.toml"
+    flight.rename({"velocity_z": "vz", "time": "t"}).write_csv(table)
+    names = [name for name in flight.columns if name not in {"time", "velocity_z"}]
+    channels = "\n".join(f'[channels.{name}]\ncolumn = "{name}"' for name in names)
+    mapping.write_text(
+        f'name = "mine"\n[time]\ncolumn = "t"\nunit = "s"\n[channels.velocity_z]\ncolumn = "vz"\n{channels}\n'
+    )
+    assert eivor("identify", table, "--map", mapping).code in {0, 3}
+    mapping.write_text("name = [")
+    run = eivor("identify", table, "--map", mapping)
+    assert run.code == 1
+    assert "mine.toml" in run.err
+
+
+def test_measured_rotor_speeds_have_no_lag(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    path = tmp_path / "measured.csv"
+    rotors = {f"rotor_command_{n}": f"rotor_speed_{n}" for n in range(1, 5)}
+    flight.rename(rotors).write_csv(path)
+    run = eivor("identify", path, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png")
+    document = json.loads((tmp_path / "x.json").read_text())
+    assert run.code in {0, 3}
+    assert document["model"]["input_measured"] is True
+    assert document["parameters"]["actuator_lag"]["value"] == 0.0
+
+
+@pytest.mark.parametrize("grounded", [True, False], ids=["grounded", "constant"])
+def test_a_flight_that_tells_nothing_is_refused_not_failed(
+    eivor: Caller, flight: polars.DataFrame, tmp_path: Path, *, grounded: bool
+) -> None:
+    level = np.where(flight["time"] < 2.0, 0.0, 1800.0) if grounded else np.full(flight.height, 1800.0)
+    table = flight.with_columns(*[polars.Series(f"rotor_command_{n}", level) for n in range(1, 5)])
+    if grounded:
+        table = table.with_columns(polars.lit(0.0).alias("position_z"))
+    path = tmp_path / "still.csv"
+    table.write_csv(path)
+    run = eivor("identify", path, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png", "--compare")
+    document = json.loads((tmp_path / "x.json").read_text())
+    assert run.code == 3
+    assert "REFUSED" in run.out
+    assert ("never takes off" if grounded else "constant") in run.out
+    assert "Flight card" in run.out
+    assert document["parameters"]["viscous_friction"]["interval"] == [None, None]
+    assert (tmp_path / "x.png").stat().st_size > 10_000
+
+
+# -- wrong usage: 2 ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "one or more logs"),
+        (("--example", "LOG"), "received both"),
+        (("LOG", "--window", "9:2"), "START before END"),
+        (("LOG", "--window", "900:950"), "spans 0.00 to"),
+        (("LOG@900:950",), "spans 0.00 to"),
+        (("LOG", "--max-tilt", "0"), "between 0 and 90"),
+        (("LOG", "--max-tilt", "nan"), "between 0 and 90"),
+        (("LOG", "--max-tilt", "x"), "--max-tilt"),
+        (("LOG", "--method", "magic"), "a method out of"),
+        (("LOG", "--input-map", "cube"), "an input map"),
+        (("LOG", "--input", "nothing"), "an input out of"),
+        (("LOG", "--instruments", "nothing"), "'nothing'"),
+        (("LOG", "--instruments", "lags,references"), "alone"),
+        (("LOG", "--figure", "x.gif"), ".png"),
+        (("LOG", "--json", "LOG"), "other than the logs"),
+        (("LOG", "--nonsense"), "No such option"),
+    ],
+)
+def test_wrong_usage(eivor: Caller, log: Path, arguments: tuple[str, ...], message: str) -> None:
+    run = eivor("identify", *(argument.replace("LOG", str(log)) for argument in arguments))
+    assert run.code == 2
+    assert message in run.err
+    assert run.out == ""
+    assert "Traceback" not in run.err
+
+
+def test_a_map_for_a_ulog_is_wrong_usage(eivor: Caller, tmp_path: Path) -> None:
+    path = tmp_path / "x.ulg"
+    path.write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
+    run = eivor("identify", path, "--map", "nanobench")
+    assert run.code == 2
+    assert "channel map" in run.err
+
+
+# -- unreadable input, unwritable output: 1 ----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "empty"),
+        (b"ULog\x01\x12\x35\x01", "x.log"),
+        (b"\xa3\x95\x80\x80" * 100, "x.log"),
+        (bytes(range(256)) * 8, "x.log"),
+        (b"time,velocity_z\n0,x\n", "x.log"),
+    ],
+    ids=["empty", "cut ULog", "DataFlash", "noise", "no numbers"],
+)
+def test_an_unreadable_log(eivor: Caller, tmp_path: Path, content: bytes, message: str) -> None:
+    path = tmp_path / "x.log"
+    path.write_bytes(content)
+    run = eivor("identify", path)
+    assert run.code == 1
+    assert message in run.err
+    assert run.out == ""
+    assert "Traceback" not in run.err
+
+
+def test_no_such_log_and_a_folder(eivor: Caller, tmp_path: Path) -> None:
+    assert eivor("identify", tmp_path / "none.ulg").code == 1
+    assert eivor("identify", tmp_path).code == 1
+
+
+def test_one_bad_log_of_several_is_named(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.ulg"
+    bad.write_bytes(b"ULog\x01\x12\x35")
+    run = eivor("identify", log, bad)
+    assert run.code == 1
+    assert "bad.ulg" in run.err
+
+
+def test_one_bad_window_of_several_is_named(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    shutil.copy(log, other)
+    run = eivor("identify", log, f"{other}@500:600")
+    assert run.code == 2
+    assert "other.csv" in run.err
+
+
+def test_a_missing_channel_says_what_was_looked_for(
+    eivor: Caller, flight: polars.DataFrame, tmp_path: Path
+) -> None:
+    path = tmp_path / "blind.csv"
+    flight.drop("velocity_z").write_csv(path)
+    run = eivor("identify", path)
+    assert run.code == 1
+    assert "velocity_z" in run.err
+    assert "looked for" in run.err
+
+
+def test_an_output_that_cannot_be_written(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    for option in ("--json", "--figure"):
+        run = eivor("identify", log, option, tmp_path / "none" / "x.png")
+        assert run.code == 1
+        assert "does not exist" in run.err
+        assert run.out == ""
+
+
+def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    run = eivor("identify", log, "--json", "/dev/full")
+    assert run.code == 1
+    assert "No space left" in run.err

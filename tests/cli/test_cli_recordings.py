@@ -1,0 +1,119 @@
+"""The command line on real recordings that nobody here made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+Caller = Callable[..., Any]
+pytestmark = pytest.mark.recordings
+
+CLEAN = (
+    "B2_circle_fast_rep1",
+    "B3_figure8_medium_rep1",
+    "B5_helix_fast_rep1",
+    "B9_trefoil_fast_rep14",
+    "B9_trefoil_slow_rep13",
+)
+
+
+def _document(run: Any) -> dict[str, Any]:
+    document: dict[str, Any] = json.loads(run.out)
+    return document
+
+
+def _not_confidently_wrong(result: dict[str, Any]) -> bool:
+    low, high = result["parameters"]["viscous_friction"]["interval"]
+    return result["verdict"] != "identified" or (low >= 0.2 and high <= 0.8)
+
+
+def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
+    run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
+    assert run.code == 3
+    assert "REFUSED" in run.out
+    assert "SDLOG_PROFILE" in run.out
+
+
+def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recordings: Path) -> None:
+    path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
+    run = eivor("identify", path, "--json", "-")
+    document = _document(run)
+    assert run.code == 3
+    assert document["parameters"]["viscous_friction"]["verdict"] == "refused"
+    assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
+    assert any(finding["name"] == "hover_parameter" for finding in document["findings"])
+    shown = eivor("identify", path).out
+    assert "MPC_THR_HOVER is 0.35" in shown
+    inspected = eivor("inspect", path)
+    assert inspected.code == 0
+    assert "MPC_THR_HOVER = 0.35" in inspected.out
+    assert "land detector" in inspected.out
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name: str) -> None:
+    run = eivor("identify", recordings / "nanobench" / f"{name}.csv", "--json", "-")
+    document = _document(run)
+    assert run.code in {0, 3}
+    assert document["parameters"]["viscous_friction"]["value"] is not None
+    assert _not_confidently_wrong(document)
+
+
+def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
+    logs = [recordings / "nanobench" / f"{name}.csv" for name in CLEAN]
+    run = eivor("identify", *logs, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png")
+    document = json.loads((tmp_path / "x.json").read_text())
+    assert run.code in {0, 3}
+    assert len(document["flights"]) == 5
+    assert _not_confidently_wrong(document)
+    low, high = document["derived"]["effective_lag"]["interval"]
+    assert low <= 0.100
+    assert high >= 0.050
+    mean = document["diagnostics"]["mean_input"]
+    assert document["derived"]["hover_input"]["value"] == pytest.approx(mean, rel=0.1)
+
+
+def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
+    run = eivor(
+        "identify", recordings / "nanobench" / "B6_linear_ramp_rep1.csv", "--figure", tmp_path / "x.png"
+    )
+    assert run.code == 3
+    assert "never takes off" in run.out
+
+
+def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
+    logs = [recordings / "nanobench" / f"B9_trefoil_fast_rep{n}.csv" for n in (3, 15)]
+    document = _document(eivor("identify", *logs, "--json", "-"))
+    assert len(document["logs"]) == 1
+    assert any(finding["name"] == "duplicate_log" for finding in document["findings"])
+
+
+@pytest.mark.parametrize("name", ["B2_circle_medium_rep3", "B9_trefoil_fast_rep3", "B9_trefoil_fast_rep15"])
+def test_overflow_is_reported(eivor: Caller, recordings: Path, name: str) -> None:
+    run = eivor("inspect", recordings / "nanobench" / f"{name}.csv")
+    assert run.code == 0
+    assert "overflowed" in run.out
+
+
+def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Path) -> None:
+    run = eivor(
+        "identify", recordings / "px4" / "ekf_failure.ulg", recordings / "nanobench" / f"{CLEAN[0]}.csv"
+    )
+    assert run.code == 2
+    assert "one vehicle" in run.err
+
+
+def test_a_format_that_is_not_read_yet(eivor: Caller, recordings: Path) -> None:
+    run = eivor("identify", recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
+    assert run.code == 1
+    assert "DataFlash" in run.err
+
+
+def test_a_log_without_flight_is_inspected(eivor: Caller, recordings: Path) -> None:
+    run = eivor("inspect", recordings / "px4" / "sample_appended_multiple.ulg")
+    assert run.code == 0
+    assert "Never in the air" in run.out
