@@ -69,7 +69,7 @@ def balance(problem: VerticalFlights, candidate: Candidate, *, lag_searched: boo
     )
 
 
-def _columns(problem: VerticalFlights, lag_s: float, delay_s: float) -> list[Float[np.ndarray, "length 3"]]:
+def _columns(problem: VerticalFlights, lag_s: float, delay_s: float) -> list[Float[np.ndarray, "_ 3"]]:
     """z'', z' and U of every run."""
     return [
         block

@@ -126,8 +126,12 @@ def joint_covariance(
 
 def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """M^-1 meat M^-T without an explicit inverse. Performs no checks."""
-    half = scipy.linalg.solve(M, meat)
-    covariance: Float[np.ndarray, "n n"] = scipy.linalg.solve(M, half.T)
+    # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
+    diagonal = np.abs(np.diag(M))
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    both = np.outer(scale, scale)
+    half = scipy.linalg.solve(both * M, both * meat)
+    covariance: Float[np.ndarray, "n n"] = both * scipy.linalg.solve(both * M, half.T)
     return 0.5 * (covariance + covariance.T)
 
 

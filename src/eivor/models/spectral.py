@@ -131,7 +131,7 @@ class BinRows(RowLayout):
 
     def complex_blocks(
         self, rows: Float[np.ndarray, "rows columns"]
-    ) -> list[Complex[np.ndarray, "bins columns"]]:
+    ) -> list[Complex[np.ndarray, "_ columns"]]:
         """Complex columns of each run; the inverse of `stacked`."""
         blocks, first = [], 0
         for run in self.runs:

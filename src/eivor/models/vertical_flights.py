@@ -76,7 +76,7 @@ class VerticalFlight:
         mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
 
-    def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "length columns"]]:
+    def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
         """Rows of each run."""
         return [columns[run] for run in self.runs]
 
@@ -143,7 +143,7 @@ class VerticalFlights(SeparableProblem):
         return self.motion.parameters
 
     @cached_property
-    def _instruments(self) -> list[Float[np.ndarray, "n p"]]:
+    def _instruments(self) -> list[Float[np.ndarray, "_ p"]]:
         return [
             self.rule.columns(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))
             for flight in self.flights
@@ -227,7 +227,7 @@ class VerticalFlights(SeparableProblem):
         """Memo of the moving column: every pass of a weighting visits the same grid again."""
         return {}
 
-    def _spectra(self, columns: list[Float[np.ndarray, "n columns"]]) -> Complex[np.ndarray, "bins columns"]:
+    def _spectra(self, columns: list[Float[np.ndarray, "_ columns"]]) -> Complex[np.ndarray, "bins columns"]:
         blocks = [
             block
             for flight, values in zip(self.flights, columns, strict=True)
