@@ -30,12 +30,8 @@ from eivor.models.vertical_flights import VerticalFlights
 from eivor.studies.flight_truth import SimulatedFlight
 from eivor.studies.sensor_noise import SensorNoise
 from eivor.studies.trajectories import TrajectoryKind
-from eivor.studies.vertical_flight import (
-    STEP_S,
-    VerticalFlightSpec,
-    actual_state_recording,
-    simulate_vertical_flights,
-)
+from eivor.studies.vertical_flight import actual_state_recording, simulate_vertical_flights
+from eivor.studies.vertical_flight_spec import STEP_S, VerticalFlightSpec
 
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
 #: Relative tolerance of K and of K_u.

@@ -13,13 +13,8 @@ from eivor.signals.recording import Frame
 from eivor.studies.flight_truth import FlightTruth, SimulatedFlight, effective_parameters
 from eivor.studies.sensor_noise import NoiseKind, SensorNoise
 from eivor.studies.trajectories import TrajectoryKind
-from eivor.studies.vertical_flight import (
-    BATCH,
-    STEP_S,
-    VerticalFlightSpec,
-    actual_state_recording,
-    simulate_vertical_flights,
-)
+from eivor.studies.vertical_flight import BATCH, actual_state_recording, simulate_vertical_flights
+from eivor.studies.vertical_flight_spec import STEP_S, VerticalFlightSpec
 
 QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
 LOUD = VerticalFlightSpec(

@@ -1,8 +1,8 @@
 """What is known of a simulated flight besides its recording.
 
 Conventions, settled here once: z is up, SI units, and the arrays stand on the log's grid, one row for
-each stamp. Rotor speeds are in rad/s, and the input gain belongs to the *mean* over the rotors of the
-mapped speed, as in the vertical model: specific force = K_u U - K v + b with
+each stamp. Rotor states are in the unit of their commands, and the input gain belongs to the *mean* over
+the rotors of the mapped state, as in the vertical model: specific force = K_u U - K v + b with
 U = cosine of tilt x mean_i map(rotor_i).
 
 The friction of a real vehicle is not one number: rotor drag grows with rotor speed, parasitic drag with
@@ -36,7 +36,7 @@ class FlightTruth:
     air_velocity_z : ndarray, shape (n,)
         Vertical velocity minus vertical wind [m/s].
     rotor_state : ndarray, shape (n, rotors)
-        Actual rotor speeds [rad/s].
+        Actual rotor states, in the commands' unit.
     cos_tilt : ndarray, shape (n,)
         Cosine of the angle between the body's and the world's z.
     actuator_lag : float
@@ -46,9 +46,9 @@ class FlightTruth:
     viscous_friction : float
         K at hover in still air [1/s].
     input_gain : float
-        K_u [m/s^2 per unit of the mean mapped rotor speed].
+        K_u [m/s^2 per unit of the mean mapped rotor state].
     hover_input : float
-        Rotor speed at hover [rad/s].
+        Rotor state at hover.
 
     Raises
     ------
@@ -103,7 +103,7 @@ class EffectiveParameters(NamedTuple):
     viscous_friction: float
     """K [1/s]."""
     input_gain: float
-    """K_u [m/s^2 per unit of the mean mapped rotor speed]."""
+    """K_u [m/s^2 per unit of the mean mapped rotor state]."""
     intercept: float
     """b [m/s^2]."""
 
@@ -122,12 +122,12 @@ def effective_parameters(
     rows : ndarray of bool, shape (n,)
         Rows to use, normally those that an estimate used.
     input_map : callable
-        Maps rotor speeds [rad/s] elementwise, for instance `np.square`.
+        Maps rotor states elementwise, for instance `np.square`.
 
     Returns
     -------
     EffectiveParameters
-        K [1/s], K_u [m/s^2 per unit of the mean mapped speed], b [m/s^2]. In gusts, K and K_u are of the
+        K [1/s], K_u [m/s^2 per unit of the mean mapped state], b [m/s^2]. In gusts, K and K_u are of the
         motion through the air, which an estimator that sees the ground velocity only can still reach
         with instruments that the gusts do not touch.
 
