@@ -104,8 +104,8 @@ def test_every_channel_and_every_unit_is_documented():
         assert unit in row[0].split("|")[2], channel
 
 
-def test_every_error_is_an_eivor_error():
+def test_every_error_is_an_eivor_error_or_a_warning():
     from eivor import errors
 
     kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)]
-    assert all(issubclass(kind, errors.EivorError) for kind in kinds)
+    assert all(issubclass(kind, errors.EivorError | Warning) for kind in kinds)
