@@ -1,0 +1,134 @@
+"""Instrument rules against filters that are written out, and flights of several vehicles together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eivor.errors import InstrumentError, MissingChannelError, TooFewSamplesError
+from eivor.models.input_map import Power
+from eivor.models.instruments import LaggedInputs, LaggedReferences, NoInstruments
+from eivor.models.vertical import GRAVITY, VerticalMotion
+from eivor.models.vertical_flights import VerticalFlight, VerticalFlights
+from eivor.signals.signals import Signals
+
+STEP_S = 0.01
+
+
+def flight_signals(count: int = 800, seed: int = 0, **more: np.ndarray) -> Signals:
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(0.05 * rng.standard_normal((count, 3)), axis=0)
+    channels = {
+        "velocity_z": walk[:, 0],
+        "specific_force_z": GRAVITY + walk[:, 1],
+        "input": 0.5 + 0.01 * walk[:, 2],
+        "cos_tilt": np.full(count, 0.98),
+        "reference_position_z": np.cumsum(rng.standard_normal(count)) * 0.1,
+        "reference_velocity_z": rng.standard_normal(count),
+    }
+    return Signals(1.0 / STEP_S, channels | more)
+
+
+def test_references_come_with_successive_lags_each_started_at_rest():
+    signals = flight_signals()
+    found = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(signals, np.zeros(800))
+    assert found.shape == (800, 5 + 2)
+    wanted = [signals.channel("reference_position_z")]
+    for _ in range(4):
+        before, state = wanted[-1], [wanted[-1][0]]
+        for k in range(1, 800):
+            state.append(before[k - 1] + (state[-1] - before[k - 1]) * np.exp(-STEP_S / 0.4))
+        wanted.append(np.array(state))
+    np.testing.assert_allclose(found[:, :5], np.column_stack(wanted), atol=1e-10)
+    np.testing.assert_array_equal(found[:, 5], signals.channel("reference_velocity_z"))
+    assert LaggedReferences(()).columns(signals, np.zeros(800)).shape == (800, 0)
+    assert LaggedReferences(("a", "b")).label == "a, b"
+    with pytest.raises(MissingChannelError, match="pilot_throttle"):
+        LaggedReferences(("pilot_throttle",)).columns(signals, np.zeros(800))
+
+
+def test_lagged_inputs_are_the_past_and_rest_before_it():
+    mapped = np.random.default_rng(1).standard_normal(50)
+    found = LaggedInputs(1, 4).columns(flight_signals(50), mapped)
+    for j, lag in enumerate(range(1, 5)):
+        np.testing.assert_allclose(found[lag:, j], mapped[:-lag], atol=1e-12)
+        np.testing.assert_allclose(found[:lag, j], mapped[0], atol=1e-12)
+    short = LaggedInputs(1, 15).columns(flight_signals(6), mapped[:6])
+    np.testing.assert_allclose(short[:, 10], mapped[0], atol=1e-12)
+    assert NoInstruments().columns(flight_signals(6), mapped[:6]).shape == (6, 0)
+
+
+def test_several_rotors_enter_by_the_mean_of_their_mapped_states_times_the_tilt():
+    rng = np.random.default_rng(2)
+    rotors = {f"rotor_command_{i}": 100.0 + 10.0 * rng.standard_normal(400) for i in (1, 2, 3, 4)}
+    signals = flight_signals(400, **rotors)
+    flight = VerticalFlight(signals, "rotor_command", False, (slice(0, 400),))
+    found = flight.mapped_input(VerticalMotion(Power(2.0)), 0.0, 0.0)
+    wanted = 0.98 * np.mean([values**2 for values in rotors.values()], axis=0)
+    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    # The rotor is slow, not its thrust: the lag comes first.
+    lagged = flight.mapped_input(VerticalMotion(Power(2.0)), 0.05, 0.0)
+    apart = [
+        VerticalFlight(signals, name, False, (slice(0, 400),)).mapped_input(
+            VerticalMotion(Power(2.0)), 0.05, 0.0
+        )
+        for name in rotors
+    ]
+    np.testing.assert_allclose(lagged, np.mean(apart, axis=0), rtol=1e-12)
+
+
+def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
+    one, other = flight_signals(seed=3), flight_signals(seed=4)
+    flights = (
+        VerticalFlight(one, "input", False, (slice(0, 300), slice(350, 800))),
+        VerticalFlight(other, "input", False, (slice(100, 700),)),
+    )
+    problem = VerticalFlights(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))
+    rows = problem.samples(0.05, 0.02)
+    assert rows.response.size == 300 + 450 + 600
+    np.testing.assert_array_equal(rows.layout.flight_of_row, np.repeat([0, 1], [750, 600]))
+    start = 0
+    for flight, run in (
+        (flights[0], slice(0, 300)),
+        (flights[0], slice(350, 800)),
+        (flights[1], slice(100, 700)),
+    ):
+        here = slice(start, start + run.stop - run.start)
+        start = here.stop
+        s = flight.signals.channel("specific_force_z")[run]
+        v = flight.signals.channel("velocity_z")[run]
+        U = flight.mapped_input(VerticalMotion(), 0.05, 0.02)[run]
+        np.testing.assert_allclose(rows.response[here], s - s.mean(), atol=1e-12)
+        np.testing.assert_allclose(rows.regressors[here, 0], v.mean() - v, atol=1e-12)
+        np.testing.assert_allclose(rows.regressors[here, 1], U - U.mean(), atol=1e-12)
+    # In frequency: a run's block is what its own flight alone gives.
+    bins = problem.bins(0.05, 0.02)
+    alone = VerticalFlights((flights[1],), VerticalMotion(), problem.rule).bins(0.05, 0.02)
+    count = alone.layout.runs[0].count
+    np.testing.assert_allclose(bins.regressors[-count:], alone.regressors, atol=1e-12)
+    np.testing.assert_allclose(bins.instruments[-count:], alone.instruments, atol=1e-12)
+    np.testing.assert_allclose(bins.responses[-count:], alone.responses, atol=1e-12)
+
+
+def test_flights_that_cannot_share_a_problem_are_refused():
+    runs = (slice(0, 800),)
+    with pytest.raises(TooFewSamplesError, match="Expected at least one usable run of flight; received none"):
+        VerticalFlights((VerticalFlight(flight_signals(), "input", False, ()),), VerticalMotion())
+
+    class Uneven(LaggedInputs):
+        def columns(self, signals, mapped_command):  # noqa: ARG002 - the interface's
+            return np.zeros((signals.sample_count, 1 + int(signals.channel("velocity_z")[0] > 0.0)))
+
+    flights = [
+        VerticalFlight(flight_signals(velocity_z=sign * np.ones(800)), "input", False, runs)
+        for sign in (1.0, -1.0)
+    ]
+    with pytest.raises(InstrumentError, match="same instruments in every flight"):
+        VerticalFlights(tuple(flights), VerticalMotion(), Uneven())
+
+
+def test_measured_actuators_have_nothing_to_search_for():
+    flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
+    problem = VerticalFlights((flight,), VerticalMotion())
+    np.testing.assert_array_equal(problem.lag_grid_s, [0.0])
+    assert problem.delays_s == (0.0,)
