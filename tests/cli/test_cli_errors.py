@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from typing import Any
 import polars
 import pytest
 
+from eivor.cli import terminal
 from eivor.cli.exit_codes import ExitCode, guarded
 
 Caller = Callable[..., Any]
@@ -36,12 +38,12 @@ def test_help_loads_nothing_heavy() -> None:
 
 
 def test_help_answers_in_half_a_second(shell: Caller) -> None:
-    best = 1e9
-    for _ in range(3):
-        start = time.perf_counter()
-        assert shell("--help").code == 0
-        best = min(best, time.perf_counter() - start)
-    assert best < 0.5 * float(os.environ.get("EIVOR_SLOW_MACHINE", "1"))
+    # time of the processor, not of the clock: other work on the machine must not fail this test
+    before = os.times()
+    assert shell("--help").code == 0
+    after = os.times()
+    spent = after.children_user + after.children_system - before.children_user - before.children_system
+    assert spent < 0.5
 
 
 def test_help_says_the_exit_codes(eivor: Caller) -> None:
@@ -182,3 +184,26 @@ def test_a_poor_encoding_is_no_error(shell: Caller, encoding: str) -> None:
     assert run.code == 0, run.err
     assert run.err == ""
     assert "identified" in run.out
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_long_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "PATIENCE_S", 0.0)
+    monkeypatch.setenv("TERM", "xterm")
+    for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
+        monkeypatch.setattr(sys, "stderr", stream)
+        with terminal.step("Reading [red]\x1b[2J.ulg"):
+            time.sleep(0.3)
+        assert ("Reading [red]\\x1b[2J.ulg" in stream.getvalue()) is announced
+
+
+def test_a_short_step_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = _Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with terminal.step("Reading"):
+        pass
+    assert "Reading" not in stream.getvalue()

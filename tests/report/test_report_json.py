@@ -1,0 +1,171 @@
+"""The JSON document keeps its keys, types and meaning."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from eivor.flights.result import FlightEstimate
+from eivor.report.json_document import json_document, json_text
+
+DOCS = Path(__file__).parents[2] / "docs"
+VERDICTS = {"identified", "weak", "provisional", "refused"}
+NUMBER = (float, int, type(None))
+PAIR = "pair"
+
+#: Key to type; a dict is an object with exactly these keys, a list the type of every element.
+QUANTITY: dict[str, Any] = {
+    "value": NUMBER,
+    "unit": str,
+    "std_error": NUMBER,
+    "interval": PAIR,
+    "verdict": VERDICTS,
+}
+ROW: dict[str, Any] = {
+    "verdict": VERDICTS,
+    "reasons": [str],
+    "parameters": {"viscous_friction": QUANTITY, "input_gain": QUANTITY},
+    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY},
+}
+SCHEMA: dict[str, Any] = {
+    "schema": {"eivor.identify/1"},
+    "logs": [
+        {
+            "name": str,
+            "format": str,
+            "span": PAIR,
+            "window": (list, type(None)),
+            "runs": int,
+            "samples": int,
+            "rate_hz": NUMBER,
+        }
+    ],
+    "model": {"name": str, "equation": str, "input": str, "input_map": str, "input_measured": bool},
+    "method": str,
+    "instruments": str,
+    "window": (list, type(None)),
+    "samples": int,
+    "rate_hz": NUMBER,
+    "verdict": VERDICTS,
+    "reasons": [str],
+    "parameters": {
+        "viscous_friction": QUANTITY,
+        "input_gain": QUANTITY,
+        "intercept": {**QUANTITY, "by_segment": [NUMBER]},
+        "actuator_lag": QUANTITY,
+        "delay": QUANTITY,
+    },
+    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY},
+    "diagnostics": dict,
+    "findings": [{"name": str, "message": str}],
+    "flights": [{"log": str, **ROW}],
+    "comparisons": [{"method": str, **ROW}],
+    "provenance": {
+        "version": str,
+        "logs": [{"name": str, "sha256": (str, type(None))}],
+        "options": {
+            "window": (list, type(None)),
+            "max_tilt_deg": float,
+            "input": str,
+            "input_map": str,
+            "instruments": [str],
+            "method": str,
+            "compare": bool,
+        },
+    },
+}
+
+
+def check(value: Any, expected: Any, where: str = "document") -> None:
+    """Compare a value of JSON with the description above."""
+    if expected == PAIR:
+        assert isinstance(value, list), where
+        assert len(value) == 2, where
+        assert all(isinstance(end, NUMBER) for end in value), where
+    elif isinstance(expected, dict):
+        assert list(value) == list(expected), where
+        for key in expected:
+            check(value[key], expected[key], f"{where}.{key}")
+    elif isinstance(expected, list):
+        assert isinstance(value, list), where
+        for element in value:
+            check(element, expected[0], where)
+    elif isinstance(expected, set):
+        assert value in expected, where
+    else:
+        assert isinstance(value, expected), where
+
+
+@pytest.fixture(params=["fit", "pool", "still"])
+def document(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """The document of a flight, a pool, and a result without an estimate, read back."""
+    result: FlightEstimate = request.getfixturevalue(request.param)
+    read: dict[str, Any] = json.loads(json_text(json_document(result)))
+    return read
+
+
+def test_the_schema_holds(document: dict[str, Any]) -> None:
+    check(document, SCHEMA)
+
+
+def test_every_key_is_documented(document: dict[str, Any]) -> None:
+    page = (DOCS / "json.md").read_text(encoding="utf-8")
+    for key, value in document.items():
+        assert f"| `{key}` |" in page
+        nested = value[0] if isinstance(value, list) and value else value
+        if key != "diagnostics" and isinstance(nested, dict):
+            assert all(f"`{inner}`" in page for inner in nested), key
+    diagnostics = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
+    assert all(f"`{key}`" in diagnostics for key in document["diagnostics"])
+
+
+def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
+    document = json_document(still)
+    text = json_text(document)
+    assert "NaN" not in text
+    assert "Infinity" not in text
+    friction = json.loads(text)["parameters"]["viscous_friction"]
+    assert friction == {
+        "value": None,
+        "unit": "1/s",
+        "std_error": None,
+        "interval": [None, None],
+        "verdict": "refused",
+    }
+
+
+def test_the_numbers_are_those_of_the_result(fit: FlightEstimate) -> None:
+    document: dict[str, Any] = json_document(fit)
+    for part in ("parameters", "derived"):
+        for name, fields in document[part].items():
+            quantity = fit.quantities[name]
+            assert fields["value"] == quantity.value
+            assert tuple(fields["interval"]) == quantity.interval
+            assert fields["verdict"] == quantity.verdict.value
+    lag, delay = (document["parameters"][name]["value"] for name in ("actuator_lag", "delay"))
+    assert document["derived"]["effective_lag"]["value"] == pytest.approx(lag + delay)
+
+
+def test_a_pool_has_flights_and_comparisons(pool: FlightEstimate, fit: FlightEstimate) -> None:
+    document: dict[str, Any] = json_document(pool)
+    assert [row["log"] for row in document["flights"]] == ["first", "second"]
+    assert len(document["comparisons"]) > 3
+    assert json_document(fit)["flights"] == json_document(fit)["comparisons"] == []
+
+
+def test_text_is_ascii_whatever_the_log_is_called(fit: FlightEstimate) -> None:
+    document = json_document(fit)
+    document["method"] = "é\udcff\x1b"
+    text = json_text(document)
+    assert text.isascii()
+    assert "\x1b" not in text
+    assert json.loads(text)["method"] == "é\udcff\x1b"
+
+
+def test_a_number_that_slipped_through_is_an_error() -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        json_text({"x": math.nan})
