@@ -1,0 +1,160 @@
+"""The flight study as Markdown: tables made from its trials, put into a page between two marks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+import polars as pl
+
+from eivor.errors import InputError
+from eivor.studies.flight_metrics import Score, accepted, accepted_share, flown, score
+from eivor.studies.flight_requirements import error_text, requirements, share_text
+from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR, QUANTITIES, RECIPE
+from eivor.studies.trial_table import PACKAGES, TrialTable
+
+BEGIN = "<!-- generated: flight study -->"
+END = "<!-- end of what is generated -->"
+COMMAND = "python -m eivor.studies.flight_study"
+ESTIMATOR_NAMES = {RECIPE: "the recipe", LAG_IGNORED: "lag ignored", NONLINEAR: "nonlinear least squares"}
+#: Lags that count as one group [s]; the grid of the recipe has steps of 10 ms.
+LAG_EDGES = (0.01, 0.03, 0.07)
+
+
+def study_tables(table: TrialTable) -> str:
+    """All tables of a run, as Markdown."""
+    rows, origin = table.rows, table.origin
+    option = "" if origin["size"] == "full" else f" --size {origin['size']}"
+    made = ", ".join(f"{package} {origin[package]}" for package in PACKAGES)
+    lost = rows.height - flown(rows).height
+    return "\n\n".join(
+        [
+            f"Made by `{COMMAND}{option}` with {made}, Python {origin['python']}: grid "
+            f"*{origin['grid']}*, size {origin['size']}, {rows.height} flights, of which {lost} lost their "
+            "vehicle in the simulator and are left out. Brackets hold the 99 % Wilson interval of a share.",
+            "## What is asked, and what came out",
+            requirement_table(rows, allow_chance=origin["size"] != "full"),
+            "## By class",
+            "Errors and coverage of accepted flights; relative errors for K and K_u.",
+            class_table(rows),
+            "## Against the controls",
+            "K on every excited flight that has an estimate, accepted or not.",
+            control_table(rows),
+            "## Where the coverage stands",
+            "Coverage of the 95 % intervals of accepted flights, by what the flight was.",
+            group_table(accepted(rows)),
+        ]
+    )
+
+
+def requirement_table(rows: pl.DataFrame, *, allow_chance: bool) -> str:
+    """One row for each requirement."""
+    lines = [
+        (item.what, item.asked, item.measured, "yes" if item.met else "**no**")
+        for item in requirements(rows, allow_chance=allow_chance)
+    ]
+    return _table(("what", "asked", "measured", "met"), lines)
+
+
+def class_table(rows: pl.DataFrame) -> str:
+    """One row for each class of the grid, in the grid's order."""
+    header = ["class", "flown", "accepted", "K median", "K p90", "K bias", "K cover", "K_u median", "K_u p90"]
+    header += ["K_u cover", "lag median", "lag p90", "lag cover", "hover cover"]
+    lines = []
+    for name in rows["class"].unique(maintain_order=True):
+        part = rows.filter(pl.col("class") == name)
+        friction, gain, lag, hover = (score(accepted(part), quantity) for quantity in QUANTITIES)
+        lines.append(
+            [
+                name,
+                str(flown(part).height),
+                str(accepted_share(part).hits),
+                *_errors("viscous_friction", friction, bias=True),
+                *_errors("input_gain", gain),
+                *_errors("effective_lag", lag),
+                _covered(hover),
+            ]
+        )
+    return _table(header, lines)
+
+
+def control_table(rows: pl.DataFrame) -> str:
+    """The recipe beside the controls, calm and gusty."""
+    excited = rows.filter(pl.col("kind") == "excited")
+    lines = []
+    for label, part in (
+        ("calm", excited.filter(pl.col("calm"))),
+        ("gusty", excited.filter(~pl.col("calm"))),
+    ):
+        for estimator, name in ESTIMATOR_NAMES.items():
+            found = score(part, "viscous_friction", estimator)
+            lines.append(
+                [
+                    label,
+                    name,
+                    error_text("viscous_friction", found.median),
+                    error_text("viscous_friction", found.bias),
+                    share_text(found.coverage),
+                ]
+            )
+    return _table(("flights", "estimator", "median error of K", "bias of K", "coverage of K"), lines)
+
+
+def group_table(rows: pl.DataFrame) -> str:
+    """Coverage by noise, trajectory, lag, delay, gusts and simulator."""
+    lag = rows["truth.effective_lag"] - rows["delay"]
+    labels = ["below 10 ms", "10 to 30 ms", "30 to 70 ms", "70 ms and more"]
+    banded = rows.with_columns(
+        lag.cut(LAG_EDGES, labels=labels, left_closed=True).cast(pl.String).alias("lag"),
+        (pl.col("delay") * 1e3).round(0).cast(pl.Int64).cast(pl.String).alias("delay [ms]"),
+        pl.col("gust_rms").cast(pl.String).alias("gusts [m/s]"),
+    )
+    lines = []
+    for column in ("simulator", "trajectory", "noise", "lag", "delay [ms]", "gusts [m/s]"):
+        present = banded[column].unique(maintain_order=True).to_list()
+        order = labels if column == "lag" else sorted(present)
+        for value in (label for label in order if label in present):
+            part = banded.filter(pl.col(column) == value)
+            lines.append(
+                [
+                    column,
+                    value,
+                    str(part.height),
+                    *(f"{score(part, quantity).coverage.value:.3f}" for quantity in QUANTITIES),
+                ]
+            )
+    return _table(("group", "", "flights", "K", "K_u", "effective lag", "hover input"), lines)
+
+
+def page_with(page: str, tables: str) -> str:
+    """Page with the tables in place of what stood between its marks.
+
+    Raises
+    ------
+    InputError
+        When the page does not have both marks, once each and in order.
+    """
+    pattern = re.compile(f"{re.escape(BEGIN)}.*{re.escape(END)}", re.DOTALL)
+    if len(pattern.findall(page)) != 1 or page.count(BEGIN) != 1 or page.count(END) != 1:
+        raise InputError(
+            f"a page with the marks {BEGIN} and {END}",
+            "one without both of them",
+            "Put them where tables go.",
+        )
+    return pattern.sub(lambda _: f"{BEGIN}\n\n{tables}\n\n{END}", page)
+
+
+def _errors(quantity: str, found: Score, *, bias: bool = False) -> list[str]:
+    if not found.coverage.count:
+        return ["-"] * (4 if bias else 3)
+    shown = [found.median, found.ninetieth, *([found.bias] if bias else [])]
+    return [*(error_text(quantity, value) for value in shown), _covered(found)]
+
+
+def _covered(found: Score) -> str:
+    return f"{found.coverage.value:.3f}" if found.coverage.count else "-"
+
+
+def _table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    rows = [header, ["---"] * len(header), *lines]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
