@@ -29,6 +29,7 @@ def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
     text = _text(identification_report(pool), width)
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= width
+    assert all(title in text for title in ("K [1/s]", "K_u [m/s²]", "τ + d [ms]"))
     squeezed = "".join(text.split())
     assert "".join(pool.instruments.split()) in squeezed
     for row in (*pool.flights, *pool.comparisons):

@@ -48,7 +48,7 @@ def identify(
     logs: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="LOG...",
+            metavar="LOG",
             help="ULog, CSV or Parquet. Several are pooled as flights of one vehicle. LOG@START:END takes a "
             "window of one log.",
             show_default=False,

@@ -55,9 +55,9 @@ def _head(found: Inspection) -> Text:
 
 def _channel_table(found: Inspection) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    table.add_column("channel, and its source", overflow="fold")
-    table.add_column("rate [Hz]", justify="right", no_wrap=True)
-    table.add_column("range, and remarks", overflow="fold")
+    table.add_column(Text("channel, and its source"), overflow="fold")
+    table.add_column(Text("rate [Hz]"), justify="right", no_wrap=True)
+    table.add_column(Text("range, and remarks"), overflow="fold")
     for summary in found.channels:
         channel = summary.channel
         name = Text.assemble((printable(channel.name), "bold"), "\n", (printable(channel.source), "dim"))

@@ -60,7 +60,7 @@ def _parts(result: FlightEstimate) -> Iterator[RenderableType]:
         yield heading("Methods side by side")
         yield row_table(result.comparisons, "method")
     yield from reasons(result)
-    yield from findings(_worth_telling(result))
+    yield from findings(_worth_telling(result), several=len(result.prepared) > 1)
     yield from _card(flight_card(result))
 
 
@@ -110,7 +110,7 @@ def _facts(result: FlightEstimate) -> Table:
 def _plain_table(*columns: str) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for column in columns:
-        table.add_column(column, overflow="fold")
+        table.add_column(Text(column), overflow="fold")  # a string would be markup: "[ms]" is a tag
     return table
 
 
@@ -168,10 +168,10 @@ def reasons(result: FlightEstimate) -> Iterator[RenderableType]:
         yield bullets(remedies)
 
 
-def findings(found: tuple[Finding, ...]) -> Iterator[RenderableType]:
-    """What stands out in the logs."""
+def findings(found: tuple[Finding, ...], *, several: bool = False) -> Iterator[RenderableType]:
+    """What stands out in one or several logs."""
     if found:
-        yield heading("Noticed in the logs" if len(found) > 1 else "Noticed in the log")
+        yield heading(f"Noticed in the {'logs' if several else 'log'}")
         yield bullets(finding.message for finding in found)
 
 
