@@ -53,6 +53,9 @@ _HOMES = {
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
+#: Public names that are modules themselves.
+_MODULES = frozenset({"methods"})
+
 __version__ = version("eivor")
 __all__ = [
     "Column",
@@ -84,7 +87,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'eivor' has no attribute '{name}'")
     home = import_module(_HOMES[name])
-    value: object = home if home.__name__.endswith(f".{name}") else getattr(home, name)
+    value: object = home if name in _MODULES else getattr(home, name)
     globals()[name] = value
     return value
 

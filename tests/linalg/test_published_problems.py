@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference import constants as truth
 
 from eivor.linalg import (
     AugmentedLeastSquares,
@@ -17,6 +16,7 @@ from eivor.linalg import (
     TotalLeastSquares,
     weighted_total_least_squares,
 )
+from reference import constants as truth
 
 
 def certified_digits(theta, certified):
