@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -126,6 +128,12 @@ def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
     """C by its definition: a mean over the rows of gains times an autocovariance at the record's age."""
     found = np.zeros((len(left), len(right)))
     used = [k for k in range(first, signals.sample_count) if rows is None or rows[k - first]]
+    longest = signals.offset + signals.sample_count
+
+    @functools.cache
+    def growth(name: str, lag: int) -> np.ndarray:
+        return signals.noise[name].autocovariance(lag, 0, longest)
+
     for i, one in enumerate(left):
         for j, other in enumerate(right):
             if not one.channel or one.channel != other.channel:
@@ -138,7 +146,7 @@ def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
                         gains *= signals.channel(column.gain_channel)[k]
                 age = signals.offset + k - max(one.lag, other.lag)
                 lag = abs(one.lag - other.lag)
-                total += gains * signals.noise[one.channel].autocovariance(lag, age, 1)[0]
+                total += gains * growth(one.channel, lag)[age]
             found[i, j] = total / len(used)
     return found
 
