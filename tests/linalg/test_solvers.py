@@ -1,0 +1,353 @@
+"""Least squares and total least squares against textbook formulas, NumPy and SciPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eivor.errors import (
+    CollinearError,
+    CovarianceError,
+    NonFiniteError,
+    NoUniqueSolutionError,
+    ShapeError,
+    TooFewSamplesError,
+)
+from eivor.linalg import (
+    AugmentedLeastSquares,
+    AugmentedTotalLeastSquares,
+    LeastSquares,
+    LinearSystem,
+    TotalLeastSquares,
+    weighted_total_least_squares,
+)
+from eivor.linalg.triangular import merged_roots, triangular_root
+from reference import constants as truth
+
+LEAST = (LeastSquares(), AugmentedLeastSquares())
+TOTAL = (TotalLeastSquares(), AugmentedTotalLeastSquares())
+
+
+def noisy(seed: int, rows: int = 40, unknowns: int = 3, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix and right-hand side, both measured with errors."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((rows, unknowns))
+    b = A @ rng.standard_normal(unknowns)
+    return A + noise * rng.standard_normal(A.shape), b + noise * rng.standard_normal(rows)
+
+
+def covariance(seed: int, size: int) -> np.ndarray:
+    root = np.random.default_rng(seed + 1000).standard_normal((size, size + 3))
+    return root @ root.T / size
+
+
+# -- least squares ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", LEAST)
+@given(seed=st.integers(0, 999), rows=st.integers(3, 30), scale=st.floats(1e-8, 1e8))
+def test_least_squares_is_numpys(solver, seed, rows, scale):
+    A, b = noisy(seed, rows)
+    A = A * np.array([1.0, scale, 1.0])
+    found = solver.solve(LinearSystem(A, b))
+    units = np.array([1.0, scale, 1.0])
+    wanted = np.linalg.lstsq(A / units, b)[0] / units
+    size = np.abs(wanted * units).max() + 1e-3
+    np.testing.assert_allclose(found.theta * units, wanted * units, atol=1e-8 * size)
+    np.testing.assert_allclose(found.residual, b - A @ found.theta, atol=1e-12)
+    assert found.objective == pytest.approx(float(found.residual @ found.residual))
+
+
+def test_augmented_solution_is_that_of_the_full_system():
+    """The paper's (10) with all its m + n rows, of which the product solves a reduction to 2 n."""
+    A, b = noisy(1)
+    A = A / np.linalg.norm(A, axis=0)
+    s = np.linalg.svd(A, compute_uv=False)[-1] / np.sqrt(2.0)
+    m, n = A.shape
+    full = np.block([[s * np.eye(m), A], [A.T, np.zeros((n, n))]])
+    wanted = np.linalg.solve(full, np.append(b, np.zeros(n)))[m:]
+    np.testing.assert_allclose(AugmentedLeastSquares().solve(LinearSystem(A, b)).theta, wanted, rtol=1e-11)
+
+
+def test_augmented_total_solution_is_that_of_the_full_system():
+    """The paper's (16) with all its m + n rows."""
+    A, b = noisy(2)
+    s = np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1]
+    m, n = A.shape
+    full = np.block([[s * np.eye(m), A], [A.T, s * np.eye(n)]])
+    wanted = np.linalg.solve(full, np.append(b, np.zeros(n)))[m:]
+    np.testing.assert_allclose(
+        AugmentedTotalLeastSquares().solve(LinearSystem(A, b)).theta, wanted, rtol=1e-10
+    )
+
+
+@pytest.mark.parametrize("solver", LEAST)
+def test_high_condition_numbers_are_not_squared(solver):
+    """At condition 1e8 the normal equations keep no digit of what these keep seven of."""
+    rng = np.random.default_rng(3)
+    U, _ = np.linalg.qr(rng.standard_normal((50, 4)))
+    V, _ = np.linalg.qr(rng.standard_normal((4, 4)))
+    A = U * np.geomspace(1.0, 1e-8, 4) @ V
+    theta = np.ones(4)
+    found = solver.solve(LinearSystem(A, A @ theta))
+    np.testing.assert_allclose(found.theta, theta, atol=1e-6)
+    assert found.condition > 1e7
+
+
+# -- total least squares ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+@given(seed=st.integers(0, 999))
+def test_total_least_squares_is_the_textbooks_formula(solver, seed):
+    """(A'A - sigma^2 I)^-1 A'b, and the smallest right singular vector of [A b]."""
+    A, b = noisy(seed)
+    found = solver.solve(LinearSystem(A, b))
+    _, singular, Vt = np.linalg.svd(np.column_stack([A, b]))
+    np.testing.assert_allclose(found.theta, -Vt[-1, :3] / Vt[-1, 3], rtol=1e-7)
+    wanted = np.linalg.solve(A.T @ A - singular[-1] ** 2 * np.eye(3), A.T @ b)
+    np.testing.assert_allclose(found.theta, wanted, rtol=1e-7)
+    assert found.objective == pytest.approx(singular[-1] ** 2)
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+@given(seed=st.integers(0, 999))
+def test_any_covariance_is_the_generalized_eigenproblem(solver, seed):
+    """[A b]'[A b] v = lambda S v, smallest lambda, v scaled to end in -1."""
+    A, b = noisy(seed)
+    S = covariance(seed, 4)
+    rows = np.column_stack([A, b])
+    values, vectors = scipy.linalg.eigh(rows.T @ rows, S)
+    found = solver.solve(LinearSystem(A, b, S))
+    np.testing.assert_allclose(found.theta, -vectors[:-1, 0] / vectors[-1, 0], rtol=1e-6)
+    assert found.objective == pytest.approx(values[0], rel=1e-8)
+    # Only the proportions of the covariance count, and its units go along with the columns'.
+    units = np.array([1e-5, 1.0, 3e4])
+    scaled = solver.solve(LinearSystem(A * units, b, 7.0 * S * np.outer([*units, 1.0], [*units, 1.0])))
+    np.testing.assert_allclose(scaled.theta * units, found.theta, rtol=1e-6)
+    assert 7.0 * scaled.objective == pytest.approx(found.objective, rel=1e-7)
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+@pytest.mark.parametrize("exact", [[0], [2], [0, 1], [1, 2]])
+def test_exact_columns_are_eliminated_first(solver, exact):
+    """Project the exact columns out of the others, solve those, then the exact ones: by hand."""
+    A, b = noisy(4)
+    A[:, exact[0]] = 1.0
+    variances = np.array([0.5, 1.0, 2.0, 0.7])
+    variances[exact] = 0.0
+    rest = [j for j in range(3) if j not in exact]
+    Q, _ = np.linalg.qr(A[:, exact])
+    projected = np.column_stack([A[:, rest], b])
+    projected -= Q @ (Q.T @ projected)
+    weights = 1.0 / np.sqrt(variances[[*rest, 3]])
+    v = np.linalg.svd(projected * weights)[2][-1] * weights
+    noisy_part = -v[:-1] / v[-1]
+    exact_part = np.linalg.lstsq(A[:, exact], b - A[:, rest] @ noisy_part)[0]
+    found = solver.solve(LinearSystem(A, b, np.diag(variances))).theta
+    np.testing.assert_allclose(found[rest], noisy_part, rtol=1e-8)
+    np.testing.assert_allclose(found[exact], exact_part, rtol=1e-8)
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+def test_exact_regressors_make_it_least_squares_and_exact_data_are_found(solver):
+    A, b = noisy(5)
+    everything_exact = np.diag([0.0, 0.0, 0.0, 1.0])
+    np.testing.assert_allclose(
+        solver.solve(LinearSystem(A, b, everything_exact)).theta,
+        LeastSquares().solve(LinearSystem(A, b)).theta,
+        rtol=1e-12,
+    )
+    theta = np.array([1.0, -2.0, 3.0])
+    found = solver.solve(LinearSystem(A, A @ theta, covariance(5, 4)))
+    np.testing.assert_allclose(found.theta, theta, rtol=1e-10)
+    assert found.objective == pytest.approx(0.0, abs=1e-20)
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+@given(seed=st.integers(0, 200))
+def test_the_solution_is_where_its_objective_is_least(solver, seed):
+    A, b = noisy(seed)
+    S = covariance(seed, 4)
+    S[1], S[:, 1] = 0.0, 0.0
+
+    def objective(theta: np.ndarray) -> float:
+        direction = np.append(theta, -1.0)
+        return float(np.sum((A @ theta - b) ** 2) / (direction @ S @ direction))
+
+    found = solver.solve(LinearSystem(A, b, S))
+    assert found.objective == pytest.approx(objective(found.theta))
+    for move in 1e-3 * np.vstack([np.eye(3), -np.eye(3)]):
+        assert objective(found.theta + move) > found.objective
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+def test_score_correction_makes_the_derivative_of_the_objective(solver):
+    """Half the objective's gradient is -sum e_t x_t / weight, and its curvature is the sensitivity."""
+    A, b = noisy(6)
+    S = covariance(6, 4)
+    solution = solver.solve(LinearSystem(A, b, S))
+
+    def gradient(theta: np.ndarray) -> np.ndarray:
+        residual = b - A @ theta
+        correction = solver.score_correction(residual, theta, S)
+        direction = np.append(theta, -1.0)
+        return -(A + correction.rows).T @ residual / (direction @ S @ direction)
+
+    def objective(theta: np.ndarray) -> float:
+        direction = np.append(theta, -1.0)
+        return 0.5 * float(np.sum((A @ theta - b) ** 2) / (direction @ S @ direction))
+
+    away = solution.theta + 0.1
+    np.testing.assert_allclose(gradient(solution.theta), 0.0, atol=1e-10)
+    np.testing.assert_allclose(gradient(away), scipy.optimize.approx_fprime(away, objective, 1e-7), rtol=1e-4)
+    steps = 1e-5 * np.eye(3)
+    curvature = np.array(
+        [(gradient(solution.theta + s) - gradient(solution.theta - s)) / 2e-5 for s in steps]
+    )
+    correction = solver.score_correction(solution.residual, solution.theta, S)
+    direction = np.append(solution.theta, -1.0)
+    sensitivity = (A.T @ A + correction.sensitivity) / (direction @ S @ direction)
+    np.testing.assert_allclose(curvature, sensitivity, rtol=1e-5, atol=1e-6)
+
+
+# -- rows with errors of their own ------------------------------------------------------------------------
+
+
+def row_covariances(*variances: np.ndarray) -> np.ndarray:
+    return np.stack([np.diag(row) for row in np.column_stack(variances)])
+
+
+def test_pearsons_points_with_rounded_standard_deviations():
+    """SciPy's ODR test `test_pearson`: 5.4767400299231674 - 0.4796082367610305 x, by ODRPACK."""
+    x_std = np.array([0.03, 0.03, 0.04, 0.035, 0.07, 0.11, 0.13, 0.22, 0.74, 1.0])
+    y_std = np.array([1.0, 0.74, 0.5, 0.35, 0.22, 0.22, 0.12, 0.12, 0.1, 0.04])
+    system = LinearSystem(np.column_stack([np.ones(10), truth.PEARSON_X]), truth.PEARSON_Y)
+    found = weighted_total_least_squares(system, row_covariances(np.zeros(10), x_std**2, y_std**2))
+    # ODRPACK stops at the square root of the precision; SciPy compares six decimals.
+    np.testing.assert_allclose(found.theta, [5.4767400299231674, -0.4796082367610305], atol=1.5e-6)
+
+
+@given(seed=st.integers(0, 999), scale=st.sampled_from([1e-6, 1.0, 1e6]))
+def test_rows_with_one_covariance_are_generalized_total_least_squares(seed, scale):
+    A, b = noisy(seed)
+    units = np.array([1.0, scale, 1.0])
+    S = np.diag([0.3, 0.0, 1.0, 0.6]) * np.outer([*units, 1.0], [*units, 1.0])
+    wanted = TotalLeastSquares().solve(LinearSystem(A * units, b, S))
+    found = weighted_total_least_squares(LinearSystem(A * units, b), np.tile(S, (40, 1, 1)))
+    np.testing.assert_allclose(found.theta, wanted.theta, rtol=1e-8)
+    assert found.objective == pytest.approx(wanted.objective)
+
+
+@given(seed=st.integers(0, 300))
+def test_row_weights_that_belong_to_the_response_are_weighted_least_squares(seed):
+    A, b = noisy(seed)
+    variances = np.random.default_rng(seed).uniform(0.1, 3.0, 40)
+    zeros = np.zeros(40)
+    found = weighted_total_least_squares(LinearSystem(A, b), row_covariances(zeros, zeros, zeros, variances))
+    root = 1.0 / np.sqrt(variances)
+    np.testing.assert_allclose(found.theta, np.linalg.lstsq(A * root[:, None], b * root)[0], rtol=1e-9)
+
+
+# -- refusals ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", [*LEAST, *TOTAL])
+@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
+def test_collinear_columns_are_refused_in_any_units(solver, scale):
+    A, b = noisy(7)
+    A[:, 2] = scale * (A[:, 0] - 2.0 * A[:, 1])
+    with pytest.raises(CollinearError, match="Expected linearly independent regressors; received columns"):
+        solver.solve(LinearSystem(A, b))
+    A[:, 2] = 0.0
+    with pytest.raises(CollinearError, match="received column 2 is zero"):
+        solver.solve(LinearSystem(A, b))
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+def test_total_least_squares_refuses_what_has_no_unique_solution(solver):
+    A, b = noisy(8, rows=3)
+    with pytest.raises(
+        TooFewSamplesError, match="at least 4 equations for total least squares with 3 unknowns"
+    ):
+        solver.solve(LinearSystem(A, b))
+    # A response that no regressor explains, larger than every regressor: the minimum is at infinity.
+    orthogonal = np.linalg.qr(np.random.default_rng(9).standard_normal((10, 3)))[0]
+    with pytest.raises(NoUniqueSolutionError, match=r"Expected sigma_min\(\[A b\]\) below sigma_min\(A\)"):
+        solver.solve(LinearSystem(orthogonal[:, :2], 5.0 * orthogonal[:, 2]))
+
+
+@pytest.mark.parametrize("solver", TOTAL)
+@pytest.mark.parametrize(
+    ("S", "error", "said"),
+    [
+        (np.array([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), CovarianceError, "positive definite"),
+        (np.ones((3, 3)), CovarianceError, "positive definite"),
+        (np.diag([1.0, -1.0, 1.0]), CovarianceError, "variances of zero or more"),
+        (np.diag([1.0, np.nan, 1.0]), CovarianceError, "variances of zero or more"),
+        (np.diag([1.0, 1.0, 0.0]), NoUniqueSolutionError, "a response with noise"),
+    ],
+)
+def test_covariances_that_are_none_are_refused(solver, S, error, said):
+    A, b = noisy(10, unknowns=2)
+    with pytest.raises(error, match=f"Expected .*{said}"):
+        solver.solve(LinearSystem(A, b, S))
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    ("given", "error", "said"),
+    [
+        (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0, 3.0]), ShapeError, "2 right-hand sides"),
+        (([[1.0, 2.0], [3.0, 4.0]], [1.0, 2.0], np.eye(2)), ShapeError, "error covariance of 3 columns"),
+        (([[1.0, 2.0]], [1.0]), TooFewSamplesError, "at least 2 equations"),
+        (([[1.0], [np.nan]], [1.0, 2.0]), NonFiniteError, "finite equations"),
+        (([[1.0], [2.0]], [1.0, np.inf]), NonFiniteError, "finite equations"),
+    ],
+)
+def test_systems_that_do_not_fit_are_refused(given, error, said):
+    with pytest.raises(error, match=f"Expected .*{said}"):
+        LinearSystem(*(np.asarray(part) for part in given))
+
+
+def test_row_covariances_that_do_not_fit_are_refused():
+    A, b = noisy(11)
+    with pytest.raises(ShapeError, match=r"covariances of shape \(40, 4, 4\)"):
+        weighted_total_least_squares(LinearSystem(A, b), np.tile(np.eye(3), (40, 1, 1)))
+    nothing = np.tile(np.eye(4), (40, 1, 1))
+    nothing[7] = 0.0
+    with pytest.raises(
+        CovarianceError, match="a positive variance of every row's residual; received 0 in row 7"
+    ):
+        weighted_total_least_squares(LinearSystem(A, b), nothing)
+
+
+# -- triangular roots -------------------------------------------------------------------------------------
+
+
+@given(
+    cuts=st.lists(st.integers(0, 60), max_size=5),
+    columns=st.integers(1, 5),
+    seed=st.integers(0, 99),
+)
+def test_merged_roots_have_the_products_of_all_rows(cuts, columns, seed):
+    rows = np.random.default_rng(seed).standard_normal((60, columns))
+    root = np.empty((0, columns))
+    for block in np.split(rows, sorted(cuts)):
+        root = merged_roots(root, triangular_root(block))
+    np.testing.assert_allclose(root.T @ root, rows.T @ rows, atol=1e-11)
+    assert root.shape == (columns, columns)
+    np.testing.assert_array_equal(root, np.triu(root))
+
+
+def test_roots_in_blocks_are_the_root(monkeypatch):
+    from eivor.linalg import triangular
+
+    rows = np.random.default_rng(0).standard_normal((500, 3))
+    whole = triangular_root(rows)
+    monkeypatch.setattr(triangular, "BLOCK_ROWS", 37)
+    np.testing.assert_allclose(np.abs(triangular_root(rows)), np.abs(whole), rtol=1e-11)
