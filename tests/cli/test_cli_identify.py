@@ -130,6 +130,11 @@ def test_logs_of_one_name_are_told_by_their_paths(
     assert [log["name"] for log in document["logs"]] == [str(path) for path in paths]
 
 
+def test_parts_of_one_log_are_told_by_their_windows(eivor: Caller, log: Path) -> None:
+    document = json.loads(eivor("identify", f"{log}@0:14", f"{log}@15:29", "--json", "-").out)
+    assert [row["log"] for row in document["flights"]] == ["flight.csv@0:14", "flight.csv@15:29"]
+
+
 def test_a_channel_map_is_used(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     table, mapping = tmp_path / "mine.csv", tmp_path / "mine.toml"
     flight.rename({"velocity_z": "vz", "time": "t"}).write_csv(table)

@@ -216,16 +216,23 @@ def read_logs(given: list[LogArgument], *, example: bool, channel_map: str) -> l
     for log in given:
         with step(f"Reading {log.path.name}"), named(str(log.path), several=len(given) > 1):
             recordings.append(read_log(log.path, channel_map=channel_map or None))
-    counts = Counter(recording.name for recording in recordings)
-    paths: dict[str, set[str]] = {}
+    return told_apart(given, recordings)
+
+
+def told_apart(given: list[LogArgument], recordings: list[Recording]) -> list[Recording]:
+    """Recordings of one file name renamed: to their paths, and to path and window for parts of one log."""
+    paths: dict[str, set[Path]] = {}
+    parts: Counter[Path] = Counter()
     for log, recording in zip(given, recordings, strict=True):
-        paths.setdefault(recording.name, set()).add(str(log.path))
-    return [
-        replace(recording, name=str(log.path))
-        if counts[recording.name] > 1 and len(paths[recording.name]) > 1
-        else recording
-        for log, recording in zip(given, recordings, strict=True)
-    ]
+        paths.setdefault(recording.name, set()).add(log.path)
+        parts[log.path] += 1
+    renamed = []
+    for log, recording in zip(given, recordings, strict=True):
+        name = str(log.path) if len(paths[recording.name]) > 1 else recording.name
+        if parts[log.path] > 1 and log.window is not None:
+            name += f"@{log.window[0]:g}:{log.window[1]:g}"
+        renamed.append(recording if name == recording.name else replace(recording, name=name))
+    return renamed
 
 
 def check_windows(recordings: list[Recording], windows: list[tuple[float, float] | None]) -> None:
