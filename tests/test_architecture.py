@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 import eivor
+import eivor.errors
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
@@ -118,9 +119,11 @@ def test_documented_axes_are_the_code():
 
 
 def test_public_names_are_documented():
+    """Each has an entry; errors and warnings share one for their whole module."""
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    documented = set(re.findall(r"^::: eivor\.(\w+)$", page, flags=re.MULTILINE)) - {"errors"}
-    assert documented == set(eivor.__all__) - {"__version__"}
+    documented = set(re.findall(r"^::: eivor\.(\w+)$", page, flags=re.MULTILINE))
+    assert "errors" in documented
+    assert documented - {"errors"} == set(eivor.__all__) - set(vars(eivor.errors)) - {"__version__"}
 
 
 def test_conventions_name_files_that_exist():
