@@ -10,6 +10,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from eivor.errors import WeakInstrumentsWarning
     from eivor.estimation import methods
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
@@ -40,6 +41,7 @@ _HOMES = {
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "VerticalMotion": "eivor.models.vertical",
+    "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
     "identify": "eivor.estimation.fit",
     "identify_flight": "eivor.flights.recipe",
@@ -68,6 +70,7 @@ __all__ = [
     "SignalRegression",
     "Signals",
     "VerticalMotion",
+    "WeakInstrumentsWarning",
     "WhiteNoise",
     "__version__",
     "identify",

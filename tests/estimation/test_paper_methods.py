@@ -96,7 +96,7 @@ UNIT_FREE = (
 @settings(max_examples=13)
 @given(exponent=st.integers(-6, 6))
 def test_invariance_under_a_change_of_units(name, exponent):
-    """The input and its noise in other units; unweighted total least squares of moments does not have this."""
+    """The input and its noise in other units; the paper's unweighted TLS forms do not have this."""
     scale = 10.0**exponent
     rng = np.random.default_rng(2)
     stds = {"velocity_z": 0.005, "input": 0.1, "specific_force_z": 0.005}

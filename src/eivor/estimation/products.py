@@ -61,7 +61,7 @@ def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool)
     NonFiniteError
         When a product is not finite.
     """
-    if isinstance(problem, SignalRegression) and problem.used is None:
+    if isinstance(problem, SignalRegression):
         found = _of_signals(problem, instruments=instruments, own=own)
     else:
         found = _of_arrays(problem.rows(), instruments=instruments, own=own)
@@ -104,7 +104,7 @@ def _sums(
 ) -> Float[np.ndarray, "left right"]:
     """Sums of products of columns, all pairs of a block at a time."""
     sums = np.zeros((len(left), len(right)))
-    folded = successive_lags(left)
+    folded = successive_lags(left) if problem.used is None else None
     for start, stop in blocks(problem.first, problem.signals.sample_count):
         rights = [_slice(problem, column, start, stop) for column in right]
         if folded is not None:
@@ -124,7 +124,7 @@ def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.
     For lags of one channel the sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both
     ends of the record, so that one row of sums gives them all.
     """
-    if successive_lags(columns) is None:
+    if successive_lags(columns) is None or problem.used is not None:
         return _sums(problem, columns, columns)
     lags = [column.lag for column in columns]
     count = len(columns)
@@ -151,7 +151,7 @@ def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
 
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
     """Number of rows and the triangular root of [Phi y]."""
-    if not (isinstance(problem, SignalRegression) and problem.used is None):
+    if not isinstance(problem, SignalRegression):
         rows = problem.rows()
         return rows.response.size, triangular_root(np.column_stack([rows.regressors, rows.response]))
     columns = (*problem.regressor_columns, problem.equation.response)
@@ -164,7 +164,7 @@ def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_pl
 
 
 def row_count(problem: SignalRegression) -> int:
-    """Rows of a problem whose samples are all valid.
+    """Number of rows of a problem.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def row_count(problem: SignalRegression) -> int:
             f"{problem.signals.sample_count}",
             "Give a longer record or fewer lags.",
         )
-    return count
+    return count if problem.used is None else int(problem.used.sum())
 
 
 def blocks(first: int, count: int, size: int = BLOCK_ROWS) -> Iterator[tuple[int, int]]:
@@ -188,7 +188,7 @@ def blocks(first: int, count: int, size: int = BLOCK_ROWS) -> Iterator[tuple[int
 
 
 def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> Float[np.ndarray, " rows"]:
-    """Samples of a column without its constant gain: a view, unless a gain channel multiplies it."""
+    """Rows of a column without its constant gain: a view, unless it is multiplied or masked."""
     signals = problem.signals
     if not column.channel:
         values = np.ones(stop - start)
@@ -196,4 +196,6 @@ def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> 
         values = signals.channel(column.channel)[start - column.lag : stop - column.lag]
     if column.gain_channel:
         values = values * signals.channel(column.gain_channel)[start:stop]
+    if problem.used is not None:
+        values = values[problem.used[start - problem.first : stop - problem.first]]
     return values

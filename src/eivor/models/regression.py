@@ -136,8 +136,8 @@ class Regression(LinearProblem):
     instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 
     def __post_init__(self) -> None:
-        _check_rows(self)
-        _check_noise(self)
+        _check_rows(self.response, self.regressors, self.instruments, len(self.parameters))
+        _check_noise(self.regressors, self.instruments, self.regressor_noise, self.instrument_noise)
         rows = self.response.size
         if isinstance(self.layout, SampleRows) and self.layout.flights.size != rows:
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
@@ -193,24 +193,22 @@ class Regression(LinearProblem):
         return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
 
 
-def _check_rows(self: Regression) -> None:
-    rows, unknowns = self.regressors.shape
-    if self.response.shape != (rows,) or self.instruments.shape[0] != rows:
+def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: int) -> None:
+    rows, unknowns = Phi.shape
+    if y.shape != (rows,) or Psi.shape[0] != rows:
         raise ShapeError(
             "response, regressors and instruments with equally many rows",
-            f"{self.response.shape}, {self.regressors.shape} and {self.instruments.shape}",
+            f"{y.shape}, {Phi.shape} and {Psi.shape}",
             "Cut them from the same samples.",
         )
-    if len(self.parameters) != unknowns:
-        raise ShapeError(
-            f"one name for each of {unknowns} regressors", f"{len(self.parameters)}", "Name every column."
-        )
+    if names != unknowns:
+        raise ShapeError(f"one name for each of {unknowns} regressors", f"{names}", "Name every column.")
     if rows < unknowns:
         raise TooFewSamplesError(
             f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
         )
-    for name in ("response", "regressors", "instruments"):
-        check_finite(name, getattr(self, name))
+    for name, values in (("response", y), ("regressors", Phi), ("instruments", Psi)):
+        check_finite(name, values)
 
 
 def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
@@ -233,9 +231,8 @@ def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
         )
 
 
-def _check_noise(self: Regression) -> None:
-    unknowns, available = self.regressors.shape[1], self.instruments.shape[1]
-    own, shared = self.regressor_noise, self.instrument_noise
+def _check_noise(Phi: np.ndarray, Psi: np.ndarray, own: np.ndarray | None, shared: np.ndarray | None) -> None:
+    unknowns, available = Phi.shape[1], Psi.shape[1]
     if own is not None:
         if own.shape != (unknowns + 1, unknowns + 1):
             raise ShapeError(
@@ -323,14 +320,15 @@ def regression(
         )
     Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
     labels = tuple(names) if names is not None else tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
-    return Regression(
-        y,
-        Phi,
-        Psi,
-        tuple(Parameter(label) for label in labels),
-        regressor_noise=_matrix_or_none("noise_covariance", noise_covariance),
-        instrument_noise=_matrix_or_none("instrument_noise_covariance", instrument_noise_covariance),
-    )
+    own = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
+    shared = None
+    if instrument_noise_covariance is not None:
+        shared = _matrix("instrument_noise_covariance", instrument_noise_covariance)
+    # Checked here as well as by `Regression`, whose annotated shapes presuppose it.
+    _check_rows(y, Phi, Psi, len(labels))
+    _check_noise(Phi, Psi, own, shared)
+    parameters = tuple(Parameter(label) for label in labels)
+    return Regression(y, Phi, Psi, parameters, regressor_noise=own, instrument_noise=shared)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
@@ -340,7 +338,3 @@ def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
             f"{name} with two dimensions", f"shape {matrix.shape}", "Stack columns with numpy.column_stack."
         )
     return matrix
-
-
-def _matrix_or_none(name: str, values: ArrayLike | None) -> Float[np.ndarray, "m n"] | None:
-    return None if values is None else _matrix(name, values)
