@@ -218,8 +218,13 @@ def _band(run: SpectralRun) -> tuple[float, float]:
     return (float(frequency[0]), run.band_hz[1]) if frequency.size else run.band_hz
 
 
-def _legend(axes: Axes, place: Literal["best", "upper right", "upper left", "lower left"] = "best") -> None:
-    legend = axes.legend(fontsize=8, framealpha=0.85, loc=place)
+def _legend(
+    axes: Axes,
+    place: Literal["best", "upper right", "upper left", "lower left"] = "best",
+    *,
+    columns: int = 1,
+) -> None:
+    legend = axes.legend(fontsize=8 if columns == 1 else 7, framealpha=0.85, loc=place, ncols=columns)
     for text in legend.get_texts():
         text.set_parse_math(False)
 
@@ -320,11 +325,11 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
     axes.set_xticks([2, 5, 10, 20, 50, 100, 200], labels=["2", "5", "10", "20", "50", "100", "200"])
     axes.minorticks_off()
     axes.set_yscale("symlog", linthresh=quantile)
-    axes.set_ylim(-0.15 * quantile, 1.3 * tallest)
+    axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
     axes.set_xlabel("actuator lag τ [ms]")
     axes.set_ylabel("objective above its least (χ² units)")
     axes.grid(alpha=0.25)
-    _legend(axes)
+    _legend(axes, "upper left", columns=2)
 
 
 # -- excitation --------------------------------------------------------------------------------------
