@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+import numpy as np
 import polars as pl
 
 from eivor.errors import InputError
@@ -18,7 +19,7 @@ END = "<!-- end of what is generated -->"
 COMMAND = "python -m eivor.studies.flight_study"
 ESTIMATOR_NAMES = {RECIPE: "the recipe", LAG_IGNORED: "lag ignored", NONLINEAR: "nonlinear least squares"}
 #: Lags that count as one group [s]; the grid of the recipe has steps of 10 ms.
-LAG_EDGES = (0.01, 0.03, 0.07)
+LAG_EDGES = (0.01, 0.025, 0.06)
 
 
 def study_tables(table: TrialTable) -> str:
@@ -102,10 +103,10 @@ def control_table(rows: pl.DataFrame) -> str:
 
 def group_table(rows: pl.DataFrame) -> str:
     """Coverage by noise, trajectory, lag, delay, gusts and simulator."""
-    lag = rows["truth.effective_lag"] - rows["delay"]
-    labels = ["below 10 ms", "10 to 30 ms", "30 to 70 ms", "70 ms and more"]
+    lag = (rows["truth.effective_lag"] - rows["delay"]).to_numpy()
+    labels = ["below 10 ms", "10 to 25 ms", "25 to 60 ms", "60 ms and more"]
     banded = rows.with_columns(
-        lag.cut(LAG_EDGES, labels=labels, left_closed=True).cast(pl.String).alias("lag"),
+        pl.Series("lag", [labels[band] for band in np.digitize(lag, LAG_EDGES)], dtype=pl.String),
         (pl.col("delay") * 1e3).round(0).cast(pl.Int64).cast(pl.String).alias("delay [ms]"),
         pl.col("gust_rms").cast(pl.String).alias("gusts [m/s]"),
     )
