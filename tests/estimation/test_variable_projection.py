@@ -1,0 +1,220 @@
+"""The search for lag and delay against one joint nonlinear least squares; intervals that know the lag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.optimize
+from jaxtyping import config
+from scipy import stats
+from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
+
+from eivor.errors import UsageError
+from eivor.estimation.assembler import Instrumental
+from eivor.estimation.equation_weighting import TwoStage
+from eivor.estimation.fit import identify
+from eivor.estimation.method import Method
+from eivor.estimation.methods import least_squares, reference_iv, total_least_squares
+from eivor.linalg import LeastSquares
+
+TWO_STAGE = Method("two_stage", Instrumental(), TwoStage(), LeastSquares())
+
+
+def residual_at(flight, joint: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
+    """Residual of the equation of motion in time, with the actuator written out sample by sample."""
+    K, K_u, lag = joint
+    command = flight.signals.channel("rotor_command_1")
+    whole = round(delay_s / STEP_S)
+    state, states = command[0], [command[0]]
+    for k in range(1, command.size):
+        received = command[max(k - 1 - whole, 0)]
+        state = received + (state - received) * np.exp(-STEP_S / lag)
+        states.append(state)
+    run = flight.runs[0]
+    terms = [flight.signals.channel(name)[run] for name in ("specific_force_z", "velocity_z")]
+    terms.append(np.array(states)[run] ** 2)
+    s, v, U = (term - term.mean() for term in terms)
+    return s + K * v - K_u * U
+
+
+def test_direct_search_is_joint_nonlinear_least_squares():
+    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=1)
+    fit = identify(problem(flight), least_squares())
+    start = np.array([1.0, 30.0, 0.02])
+    joint = scipy.optimize.least_squares(
+        lambda x: residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    np.testing.assert_allclose(fit.best.values, joint.x, rtol=1e-4)
+    np.testing.assert_allclose(fit.residuals, joint.fun, atol=1e-4)
+    # The white part of the joint covariance is that of nonlinear least squares.
+    variance = float(joint.fun @ joint.fun) / (joint.fun.size - 3)
+    wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
+    np.testing.assert_allclose(fit.best.covariance.white, wanted, rtol=2e-3)
+
+
+def test_instrumental_search_is_the_joint_minimum_of_its_equations():
+    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=2)
+    made = problem(flight)
+    fit = identify(made, TWO_STAGE)
+    Psi = made.samples(0.05, 0.0).instruments
+    Q = np.linalg.qr(Psi)[0]
+    start = np.array([1.0, 30.0, 0.02])
+    joint = scipy.optimize.least_squares(
+        lambda x: Q.T @ residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    np.testing.assert_allclose(fit.best.values, joint.x, rtol=1e-3)
+    # M^-1 P' s^2 P M^-T with G the joint Jacobian, P = QQ'G and M = P'G.
+    G = -scipy.optimize.approx_fprime(fit.best.values, lambda x: residual_at(flight, x), [1e-6, 1e-5, 1e-7])
+    P = Q @ (Q.T @ G)
+    M = P.T @ G
+    e = residual_at(flight, fit.best.values)
+    wanted = float(e @ e) / (e.size - 3) * np.linalg.inv(M) @ P.T @ P @ np.linalg.inv(M).T
+    np.testing.assert_allclose(fit.best.covariance.white, wanted, rtol=5e-3)
+    assert fit.best.inference.over_identification[0] == pytest.approx(
+        float(np.sum((Q.T @ e) ** 2)) / (float(e @ e) / (e.size - 3)), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("method", [least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name)
+def test_intervals_include_the_uncertainty_of_the_lag(method):
+    (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
+    searched = identify(problem(flight), method)
+    fixed = identify(problem(flight, lags=np.array([searched.best.lag_s])), method)
+    assert "actuator_lag" not in fixed.names
+    for number, name in enumerate(("viscous_friction", "input_gain")):
+        assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
+        both = [fit.best.covariance.white[number, number] for fit in (searched, fixed)]
+        assert both[1] < both[0]
+    # The lag tells on the gain: an interval that took it for known would be much too narrow.
+    assert both[1] < 0.9 * both[0]
+
+
+@pytest.mark.parametrize(
+    ("method", "delay_s"),
+    [(method(), delay) for method in (least_squares, reference_iv) for delay in (0.0, 0.01, 0.03)]
+    + [(total_least_squares(), 0.01)],
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+def test_delay_is_found_and_told_from_the_others(method, delay_s):
+    (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
+    fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
+    assert fit.best.delay_s == delay_s
+    assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.004)
+    assert [candidate.delay_s for candidate in fit.tenable()] == [delay_s]
+
+
+@pytest.mark.parametrize("method", [least_squares(), reference_iv()], ids=lambda m: m.name)
+@pytest.mark.parametrize("level", [0.5, 0.95])
+def test_interval_is_the_union_over_the_delays_that_fit(method, level):
+    """A delay between two candidates: both fit, and neither interval alone is honest."""
+    (flight,) = flights(1, seconds=12.0, noise=Noise(0.1, 3.0), delay_s=0.014, seed=5)
+    fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03)), method)
+    criteria = np.array([candidate.criterion for candidate in fit.candidates])
+    fitting = criteria <= criteria.min() + stats.chi2(1).ppf(level)
+    tenable = [c for c, fits in zip(fit.candidates, fitting, strict=True) if fits]
+    assert fit.tenable(level) == tuple(tenable)
+    for number, name in enumerate(fit.names):
+        direction = np.eye(3)[number]
+        ends = [
+            c.values[number] + sign * c.covariance.half_width(direction, level)
+            for c in tenable
+            for sign in (-1.0, 1.0)
+        ]
+        assert fit.interval(name, level) == pytest.approx((min(ends), max(ends)))
+    if level == 0.95:
+        assert len(tenable) > 1
+        low, high = fit.interval("actuator_lag")
+        assert high - low > 2.0 * fit.best.covariance.half_width(np.eye(3)[2])
+
+
+def test_unknown_names_and_levels_are_refused():
+    (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=6)
+    fit = identify(problem(flight), least_squares())
+    with pytest.raises(UsageError, match=r"Expected a parameter out of viscous_friction, .*; received 'K'"):
+        fit.interval("K")
+    for level in (0.0, 1.0, 95.0):
+        with pytest.raises(UsageError, match="Expected a confidence level between 0 and 1"):
+            fit.interval("viscous_friction", level)
+
+
+@pytest.mark.parametrize(
+    "method", [least_squares(), total_least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name
+)
+@pytest.mark.parametrize("unit", [1e-4, 1e5])
+def test_the_unit_of_the_command_changes_the_gain_only(method, unit):
+    (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=7)
+    channels = dict(flight.signals.channels)
+    channels["rotor_command_1"] = unit * channels["rotor_command_1"]
+    scaled = replace(flight, signals=replace(flight.signals, channels=channels))
+    plain, other = (identify(problem(f), method) for f in (flight, scaled))
+    for name, power in (("viscous_friction", 0), ("actuator_lag", 0), ("input_gain", -2)):
+        assert other.parameters[name] == pytest.approx(plain.parameters[name] * unit**power, rel=1e-5)
+        ends = np.array(plain.interval(name)) * unit**power
+        assert other.interval(name) == pytest.approx(tuple(ends), rel=1e-4)
+
+
+def test_a_lag_outside_the_grid_stops_at_its_end():
+    (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=8)
+    for grid, end in ((np.geomspace(0.002, 0.02, 8), 0.02), (np.geomspace(0.1, 0.3, 8), 0.1)):
+        fit = identify(problem(flight, lags=grid), least_squares())
+        assert fit.best.lag_s == pytest.approx(end, abs=1e-4)
+
+
+# -- the joint covariance against many flights ------------------------------------------------------------
+
+RUNS = 100
+TRUTH = np.array([FRICTION, GAIN, LAG_S])
+
+
+@pytest.fixture(scope="module")
+def spread():
+    """Estimates of many calm flights with white noise, with their joint covariances."""
+    # Checking shapes at each call takes four fifths of the time; the tests above have done it.
+    config.update("jaxtyping_disable", True)
+    try:
+        return estimates_of_many()
+    finally:
+        config.update("jaxtyping_disable", False)
+
+
+def estimates_of_many():
+    fits = [
+        identify(problem(flight, lags=np.geomspace(0.02, 0.12, 4)), reference_iv())
+        for flight in flights(RUNS, seconds=15.0, noise=Noise(), seed=9)
+    ]
+    return np.array([fit.best.values for fit in fits]), [fit.best.covariance for fit in fits]
+
+
+def test_estimates_scatter_by_their_joint_covariance(spread):
+    """Squared distances in units of the white covariance add up to a chi-square variable."""
+    values, covariances = spread
+    squared = [d @ np.linalg.solve(C.white, d) for d, C in zip(values - TRUTH, covariances, strict=True)]
+    # The whitening is estimated from the same data: allow it a tenth of the variance.
+    low, high = stats.chi2(3 * RUNS).ppf([1e-4, 1.0 - 1e-4])
+    assert 0.9 * low < np.sum(squared) < 1.1 * high
+
+
+def test_estimates_correlate_as_they_say(spread):
+    values, covariances = spread
+    mean = np.mean([C.white for C in covariances], axis=0)
+    scale = np.sqrt(np.diag(mean))
+    wanted, found = mean / np.outer(scale, scale), np.corrcoef(values.T)
+    # Fisher's z of a correlation has standard error 1 / sqrt(runs - 3).
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        assert abs(np.arctanh(found[i, j]) - np.arctanh(wanted[i, j])) < 4.0 / np.sqrt(RUNS - 3)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_intervals_cover(spread, number):
+    values, covariances = spread
+    direction = np.eye(3)[number]
+    half = np.array([C.half_width(direction) for C in covariances])
+    covered = int((np.abs(values[:, number] - TRUTH[number]) <= half).sum())
+    # The wider of two intervals covers at least as often as either: only the lower bound is sharp.
+    assert covered >= stats.binom.ppf(1e-4, RUNS, 0.95)
+    robust = np.array([stats.t(8).ppf(0.975) * np.sqrt(C.robust[number, number]) for C in covariances])
+    covered = int((np.abs(values[:, number] - TRUTH[number]) <= robust).sum())
+    assert covered >= stats.binom.ppf(1e-4, RUNS, 0.92)
