@@ -8,8 +8,15 @@ from eivor.errors import InstrumentError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.inferred import Solved
 from eivor.estimation.method import Method
-from eivor.estimation.nuisance import lag_column, no_lag, search_lag
-from eivor.estimation.solve import solve, solve_moments
+from eivor.estimation.moments import Moments
+from eivor.estimation.nuisance import (
+    COARSE_TOLERANCE_S,
+    LAG_TOLERANCE_S,
+    lag_column,
+    no_lag,
+    search_lag,
+)
+from eivor.estimation.solve import SolvedEquations, check_rank, solve, solve_moments
 from eivor.estimation.streaming import ProblemMoments
 from eivor.estimation.strength import weak_instruments
 from eivor.models.regression import LinearProblem, Regression
@@ -44,13 +51,13 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
     if isinstance(problem, SeparableProblem):
         return _separable_estimate(problem, method)
     if isinstance(problem, ProblemMoments):
-        solved_moments = solve_moments(method, problem.moments, None)
+        solved_moments = _determined(method, problem.moments, None)
         solution = solved_moments.solution
         reasons = weak_instruments(problem.moments, solved_moments.system, problem.parameters)
         candidate = Candidate(0.0, solution.theta, solution, no_lag(solution), None)
         return Estimate(method.name, problem.parameters, (candidate,), reasons)
     moments = method.assembler.moments(problem, instrument_products=method.assembler.needs_instruments)
-    solved = solve_moments(method, moments, problem)
+    solved = _determined(method, moments, problem)
     reasons = weak_instruments(moments, solved.system, problem.parameters)
     source = Solved(
         problem,
@@ -64,6 +71,13 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
     return Estimate(method.name, problem.parameters, (candidate,), reasons)
 
 
+def _determined(method: Method, moments: Moments, problem: LinearProblem | None) -> SolvedEquations:
+    """Solution of moments whose instruments determine the parameters."""
+    if method.assembler.moment_equations:
+        check_rank(method.assembler.system(moments))
+    return solve_moments(method, moments, problem)
+
+
 def _separable_estimate(problem: SeparableProblem, method: Method) -> Estimate:
     candidates = tuple(_candidate(problem, method, delay) for delay in problem.delays_s)
     searched = problem.lag_grid_s.size > 1
@@ -75,13 +89,12 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
     """Estimate at one delay: passes of lag search and renewed row weights."""
     weighting = method.weighting
     weights = weighting.start(problem)
-    first_lag = float(problem.lag_grid_s[0])
-    _check_instruments(weights.regression(problem, first_lag, delay_s), method)
-    profile = search_lag(problem, method, weights, delay_s)
-    for _ in range(weighting.passes - 1):
-        weights = weighting.renewed(weights, problem, profile.solution.theta, profile.lag_s, delay_s)
-        _check_instruments(weights.regression(problem, first_lag, delay_s), method)
-        profile = search_lag(problem, method, weights, delay_s)
+    for last in range(weighting.passes - 1, -1, -1):
+        _check_instruments(weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method)
+        tolerance_s = COARSE_TOLERANCE_S if last else LAG_TOLERANCE_S
+        profile = search_lag(problem, method, weights, delay_s, tolerance_s)
+        if last:
+            weights = weighting.renewed(weights, problem, profile.solution.theta, profile.lag_s, delay_s)
     values = profile.solution.theta
     if problem.lag_grid_s.size > 1:
         rows, slope = lag_column(problem, weights, profile.solution.theta, profile.lag_s, delay_s)

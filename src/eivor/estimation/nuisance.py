@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,9 @@ from eivor.linalg.system import Solution
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 
-#: Lags are refined to this accuracy [s].
+#: Lags are refined to this accuracy [s]; to the coarse one where only weights are made from them.
 LAG_TOLERANCE_S = 1e-6
+COARSE_TOLERANCE_S = 1e-3
 #: Relative half-step of the numerical derivative by the lag.
 LAG_DIFFERENCE = 1e-3
 
@@ -45,7 +47,9 @@ def no_lag(solution: Solution) -> LagProfile:
     return LagProfile(np.zeros(1), np.array([solution.objective]), 0.0, solution)
 
 
-def search_lag(problem: SeparableProblem, method: Method, weights: Weights, delay_s: float) -> LagProfile:
+def search_lag(
+    problem: SeparableProblem, method: Method, weights: Weights, delay_s: float, tolerance_s: float
+) -> LagProfile:
     """Profile the objective over the grid of lags and refine the minimum between its neighbours.
 
     Parameters
@@ -56,12 +60,12 @@ def search_lag(problem: SeparableProblem, method: Method, weights: Weights, dela
         Its assembler and solver are used.
     weights : Weights
         Fixed during the search.
-    delay_s : float
-        Delay [s].
+    delay_s, tolerance_s : float
+        Delay, and accuracy of the lag [s].
 
     Notes
     -----
-    The minimum on the grid is refined between its neighbours by Brent's bounded search.
+    The minimum on the grid is refined between its neighbours by golden sections.
     """
 
     def solved(lag_s: float) -> Solution:
@@ -73,19 +77,33 @@ def search_lag(problem: SeparableProblem, method: Method, weights: Weights, dela
     best = int(np.argmin(objective))
     lag_s, solution = float(grid[best]), solutions[best]
     if grid.size > 1:
-        from scipy.optimize import minimize_scalar
-
         bounds = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, grid.size - 1)]))
-        found = minimize_scalar(
-            lambda lag: solved(float(lag)).objective,
-            bounds=bounds,
-            method="bounded",
-            options={"xatol": LAG_TOLERANCE_S},
-        )
-        if found.fun < objective[best]:
-            lag_s = float(found.x)
-            solution = solved(lag_s)
+        lag_s, solution = golden_section(solved, bounds, (lag_s, solution), tolerance_s)
     return LagProfile(grid, objective, lag_s, solution)
+
+
+def golden_section(
+    solved: Callable[[float], Solution],
+    bounds: tuple[float, float],
+    best: tuple[float, Solution],
+    tolerance_s: float,
+) -> tuple[float, Solution]:
+    """Lag of the least objective between two bounds, and its solution; never worse than `best`."""
+    low, high = bounds
+    share = 0.5 * (np.sqrt(5.0) - 1.0)
+    lags = [high - share * (high - low), low + share * (high - low)]
+    solutions = [solved(lag) for lag in lags]
+    while high - low > tolerance_s:
+        if solutions[0].objective <= solutions[1].objective:
+            high, lags[1], solutions[1] = lags[1], lags[0], solutions[0]
+            lags[0] = high - share * (high - low)
+            solutions[0] = solved(lags[0])
+        else:
+            low, lags[0], solutions[0] = lags[0], lags[1], solutions[1]
+            lags[1] = low + share * (high - low)
+            solutions[1] = solved(lags[1])
+    pairs = [best, *zip(lags, solutions, strict=True)]
+    return min(pairs, key=lambda pair: pair[1].objective)
 
 
 def lag_column(

@@ -46,14 +46,10 @@ def solve_moments(method: Method, moments: Moments, problem: LinearProblem | Non
 
     Raises
     ------
-    InstrumentError
-        When the instruments do not determine the parameters.
     EstimationError
         When the equations have no unique solution.
     """
     system = method.assembler.system(moments)
-    if method.assembler.moment_equations:
-        _check_rank(system)
     theta = None
     passes = method.weighting.passes if method.weighting.needs_instrument_products else 1
     for _ in range(passes):
@@ -63,7 +59,7 @@ def solve_moments(method: Method, moments: Moments, problem: LinearProblem | Non
     return SolvedEquations(system, weighted.factor, solution)
 
 
-def _check_rank(system: LinearSystem) -> None:
+def check_rank(system: LinearSystem) -> None:
     """Refuse moment equations that rounding alone keeps from being singular.
 
     Raises

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg.lapack import dtbtrs
 
 
 def actuator_state(
@@ -32,8 +33,6 @@ def actuator_state(
     """
     if lag_s <= 0.0 and delay_s <= 0.0:
         return command
-    from scipy.signal import lfilter
-
     whole = int(np.floor(delay_s / step_s + 1e-9))
     fraction = max(delay_s / step_s - whole, 0.0)
     decay = np.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
@@ -42,8 +41,19 @@ def actuator_state(
     delayed = delayed_by(command - start, whole + 1)
     earlier = delayed_by(command - start, whole + 2)
     driven = (1.0 - tail) * delayed + (tail - decay) * earlier
-    state: Float[np.ndarray, "n rotors"] = lfilter([1.0], [1.0, -decay], driven, axis=0)
-    return state + start
+    return _recursion(driven, float(decay)) + start
+
+
+def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.ndarray, "n rotors"]:
+    """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is.
+
+    LAPACK solves it as fast as a filter would, and is at hand without loading SciPy's signal processing,
+    which takes longer than the whole search for a lag.
+    """
+    band = np.empty((2, driven.shape[0]))
+    band[0], band[1] = 1.0, -decay
+    state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U")[0]
+    return state
 
 
 def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np.ndarray, "n columns"]:
