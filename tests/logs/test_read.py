@@ -1,5 +1,7 @@
 import gzip
 import os
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -100,6 +102,14 @@ def test_file_names_with_glob_characters(tmp_path):
     frame.write_parquet(tmp_path / "a[1]*?.parquet")
     for name in ("a[1]*?.csv", "a[1]*?.parquet"):
         assert read_log(tmp_path / name).channels["velocity_z"].values.tolist() == [1.0, 2.0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_file_names_that_are_not_text(tmp_path):
+    path = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xfe.csv")
+    Path(path).write_text("time,velocity_z\n0,1\n1,2\n")
+    with pytest.raises(InputError, match="Expected a path in UTF-8"):
+        read_log(path)
 
 
 def test_advice():

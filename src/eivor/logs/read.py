@@ -60,6 +60,7 @@ def read_log(
     Time and memory are proportional to the file's size; corrupt content cannot change that.
     """
     file = Path(path)
+    _check_name(file)
     size = _regular_size(file)
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
@@ -90,6 +91,24 @@ def read_log(
     from eivor.logs.table import read_table
 
     return read_table(file, log_format, channel_map=channel_map, sha256=sha256)
+
+
+def _check_name(file: Path) -> None:
+    """Raise for a path that is not text: the table readers take their paths in UTF-8.
+
+    Raises
+    ------
+    InputError
+        With the bytes that are not.
+    """
+    try:
+        str(file).encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise InputError(
+            "a path in UTF-8",
+            repr(str(file).encode("utf-8", "backslashreplace")),
+            "Rename the file or folder.",
+        ) from error
 
 
 def _regular_size(file: Path) -> int:
