@@ -28,6 +28,8 @@ FRICTION_SHARE = 0.5
 GAIN_SHARE = 0.1
 HOVER_SHARE = 0.05
 LAG_HALF_WIDTH_S = 0.1
+LAG_SHARE = 0.5
+LAG_KNOWN_S = 0.01
 J_P_VALUE = 0.001
 COMMAND_RATE_HZ = 45.0
 GAIN_RATE_HZ = 20.0
@@ -233,8 +235,11 @@ def hover_reasons(hover: Quantity, at: Circumstances) -> list[Reason]:
 
 
 def lag_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances) -> list[Reason]:
-    """Grounds against the actuator's lag."""
+    """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
     reasons = _lag_reasons(estimate, quantities)
+    lag = quantities["effective_lag"]
+    if lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
+        reasons.append(Reason(Status.WEAK, f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."))
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag."))
     elif "actuator_lag" in estimate.names:
