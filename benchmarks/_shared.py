@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
@@ -37,6 +38,16 @@ def machine() -> str:
         model = names[0] if names else model
     versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "polars", "pyulog"))
     return f"{os.cpu_count()} cores, {model}, Python {platform.python_version()}, {versions}"
+
+
+def least_seconds(action: Callable[[], object], repeats: int) -> float:
+    """Least time of some runs of `action` [s]."""
+    best = float("inf")
+    for _ in range(repeats):
+        begun = time.perf_counter()
+        action()
+        best = min(best, time.perf_counter() - begun)
+    return best
 
 
 def process_seconds(command: tuple[str, ...], *, allowed: tuple[int, ...] = (0,)) -> float:

@@ -6,25 +6,14 @@ has values: a search cannot do with less.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
-from _shared import arguments, example_flight, machine
+from _shared import arguments, example_flight, least_seconds, machine
 from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.models.vertical_flights import VerticalFlights
-
-
-def least_seconds(action, repeats: int) -> float:
-    """Least time of some runs of `action` [s]."""
-    best = float("inf")
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        action()
-        best = min(best, time.perf_counter() - begun)
-    return best
 
 
 def main() -> None:
