@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Float, Int
 
+from eivor.errors import CollinearError
 from eivor.inference.quantiles import normal_quantile, t_quantile
 
 #: Number of cosine averages of the autocorrelation-robust covariance.
@@ -125,13 +125,28 @@ def joint_covariance(
 
 
 def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """M^-1 meat M^-T without an explicit inverse. Performs no checks."""
+    """M^-1 meat M^-T without an explicit inverse.
+
+    A sensitivity that is singular but for rounding gives the huge variances that it deserves.
+
+    Raises
+    ------
+    CollinearError
+        When the sensitivity is singular altogether.
+    """
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
     diagonal = np.abs(np.diag(M))
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     both = np.outer(scale, scale)
-    half = scipy.linalg.solve(both * M, both * meat)
-    covariance: Float[np.ndarray, "n n"] = both * scipy.linalg.solve(both * M, half.T)
+    try:
+        half = np.linalg.solve(both * M, both * meat)
+        covariance: Float[np.ndarray, "n n"] = both * np.linalg.solve(both * M, half.T)
+    except np.linalg.LinAlgError as error:
+        raise CollinearError(
+            "equations that tell every parameter from the others",
+            "a singular sensitivity of the equations to the parameters",
+            "Give data in which response and regressors move, each in its own way.",
+        ) from error
     return 0.5 * (covariance + covariance.T)
 
 
