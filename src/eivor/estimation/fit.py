@@ -89,14 +89,15 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
     """Estimate at one delay: passes of lag search and renewed row weights."""
     weighting = method.weighting
     weights = weighting.start(problem)
+    searched = int(problem.lag_grid_s.size > 1)
     for last in range(weighting.passes - 1, -1, -1):
-        _check_instruments(weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method)
+        _check_instruments(weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method, searched)
         tolerance_s = COARSE_TOLERANCE_S if last else LAG_TOLERANCE_S
         profile = search_lag(problem, method, weights, delay_s, tolerance_s)
         if last:
             weights = weighting.renewed(weights, problem, profile.solution.theta, profile.lag_s, delay_s)
     values = profile.solution.theta
-    if problem.lag_grid_s.size > 1:
+    if searched:
         rows, slope = lag_column(problem, weights, profile.solution.theta, profile.lag_s, delay_s)
         values, columns = np.append(values, profile.lag_s), slope[:, None]
     else:
@@ -107,11 +108,12 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
     return Candidate(delay_s, values, profile.solution, profile, source)
 
 
-def _check_instruments(rows: Regression, method: Method) -> None:
-    needed, available = rows.regressors.shape[1], rows.instruments.shape[1]
+def _check_instruments(rows: Regression, method: Method, nuisance: int) -> None:
+    """Refuse fewer instruments than unknowns, the nuisance that is searched for among them."""
+    needed, available = rows.regressors.shape[1] + nuisance, rows.instruments.shape[1]
     if method.assembler.needs_instruments and available < needed:
         raise InstrumentError(
-            f"at least {needed} independent instruments for the method {method.name}",
+            f"at least {needed} independent instruments for {needed} unknowns and the method {method.name}",
             f"{available}",
             "Name exogenous signals that vary: instruments=..., or --instruments.",
         )
