@@ -91,7 +91,9 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
     weights = weighting.start(problem)
     searched = int(problem.lag_grid_s.size > 1)
     for last in range(weighting.passes - 1, -1, -1):
-        _check_instruments(weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method, searched)
+        _check_instruments(
+            weights.regression(problem, float(problem.lag_grid_s[0]), delay_s), method, searched
+        )
         tolerance_s = COARSE_TOLERANCE_S if last else LAG_TOLERANCE_S
         profile = search_lag(problem, method, weights, delay_s, tolerance_s)
         if last:
