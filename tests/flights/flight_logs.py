@@ -1,0 +1,116 @@
+"""Logs of flights for tests: one simulated vehicle under altitude control, and ways to change its log."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eivor.models.vertical_simulation import (
+    AltitudeController,
+    VerticalEnvironment,
+    VerticalVehicles,
+    simulate_vertical,
+)
+from eivor.signals.recording import Channel, Recording
+
+STEP_S = 0.01
+FRICTION, GAIN, LAG_S = 0.4, 40.0, 0.05
+HOVER = float(np.sqrt(9.80665 / GAIN))
+HELD = (
+    "rotor_command_1",
+    "input",
+    "reference_position_z",
+    "reference_velocity_z",
+    "landed",
+    "ground_contact",
+)
+
+
+def flown(
+    count: int = 1,
+    *,
+    seconds: float = 30.0,
+    seed: int = 0,
+    noise: float = 1.0,
+    amplitude: float = 1.0,
+    gust: float = 0.0,
+    delay_s: float = 0.0,
+) -> list[Recording]:
+    """Flights along random sums of sines; `amplitude` 0 is a hover."""
+    rng = np.random.default_rng(seed)
+    samples = round(seconds / STEP_S)
+    time = STEP_S * np.arange(samples)
+    reference = np.zeros((3, samples, count))
+    for hertz in (0.15, 0.4, 0.9, 1.7):
+        pulsation = 2.0 * np.pi * hertz
+        phase = pulsation * time[:, None] + rng.uniform(0.0, 2.0 * np.pi, count)
+        reference += (amplitude / pulsation**1.5) * np.stack(
+            [np.sin(phase), pulsation * np.cos(phase), -(pulsation**2) * np.sin(phase)]
+        )
+    errors = noise * np.array([0.003, 0.03, 0.3])[:, None, None] * rng.standard_normal((3, samples, count))
+    met = VerticalEnvironment(
+        *reference,
+        gust=gust * rng.standard_normal((samples, count)),
+        cos_tilt=np.ones((samples, count)),
+        position_noise=errors[0],
+        velocity_noise=errors[1],
+        acceleration_noise=errors[2],
+    )
+    every = np.ones(count)
+    vehicles = VerticalVehicles(FRICTION * every, GAIN * every, LAG_S * every, delay_s * every)
+    motion = simulate_vertical(vehicles, met, step_s=STEP_S, controller=AltitudeController(1.2, 3.0, 0.5))
+    return [
+        recording(
+            {
+                "position_z": 5.0 + motion.position[:, i] + errors[0, :, i],
+                "velocity_z": motion.velocity[:, i] + errors[1, :, i],
+                "specific_force_z": motion.specific_force[:, i] + errors[2, :, i],
+                "cos_tilt": np.ones(samples),
+                "rotor_command_1": motion.command[:, i].copy(),
+                "reference_position_z": reference[0, :, i].copy(),
+                "reference_velocity_z": reference[1, :, i].copy(),
+            },
+            name=f"flight {i}",
+        )
+        for i in range(count)
+    ]
+
+
+def recording(
+    columns: dict[str, np.ndarray], *, name: str = "flight", time_s: np.ndarray | None = None
+) -> Recording:
+    """Recording whose channels share one clock, 100 Hz unless stamps are given."""
+    count = next(iter(columns.values())).size
+    time = STEP_S * np.arange(count) if time_s is None else time_s
+    channels = {key: channel(key, time, values) for key, values in columns.items()}
+    return Recording(name, "frame", channels, input_map="square" if "rotor_command_1" in columns else "")
+
+
+def channel(name: str, time_s: np.ndarray, values: np.ndarray) -> Channel:
+    """Channel that is held when its name is that of a command or a setpoint."""
+    return Channel(
+        name, np.array(time_s, dtype=float), np.array(values, dtype=float), "", "test", name in HELD
+    )
+
+
+def changed(log: Recording, *drop: str, **channels: Channel | np.ndarray) -> Recording:
+    """Log without some channels and with others: whole channels, or values on the log's first clock."""
+    kept = {key: value for key, value in log.channels.items() if key not in drop}
+    clock = next(iter(log.channels.values())).time_s
+    for key, value in channels.items():
+        kept[key] = value if isinstance(value, Channel) else channel(key, clock, value)
+    return replace(log, channels=kept)
+
+
+def every(log: Recording, step: int, *names: str) -> Recording:
+    """Log with only each `step`-th sample of the channels named, or of all."""
+    return replace(
+        log,
+        channels={
+            key: replace(c, time_s=c.time_s[::step].copy(), values=c.values[::step].copy())
+            if key in names or not names
+            else c
+            for key, c in log.channels.items()
+        },
+    )

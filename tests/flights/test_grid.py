@@ -1,0 +1,177 @@
+"""Channels on the common grid against naive references, and commands after their gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eivor.errors import InputError
+from eivor.flights.grid import RECOVERY_S, Grid, common_grid, on_grid, unbroken
+from eivor.signals.recording import Channel
+
+GRID = Grid(1.0, 0.01, 300)
+
+
+def channel(time, values, *, held: bool = False, name: str = "velocity_z") -> Channel:
+    return Channel(name, np.asarray(time, dtype=float), np.asarray(values, dtype=float), "", "", held)
+
+
+def random_stamps(rng: np.random.Generator, rate_hz: float, gaps: int) -> np.ndarray:
+    """Stamps with jitter from before the grid to after it, some stretches missing."""
+    time = np.arange(0.5, 4.5, 1.0 / rate_hz)
+    time = time + rng.uniform(-0.2, 0.2, time.size) / rate_hz
+    for _ in range(gaps):
+        start = rng.uniform(0.5, 4.0)
+        time = time[(time < start) | (time > start + rng.uniform(0.1, 0.6))]
+    return time
+
+
+@given(
+    rate_hz=st.sampled_from([5.0, 30.0, 97.0, 400.0]),
+    gaps=st.integers(0, 4),
+    lost=st.floats(0.0, 0.5),
+    seed=st.integers(0, 999),
+)
+def test_held_channels_keep_the_last_value_logged(rate_hz, gaps, lost, seed):
+    rng = np.random.default_rng(seed)
+    time = random_stamps(rng, rate_hz, gaps)
+    values = np.where(rng.random(time.size) < lost, np.nan, rng.standard_normal(time.size))
+    series, good = on_grid(channel(time, values, held=True), GRID)
+    for t, value, stands in zip(GRID.time_s, series, good, strict=True):
+        before = np.flatnonzero(time <= t + 1e-9)
+        wanted = values[before[-1]] if before.size else np.nan
+        assert stands == np.isfinite(wanted)
+        if stands:
+            assert value == wanted
+    assert np.isfinite(series).all()
+
+
+@given(
+    rate_hz=st.sampled_from([5.0, 30.0, 97.0]),
+    gaps=st.integers(0, 4),
+    lost=st.floats(0.0, 0.5),
+    seed=st.integers(0, 999),
+)
+def test_slow_channels_are_interpolated_and_gaps_marked(rate_hz, gaps, lost, seed):
+    rng = np.random.default_rng(seed)
+    time = random_stamps(rng, rate_hz, gaps)
+    values = np.where(rng.random(time.size) < lost, np.nan, rng.standard_normal(time.size))
+    finite = np.isfinite(values)
+    if not finite.any():
+        return
+    series, good = on_grid(channel(time, values), GRID)
+    time, values = time[finite], values[finite]
+    longest = max(5.0 * np.median(np.diff(time)), 0.1) if time.size > 1 else np.inf
+    for t, value, stands in zip(GRID.time_s, series, good, strict=True):
+        after = int(np.searchsorted(time, t))
+        inside = 0 < after < time.size or (after < time.size and abs(time[after] - t) < 1e-9)
+        if inside and after > 0:
+            width = time[after] - time[after - 1]
+            share = (t - time[after - 1]) / width
+            assert value == pytest.approx(
+                values[after - 1] + share * (values[after] - values[after - 1]), abs=1e-9
+            )
+            inside = width <= longest
+        assert stands == inside
+    assert np.isfinite(series).all()
+
+
+@given(rate_hz=st.sampled_from([200.0, 997.0, 4000.0]), seed=st.integers(0, 999))
+def test_fast_channels_are_averaged_over_each_step(rate_hz, seed):
+    rng = np.random.default_rng(seed)
+    time = random_stamps(rng, rate_hz, 0)
+    values = rng.standard_normal(time.size)
+    series, good = on_grid(channel(time, values), GRID)
+    assert good.all()
+    for k in rng.integers(0, GRID.count, 10):
+        t = GRID.time_s[k]
+        edges = np.array([t - 0.005, t + 0.005])
+        knots = np.concatenate([edges[:1], time[(time > edges[0]) & (time < edges[1])], edges[1:]])
+        wanted = np.trapezoid(np.interp(knots, time, values), knots) / 0.01
+        assert series[k] == pytest.approx(wanted, abs=1e-7)
+
+
+def test_averages_keep_a_line_and_quieten_noise():
+    time = np.arange(0.0, 5.0, 0.001)
+    series, _ = on_grid(channel(time, 3.0 * time - 1.0), GRID)
+    np.testing.assert_allclose(series, 3.0 * GRID.time_s - 1.0, atol=1e-9)
+    noise = np.random.default_rng(0).standard_normal(time.size)
+    # Ten samples in a step: a tenth of the variance, to within its sampling error.
+    assert on_grid(channel(time, noise), GRID)[0].var() == pytest.approx(0.1, rel=0.4)
+
+
+@pytest.mark.parametrize("held", [True, False])
+@pytest.mark.parametrize("rate_hz", [10.0, 1000.0])
+@pytest.mark.parametrize("kept", [0, 1, 2])
+def test_channels_with_hardly_a_value_stand_on_nothing_much(held, rate_hz, kept):
+    time = np.arange(0.0, 5.0, 1.0 / rate_hz)
+    values = np.full(time.size, np.nan)
+    values[time.size // 2 : time.size // 2 + kept] = 2.0
+    series, good = on_grid(channel(time, values, held=held), GRID)
+    assert np.isfinite(series).all()
+    assert good.sum() <= kept * max(100.0 / rate_hz, 1.0) + 1
+    if kept:
+        np.testing.assert_array_equal(series[good], 2.0)
+    # The channel without a sample, and the one with a single one.
+    assert not on_grid(channel([], [], held=held), GRID)[1].any()
+    series, good = on_grid(channel([2.0], [7.0], held=held), GRID)
+    np.testing.assert_array_equal(series, 7.0)
+    assert good.sum() == (200 if held else 1)
+
+
+@given(seed=st.integers(0, 999), gaps=st.integers(0, 5))
+def test_after_a_gap_the_actuator_is_waited_for(seed, gaps):
+    rng = np.random.default_rng(seed)
+    time = random_stamps(rng, 100.0, gaps)
+    command = channel(time, rng.standard_normal(time.size), held=True, name="input")
+    good = rng.random(GRID.count) > 0.003
+    found = unbroken(command, GRID, good)
+    wait = int(np.ceil(RECOVERY_S / GRID.step_s))
+    broken = ~good
+    for start, end in command.gaps():
+        broken |= (GRID.time_s > start) & (GRID.time_s < end)
+    for k in range(GRID.count):
+        assert found[k] == (not broken[max(k - wait, 0) : k + 1].any())
+
+
+def test_an_unbroken_command_is_left_alone():
+    command = channel(np.arange(0.0, 5.0, 0.01), np.zeros(500), held=True)
+    good = np.ones(GRID.count, dtype=bool)
+    assert unbroken(command, GRID, good) is good
+
+
+# -- the grid itself --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rates", "step"), [((149.0, 400.0), 0.01), ((150.5, 400.0), 0.005), ((5.0,), 0.01)])
+def test_grid_spans_what_all_share_and_is_fine_when_all_are_fast(rates, step):
+    channels = [
+        channel(
+            np.arange(0.3 * i, 10.0 - 0.2 * i, 1.0 / rate), np.arange(0.3 * i, 10.0 - 0.2 * i, 1.0 / rate)
+        )
+        for i, rate in enumerate(rates)
+    ]
+    grid = common_grid(channels, channels)
+    assert grid.step_s == step
+    assert grid.start_s == max(c.time_s[0] for c in channels)
+    end = min(c.time_s[-1] for c in channels)
+    assert grid.time_s[-1] <= end + 1e-9
+    assert grid.time_s[-1] > end - 1.001 * step
+
+
+def test_clocks_that_do_not_overlap_are_refused():
+    early, late = channel([0.0, 1.0], [0.0, 0.0]), channel([2.0, 3.0], [0.0, 0.0], name="input")
+    with pytest.raises(
+        InputError, match=r"velocity_z, input are all logged; received none \(the last begins at 2"
+    ):
+        common_grid([early, late], [])
+    with pytest.raises(InputError, match="Expected a stretch of time"):
+        common_grid([early, channel([1.0, 3.0], [0.0, 0.0])], [])
+
+
+def test_stamps_in_another_unit_are_refused_before_memory_runs_out():
+    microseconds = channel([0.0, 6e7], [0.0, 0.0])
+    with pytest.raises(InputError, match=r"at most 6 hours; received stamps that span 16666\.7 hours.*unit"):
+        common_grid([microseconds], [])
