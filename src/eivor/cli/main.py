@@ -58,6 +58,8 @@ def run() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
     if os.environ.get(DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     app(prog_name="eivor")

@@ -68,7 +68,7 @@ def read_log(
         raise LogTooLargeError(
             f"a log of at most {max_bytes} bytes",
             f"'{file.name}' with {size} bytes",
-            "Cut the log to the manoeuvre of interest, or raise the limit with `max_bytes` (--max-bytes).",
+            "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...).",
         )
     try:
         with file.open("rb") as stream:

@@ -65,6 +65,9 @@ class Signals:
                 "Resample every channel to one grid first.",
             )
         for name, values in converted.items():
+            with np.errstate(invalid="ignore", over="ignore"):
+                if np.isfinite(values.sum()):
+                    continue  # the sum of finite values is finite almost always, and costs no copy
             bad = ~np.isfinite(values) if mask is None else ~np.isfinite(values) & mask
             if bad.any():
                 raise NonFiniteError(
