@@ -21,6 +21,9 @@ from eivor.errors import MissingNoiseError, TooFewSamplesError
 from eivor.models.column import Column
 from eivor.signals.signals import Signals
 
+#: Rows averaged at a time, so that no series as long as the record is made.
+BLOCK_ROWS = 65_536
+
 
 def shared_noise(
     left: Sequence[Column],
@@ -82,11 +85,15 @@ def _pair(
     count = signals.sample_count - first
     begin = signals.offset + first - max(one.lag, other.lag)
     lag = abs(one.lag - other.lag)
-    growth = noise.autocovariance(lag, begin, count)
-    if rows is not None:
-        growth = growth[rows]
-    gains = one.gain_series(signals, first) * other.gain_series(signals, first)
-    if not isinstance(gains, float):
-        growth = growth * (gains if rows is None else gains[rows])
-        return float(growth.mean())
-    return gains * float(growth.mean())
+    total, used = 0.0, 0
+    for start in range(0, count, BLOCK_ROWS):
+        here = slice(start, min(start + BLOCK_ROWS, count))
+        growth = noise.autocovariance(lag, begin + start, here.stop - start)
+        for column in (one, other):
+            if column.gain_channel:
+                growth = growth * signals.channel(column.gain_channel)[first:][here]
+        if rows is not None:
+            growth = growth[rows[here]]
+        total += float(growth.sum())
+        used += growth.size
+    return one.gain * other.gain * total / used
