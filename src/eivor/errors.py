@@ -40,6 +40,10 @@ class UsageError(EivorError):
     """The call is wrong: an option, a name or a combination that does not exist."""
 
 
+class ParameterError(UsageError):
+    """A number or a name that describes a model, a noise or a scenario, outside what it may be."""
+
+
 class PoolingError(UsageError):
     """Flights that cannot share one set of parameters were given as one pool."""
 

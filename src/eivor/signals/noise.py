@@ -8,12 +8,13 @@ rows that are used have to take its age into account.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import NonFiniteError
+from eivor.signals.fractional import fractional_difference
 from eivor.signals.fractional_growth import growth_table
 
 #: Largest order, in absolute value, of a fractional measurement noise.
@@ -29,6 +30,17 @@ class MeasurementNoise(ABC):
 
         In the square of the channel's unit; `lag` is zero or more.
         """
+
+    @abstractmethod
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation of the noise of a record that begins with its first sample.
+
+        Equal generators give noises that are proportional to their std, sample by sample.
+        """
+
+    @abstractmethod
+    def with_std(self, std: float) -> MeasurementNoise:
+        """Noise of the same shape with another `std`, see the class for what that is the std of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +72,14 @@ class WhiteNoise(MeasurementNoise):
         """`variance` at lag zero, nothing else."""
         del start
         return np.full(count, self.variance if lag == 0 else 0.0)
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Independent normal values."""
+        return self.std * rng.standard_normal(count)
+
+    def with_std(self, std: float) -> WhiteNoise:
+        """White noise of that standard deviation."""
+        return WhiteNoise(std)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +114,14 @@ class FractionalNoise(MeasurementNoise):
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
         """std^2 sum_{q <= m} a_q a_{q + lag}, from a table that is linear in the record."""
         return self.std**2 * growth_table(self.order, lag).stretch(start, count)
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Delta^order of independent normal values, zero before the record."""
+        return self.std * fractional_difference(rng.standard_normal(count), self.order)
+
+    def with_std(self, std: float) -> FractionalNoise:
+        """Same order; `std` is that of the white noise before the operator."""
+        return replace(self, std=std)
 
 
 def _check_std(std: float) -> None:
