@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 
 from eivor.errors import MissingNoiseError, TooFewSamplesError
 from eivor.models.column import Column
+from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
 
 #: Rows averaged at a time, so that no series as long as the record is made.
@@ -85,6 +86,8 @@ def _pair(
     count = signals.sample_count - first
     begin = signals.offset + first - max(one.lag, other.lag)
     lag = abs(one.lag - other.lag)
+    if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
+        return one.gain * other.gain * (noise.variance if lag == 0 else 0.0)  # the same in every row
     total, used = 0.0, 0
     for start in range(0, count, BLOCK_ROWS):
         here = slice(start, min(start + BLOCK_ROWS, count))
