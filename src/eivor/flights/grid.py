@@ -18,6 +18,8 @@ FINE_FROM_HZ = 150.0
 AVERAGED_FROM = 1.5
 #: After a gap or a lost value of the command the actuator's state is not known for so long [s].
 RECOVERY_S = 0.3
+#: The last sample of the grid may lie this share of a step beyond the last stamp: stamps are rounded.
+LAST_SAMPLE_SHARE = 1e-7
 #: Longest flight that is put on a grid [s].
 LONGEST_S = 6 * 3600.0
 
@@ -61,7 +63,7 @@ def common_grid(channels: list[Channel], fast: list[Channel]) -> Grid:
         )
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = FINE_STEP_S if fine else STEP_S
-    return Grid(start, step, int((end - start) / step) + 1)
+    return Grid(start, step, int((end - start) / step + LAST_SAMPLE_SHARE) + 1)
 
 
 def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:

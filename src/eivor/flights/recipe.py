@@ -159,14 +159,15 @@ def _without_estimate(
 def _grounded(prepared: tuple[PreparedFlight, ...]) -> Reason:
     """Why no flight has a run."""
     flown = any(flight.airborne.mask.any() for flight in prepared)
-    which = prepared[0].recording.name if len(prepared) == 1 else "No flight of the pool"
+    name, alone = prepared[0].recording.name, len(prepared) == 1
     if not flown:
-        sentence = f"{which} never takes off (by {prepared[0].airborne.rule})."
+        which = f"{name} never takes off" if alone else "No flight of the pool takes off"
+        sentence = f"{which} (by {prepared[0].airborne.rule})."
         return Reason(Status.REFUSED, sentence, "Give a log of a flight.")
     return Reason(
         Status.REFUSED,
-        f"{which} has no three seconds in the air without a gap, inside the window and below the largest "
-        "tilt.",
+        f"{f'{name} has no' if alone else 'No flight of the pool has'} three seconds in the air without a "
+        "gap, inside the window and below the largest tilt.",
         "Widen the window, allow more tilt with --max-tilt, or fly level.",
     )
 

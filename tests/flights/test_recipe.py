@@ -1,0 +1,452 @@
+"""The recipe from recordings to verdicts: truth found, flights refused, pools, and logs that are broken."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, every, flown
+from scipy import stats
+
+from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.recipe import identify_flight
+from eivor.inference.verdict import Status
+
+#: Checking shapes at each call takes most of the time, and the short tests have done it.
+QUICKLY = pytest.mark.usefixtures("unchecked_shapes")
+
+
+@pytest.fixture(scope="module")
+def log():
+    return flown(seconds=30.0, seed=11)[0]
+
+
+@pytest.fixture(scope="module")
+def fit(log):
+    return identify_flight(log)
+
+
+def statuses(result) -> dict[str, str]:
+    return {name: quantity.verdict.value for name, quantity in result.quantities.items()}
+
+
+def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
+    assert fit.verdict.status is Status.IDENTIFIED
+    assert fit.verdict.sentences == ()
+    truth = {
+        "viscous_friction": FRICTION,
+        "input_gain": GAIN,
+        "effective_lag": LAG_S,
+        "actuator_lag": LAG_S,
+        "delay": 0.0,
+        "hover_input": HOVER,
+        "intercept": 0.0,
+    }
+    for name, value in truth.items():
+        low, high = fit.quantities[name].interval
+        # Three half-widths: seven intervals of 95 % would otherwise miss one now and then.
+        half = 3.0 * max(0.5 * (high - low), 1e-12)
+        assert abs(fit.quantities[name].value - value) <= half, name
+    assert fit.method == "reference_iv"
+    assert fit.instruments == "reference_position_z, reference_velocity_z"
+    assert fit.window_s == pytest.approx((0.0, 29.99))
+    assert fit.by_segment.shape == (1,)
+    assert fit.by_segment[0] == pytest.approx(fit.quantities["intercept"].value, abs=1e-9)
+    assert "identified" in fit.summary()
+
+
+def test_intercept_and_hover_are_two_views_of_one_balance(fit):
+    """U_h = (g - b) / K_u."""
+    b, K_u = fit.quantities["intercept"].value, fit.quantities["input_gain"].value
+    assert fit.quantities["hover_input"].value ** 2 == pytest.approx((9.80665 - b) / K_u, rel=1e-12)
+
+
+def test_names_and_levels_of_intervals(fit):
+    assert fit.names == ("viscous_friction", "input_gain", "actuator_lag")
+    narrow, wide = fit.interval("viscous_friction", 0.5), fit.interval("viscous_friction", 0.99)
+    assert wide[0] < narrow[0] < narrow[1] < wide[1]
+    assert fit.interval("hover_input") == fit.quantities["hover_input"].interval
+    with pytest.raises(
+        UsageError, match=r"Expected a quantity out of .*; received 'hover_input' at level 0\.9"
+    ):
+        fit.interval("hover_input", 0.9)
+    with pytest.raises(UsageError, match="received 'mass' at level"):
+        fit.interval("mass")
+
+
+# -- what cannot be told ----------------------------------------------------------------------------------
+
+
+def test_constant_reference_is_refused(log):
+    hover = flown(seconds=30.0, amplitude=0.0, seed=12)[0]
+    still = changed(hover, "reference_velocity_z", reference_position_z=np.zeros(3000))
+    result = identify_flight(still)
+    assert result.verdict.status is Status.REFUSED
+    assert "The reference never moved (reference_position_z: constant)" in result.verdict.sentences[0]
+    # The numbers are printed all the same, and the hover input may be told.
+    assert result.estimate is not None
+    assert result.quantities["hover_input"].value == pytest.approx(HOVER, rel=0.02)
+
+
+def test_without_a_reference_the_numbers_are_provisional(log):
+    result = identify_flight(changed(log, "reference_position_z", "reference_velocity_z"))
+    assert result.verdict.status is Status.PROVISIONAL
+    assert "No reference can serve as an instrument (the log has none)" in result.verdict.sentences[0]
+    assert result.method == "least_squares"
+    assert result.instruments == "none"
+    assert set(statuses(result).values()) == {"provisional"}
+
+
+def test_friction_of_the_wrong_sign_is_refused(log):
+    velocity = log.channels["velocity_z"]
+    backward = changed(
+        log, velocity_z=-velocity.values, specific_force_z=log.channels["specific_force_z"].values
+    )
+    result = identify_flight(replace(backward), FlightOptions(method="least_squares"))
+    assert result.verdict.status is Status.REFUSED
+    assert "which no vehicle has" in result.verdict.sentences[0]
+
+
+def test_friction_not_told_from_zero_is_refused():
+    gusty = flown(seconds=8.0, gust=12.0, seed=14)[0]
+    result = identify_flight(gusty)
+    assert result.verdict.status is Status.REFUSED
+    assert "cannot be told from zero" in result.verdict.sentences[0]
+    low, _ = result.quantities["viscous_friction"].interval
+    assert low <= 0.0
+
+
+def test_slow_commands_are_weak_at_best(log):
+    result = identify_flight(every(log, 3, "rotor_command_1"))
+    assert result.verdict.status in {Status.WEAK, Status.REFUSED}
+    assert any("33 Hz; below 45 Hz" in sentence for sentence in result.verdict.sentences)
+
+
+def test_feedback_in_the_instruments_is_weak_at_best(log):
+    feedback = changed(log, feedback_reference_velocity_z=log.channels["reference_velocity_z"].values)
+    named = FlightOptions(instruments=("reference_position_z", "feedback_reference_velocity_z"))
+    result = identify_flight(feedback, named)
+    assert result.verdict.status is Status.WEAK
+    assert "answer the vehicle's own disturbances" in result.verdict.sentences[0]
+    assert identify_flight(feedback).verdict.status is Status.IDENTIFIED
+
+
+def test_fewer_instruments_than_unknowns_are_refused_in_words(log):
+    """A velocity reference and one lag of it are two columns for friction, gain and lag."""
+    result = identify_flight(changed(log, "reference_position_z"))
+    assert result.verdict.status is Status.REFUSED
+    assert "at least 3 independent instruments" in result.verdict.sentences[0]
+
+
+def test_grounded_flights_never_take_off(log):
+    landed = channel("landed", [0.0, 29.0], [1.0, 1.0])
+    result = identify_flight(changed(log, landed=landed))
+    assert result.verdict.status is Status.REFUSED
+    assert result.verdict.sentences[0].startswith("flight 0 never takes off (by the log's land detector).")
+    assert "never_takes_off" in [finding.name for finding in result.findings]
+    assert result.estimate is None
+    assert result.window_s is None
+    assert np.isnan(result.quantities["hover_input"].value)
+    for ask in (
+        lambda: result.names,
+        lambda: result.covariance,
+        lambda: result.interval("input_gain"),
+        result.plot,
+    ):
+        with pytest.raises(EstimationError, match="Expected a flight with an estimate; received one without"):
+            ask()
+
+
+def test_flights_without_three_seconds_say_so(log):
+    result = identify_flight(log, FlightOptions(window=(5.0, 7.5)))
+    assert "has no three seconds in the air" in result.verdict.sentences[0]
+    assert "no_usable_run" in [finding.name for finding in result.findings]
+
+
+def test_constant_input_tells_nothing_but_its_mean(log):
+    result = identify_flight(changed(log, rotor_command_1=np.full(3000, 0.5)))
+    assert result.verdict.status is Status.REFUSED
+    assert "The input is constant" in result.verdict.sentences[0]
+    assert result.quantities["hover_input"].value == 0.5
+    assert result.quantities["hover_input"].verdict is Status.REFUSED
+
+
+def test_hover_parameter_that_disagrees_is_pointed_out(log):
+    found = identify_flight(replace(log, parameters={"MPC_THR_HOVER": 0.35})).findings
+    (message,) = [finding.message for finding in found if finding.name == "hover_parameter"]
+    assert message.startswith("The log's own MPC_THR_HOVER is 0.35, but this vehicle hovered at 0.49")
+    agreeing = identify_flight(replace(log, parameters={"MPC_THR_HOVER": 0.5})).findings
+    assert "hover_parameter" not in [finding.name for finding in agreeing]
+
+
+# -- options ----------------------------------------------------------------------------------------------
+
+
+@QUICKLY
+def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, fit):
+    result = identify_flight(log, FlightOptions(compare=True))
+    assert [row.label for row in result.comparisons] == [
+        "reference_iv",
+        "least_squares",
+        "total_least_squares",
+        "extended_iv",
+    ]
+    assert result.quantities["viscous_friction"] == fit.quantities["viscous_friction"]
+    for row in result.comparisons[:2]:
+        alone = identify_flight(log, FlightOptions(method=row.label))
+        assert row.verdict is alone.verdict.status
+        assert row.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
+
+
+@pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
+def test_unknown_words_are_refused(log, options):
+    with pytest.raises(UsageError, match="Expected"):
+        identify_flight(log, FlightOptions(**options))
+
+
+def test_four_rotors_alike_are_one(log, fit):
+    command = log.channels["rotor_command_1"].values
+    four = changed(
+        log,
+        **{
+            f"rotor_command_{i}": replace(
+                channel("rotor_command_1", log.channels["rotor_command_1"].time_s, command),
+                name=f"rotor_command_{i}",
+            )
+            for i in (2, 3, 4)
+        },
+    )
+    result = identify_flight(four)
+    for name in ("viscous_friction", "input_gain", "effective_lag", "hover_input"):
+        assert result.quantities[name].value == pytest.approx(fit.quantities[name].value, rel=1e-6)
+
+
+def test_start_of_the_clock_does_not_matter(log, fit):
+    later = replace(
+        log, channels={k: replace(c, time_s=c.time_s + 12_345.0) for k, c in log.channels.items()}
+    )
+    result = identify_flight(later)
+    assert result.window_s == pytest.approx((12_345.0, 12_374.99))
+    for name, quantity in fit.quantities.items():
+        assert result.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-9)
+
+
+# -- pools ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fleet():
+    return flown(10, seconds=10.0, seed=14)
+
+
+def half(result, name: str) -> float:
+    return result.estimate.best.covariance.white[result.names.index(name)][result.names.index(name)] ** 0.5
+
+
+@QUICKLY
+def test_pooled_flights_shrink_the_error_by_their_root(fleet):
+    alone = [identify_flight(flight) for flight in fleet[:4]]
+    pool = identify_flight(fleet[:4])
+    assert [row.label for row in pool.flights] == [flight.name for flight in fleet[:4]]
+    for name in ("viscous_friction", "input_gain", "actuator_lag"):
+        together = (sum(half(result, name) ** -2 for result in alone)) ** -0.5
+        assert half(pool, name) == pytest.approx(together, rel=0.2)
+    for row, result in zip(pool.flights, alone, strict=True):
+        assert row.quantities["viscous_friction"] == result.quantities["viscous_friction"]
+    assert pool.by_segment.shape == (4,)
+    assert pool.window_s is None
+    assert pool.diagnostics["flights"] == 4.0
+
+
+@QUICKLY
+def test_clusters_come_in_from_ten_flights_on(fleet):
+    assert identify_flight(fleet[:3]).estimate.best.covariance.clustered is None
+    pool = identify_flight(fleet)
+    assert pool.estimate.best.covariance.clusters == 10
+    assert pool.estimate.best.covariance.clustered is not None
+    low, high = pool.interval("viscous_friction")
+    assert low < FRICTION < high
+
+
+@QUICKLY
+def test_order_of_the_flights_does_not_matter(fleet):
+    one, other = identify_flight(fleet[:3]), identify_flight(fleet[2::-1])
+    for name, quantity in one.quantities.items():
+        assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
+
+
+@QUICKLY
+def test_a_log_given_twice_is_used_once(fleet):
+    first = replace(fleet[0], sha256="a")
+    again = replace(fleet[0], sha256="a", name="copy")
+    result = identify_flight([first, again])
+    assert result.flights == ()
+    (finding,) = [found for found in result.findings if found.name == "duplicate_log"]
+    assert finding.message == "copy has the same content as flight 0; it is used once only."
+    # Two windows of one log are two flights; logs without a file are never taken for one another.
+    windows = [(0.0, 5.0), (5.0, 9.9)]
+    assert len(identify_flight([first, again], windows=windows).flights) == 2
+    assert len(identify_flight(fleet[:2]).flights) == 2
+
+
+def test_a_grounded_flight_does_not_spoil_the_pool(fleet):
+    grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
+    pool = identify_flight([fleet[0], grounded])
+    alone = identify_flight(fleet[0])
+    assert pool.quantities["viscous_friction"].value == pytest.approx(
+        alone.quantities["viscous_friction"].value
+    )
+    assert pool.flights[1].verdict is Status.REFUSED
+    assert pool.flights[1].quantities == {}
+    none = identify_flight([grounded, replace(grounded, name="other")])
+    assert none.verdict.sentences[0].startswith("No flight of the pool takes off (by the log's")
+    brief = identify_flight(fleet[:2], FlightOptions(window=(2.0, 4.0)))
+    assert brief.verdict.sentences[0].startswith("No flight of the pool has three seconds in the air")
+    assert none.verdict.status is Status.REFUSED
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda log: replace(log, input_map="linear"), "input maps square and linear"),
+        (lambda log: replace(log, parameters={"THR_MDL_FAC": 0.3}), r"THR_MDL_FAC = None and 0\.3"),
+        (
+            lambda log: changed(log, rotor_command_2=log.channels["rotor_command_1"].values),
+            "1 and 2 rotors",
+        ),
+        (
+            lambda log: changed(log, "rotor_command_1", rotor_speed_1=log.channels["rotor_command_1"].values),
+            "inputs rotor_command and rotor_speed",
+        ),
+    ],
+)
+def test_flights_of_different_vehicles_are_not_pooled(fleet, change, said):
+    with pytest.raises(
+        PoolingError, match=f"Expected flights of one vehicle: flight 0 and flight 1 alike; received {said}"
+    ):
+        identify_flight([fleet[0], change(fleet[1])])
+
+
+@pytest.mark.parametrize(
+    ("logs", "windows", "said"),
+    [
+        ([], None, "at least one recording"),
+        (None, [], "1 windows, one for each log"),
+        (None, [None, None], "1 windows"),
+    ],
+)
+def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
+    with pytest.raises(UsageError, match=f"Expected {said}"):
+        identify_flight([fleet[0]] if logs is None else logs, windows=windows)
+
+
+# -- calibration of the hover input -----------------------------------------------------------------------
+
+
+@QUICKLY
+def test_hover_intervals_cover():
+    runs = 30
+    logs = flown(runs, seconds=12.0, noise=2.0, gust=0.5, seed=15)
+    found = [identify_flight(log).quantities["hover_input"] for log in logs]
+    covered = sum(quantity.interval[0] <= HOVER <= quantity.interval[1] for quantity in found)
+    assert covered >= stats.binom.ppf(1e-4, runs, 0.95)
+    # And they are not so wide that covering is no feat: errors fill a good part of them.
+    errors = np.array([(quantity.value - HOVER) / quantity.half_width for quantity in found])
+    assert np.sqrt(np.mean(errors**2)) > 0.15
+
+
+# -- broken logs ------------------------------------------------------------------------------------------
+
+
+def damaged(log, rng: np.random.Generator):
+    """Log with one to three of its channels spoiled, and some gone."""
+    channels = dict(log.channels)
+    for name in rng.permutation(list(channels))[: rng.integers(0, 5)]:
+        if name not in {"velocity_z", "rotor_command_1"} or rng.random() < 0.1:
+            del channels[name]
+    for name in rng.permutation(list(channels))[: rng.integers(1, 4)]:
+        channels[name] = spoiled(channels[name], rng)
+    return replace(log, channels=channels)
+
+
+def lost_values(time, values, rng):
+    return time, np.where(rng.random(time.size) < rng.choice([0.1, 0.5, 0.9, 0.999, 1.0]), np.nan, values)
+
+
+def hardly_a_sample(time, values, rng):
+    kept = rng.integers(0, 3)
+    return time[:kept], values[:kept]
+
+
+def full_of_gaps(time, values, rng):
+    keep = np.ones(time.size, dtype=bool)
+    for start in rng.integers(0, time.size, 10):
+        keep[start : start + rng.integers(1, 120)] = False
+    return time[keep], values[keep]
+
+
+def outliers(time, values, rng):
+    values = values.copy()
+    values[rng.integers(0, time.size, 5)] = 1e12
+    return time, values
+
+
+WAYS = [
+    lost_values,
+    hardly_a_sample,
+    full_of_gaps,
+    outliers,
+    lambda time, values, rng: (time, values * 10.0 ** rng.integers(-12, 13)),
+    lambda time, values, rng: (time + rng.choice([-1e3, -5.0, 5.0, 1e9]), values),
+    lambda time, values, rng: (time * 10.0 ** rng.integers(-6, 7), values),
+    lambda time, values, _: (time[::20], values[::20]),
+    lambda time, values, _: (time[: time.size // 3], values[: time.size // 3]),
+    lambda time, values, _: (time, np.full(time.size, values[0])),
+    lambda time, values, _: (time, -values),
+]
+
+
+def spoiled(what, rng: np.random.Generator):
+    time, values = WAYS[rng.integers(len(WAYS))](what.time_s, what.values, rng)
+    return replace(what, time_s=time.copy(), values=values.copy())
+
+
+@pytest.fixture(scope="module")
+def rich():
+    """A log with every channel that may break."""
+    (log,) = flown(seconds=10.0, seed=16)
+    flat, wave = np.zeros(1000), np.sin(STEP_S * np.arange(1000))
+    body = {f"specific_force_body_{axis}": flat for axis in "xy"}
+    return changed(
+        log,
+        landed=flat,
+        pilot_throttle=wave,
+        feedback_reference_velocity_z=wave,
+        attitude_w=flat + 1.0,
+        **{f"attitude_{axis}": flat for axis in "xyz"},
+        **body,
+        specific_force_body_z=log.channels["specific_force_z"].values,
+    )
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("seed", range(60))
+def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
+    rng = np.random.default_rng(seed)
+    weights = [0.7, 0.1, 0.1, 0.1]
+    method = str(
+        rng.choice(["reference_iv", "least_squares", "total_least_squares", "extended_iv"], p=weights)
+    )
+    said = ""
+    try:
+        result = identify_flight(damaged(rich, rng), FlightOptions(method=method))
+    except EivorError as error:
+        said = str(error)
+    if said:
+        assert said.startswith("Expected ")
+        assert "; received " in said
+        return
+    assert (result.verdict.status is Status.IDENTIFIED) == (not result.verdict.sentences)
+    result.summary()
