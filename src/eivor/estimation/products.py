@@ -7,7 +7,9 @@ of a block are taken while it is in the cache. For rows in arrays it is a matrix
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +24,8 @@ from eivor.models.signal_regression import SignalRegression
 
 #: Rows in a block: a few columns of it fit in a second-level cache.
 BLOCK_ROWS = 32_768
+#: Records of so many blocks are shared between threads.
+THREADED_FROM_BLOCKS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,19 +106,31 @@ def _of_signals(problem: SignalRegression, *, instruments: bool, own: bool) -> M
 def _sums(
     problem: SignalRegression, left: Sequence[Column], right: Sequence[Column]
 ) -> Float[np.ndarray, "left right"]:
-    """Sums of products of columns, all pairs of a block at a time."""
-    sums = np.zeros((len(left), len(right)))
+    """Sums of products of columns, all pairs of a block at a time.
+
+    Blocks of a long record are shared between threads (NumPy's products leave the interpreter free); their
+    sums are added in the order of the blocks, so that the result does not depend on how many there are.
+    """
     folded = successive_lags(left) if problem.used is None else None
-    for start, stop in blocks(problem.first, problem.signals.sample_count):
+
+    def of_block(block: tuple[int, int]) -> Float[np.ndarray, "left right"]:
+        start, stop = block
         rights = [_slice(problem, column, start, stop) for column in right]
         if folded is not None:
             series = problem.signals.channel(left[0].channel)
-            sums += lagged_products(series, folded, rights, start, stop)
-            continue
-        for i, column in enumerate(left):
-            one = _slice(problem, column, start, stop)
-            for j, other in enumerate(rights):
-                sums[i, j] += np.dot(one, other)
+            return lagged_products(series, folded, rights, start, stop)
+        lefts = [_slice(problem, column, start, stop) for column in left]
+        return np.array([[np.dot(one, other) for other in rights] for one in lefts])
+
+    ranges = list(blocks(problem.first, problem.signals.sample_count))
+    sums = np.zeros((len(left), len(right)))
+    if len(ranges) < THREADED_FROM_BLOCKS:
+        for block in ranges:
+            sums += of_block(block)
+    else:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for part in pool.map(of_block, ranges):
+                sums += part
     return sums * np.outer([c.gain for c in left], [c.gain for c in right])
 
 
