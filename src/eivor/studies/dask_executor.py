@@ -1,0 +1,140 @@
+"""Shards of a study on a Dask cluster. The only file that imports Dask, an optional dependency."""
+
+from __future__ import annotations
+
+import uuid
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import islice
+from typing import TYPE_CHECKING
+
+from threadpoolctl import threadpool_limits
+
+from eivor.errors import EivorError, InputError, UsageError
+from eivor.studies.executors import SHARDS_PER_WORKER, Executor, ShardResult
+from eivor.studies.study import Study
+from eivor.studies.trial import trial
+from eivor.studies.trial_shards import shard_trials
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+#: How long a scheduler may take to answer [s].
+PATIENCE_S = 10
+#: Packages whose versions bear on a trial's numbers.
+NUMERIC_PACKAGES = ("eivor", "numpy", "scipy")
+
+
+@dataclass(frozen=True, slots=True)
+class DaskCluster(Executor):
+    """On the workers of a Dask scheduler; what a lost worker had at hand is computed by another.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as ``tcp://127.0.0.1:8786``.
+
+    Raises
+    ------
+    UsageError
+        When it is no address.
+    """
+
+    address: str
+
+    def __post_init__(self) -> None:
+        if "://" not in self.address:
+            raise UsageError(
+                "the address of a Dask scheduler", f"'{self.address}'", "Give one such as tcp://HOST:8786."
+            )
+
+    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
+        """As they are done, see `Executor.results`.
+
+        Raises
+        ------
+        UsageError
+            When Dask is not installed.
+        InputError
+            When the scheduler does not answer, or its workers cannot compute trials.
+        """
+        try:
+            import distributed
+        except ImportError as error:
+            raise UsageError(
+                "Dask, which is needed to reach a cluster",
+                "an installation without it",
+                "Install it: pip install 'eivor[dask]'.",
+            ) from error
+        versions = {package: version(package) for package in NUMERIC_PACKAGES}
+        waiting = iter(shards)
+        with self._client() as client:
+            # No key is used twice: what another study left on the cluster is none of this one's results.
+            name = f"eivor-{uuid.uuid4().hex}"
+            flying = distributed.as_completed()
+            room = SHARDS_PER_WORKER * max(1, sum(client.nthreads().values()))
+            while True:
+                for number in islice(waiting, room):
+                    flying.add(
+                        client.submit(_shard_on_worker, study, number, versions, key=f"{name}-{number}")
+                    )
+                if flying.is_empty():
+                    return
+                future = next(flying)
+                yield _result(future)
+                future.release()
+                room = 1
+
+    def _client(self) -> Client:
+        from distributed import Client
+
+        try:
+            client = Client(self.address, timeout=PATIENCE_S, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"a Dask scheduler at {self.address}",
+                f"no answer: {error}",
+                "Start one with `dask scheduler`, or correct the address.",
+            ) from error
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+        except TimeoutError as error:
+            client.close()
+            raise InputError(
+                f"a Dask scheduler at {self.address} that has workers",
+                "one without any",
+                f"Start some with `dask worker {self.address}`.",
+            ) from error
+        return client
+
+
+def _result(future: Future[ShardResult]) -> ShardResult:
+    try:
+        return future.result()
+    except EivorError:
+        raise
+    except Exception as error:
+        raise InputError(
+            "workers that compute trials",
+            f"{type(error).__name__}: {error}",
+            "Install the same version of eivor on every worker. Trials that were complete are kept: run the "
+            "same again.",
+        ) from error
+
+
+def _shard_on_worker(study: Study, number: int, versions: Mapping[str, str]) -> ShardResult:
+    """Trials of a shard, computed with the versions that the caller has.
+
+    Raises
+    ------
+    InputError
+        When this worker has others.
+    """
+    own = {package: version(package) for package in versions}
+    if own != dict(versions):
+        raise InputError(
+            f"workers with the versions {dict(versions)}", f"one with {own}", "Install the same everywhere."
+        )
+    threadpool_limits(limits=1)  # for good: another thread of this worker may be computing as well
+    return ShardResult(number, tuple(trial(study, index) for index in shard_trials(study.runs, number)))

@@ -1,0 +1,238 @@
+"""Studies as data: an experiment, the methods that are tried on it, how often, and from which seed.
+
+A trial is a pure function of (study, index), so what computes it, and in which order, does not matter.
+The number of runs belongs to a study but not to its *identity*: more runs continue the same study.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.estimation import methods
+from eivor.estimation.method import Method
+from eivor.estimation.weighting import Weighting
+from eivor.models.column import Column, lags
+from eivor.studies.experiment import Experiment
+
+#: Methods that need no instruments.
+DIRECT: Mapping[str, Callable[[], Method]] = {
+    "least_squares": methods.least_squares,
+    "total_least_squares": methods.total_least_squares,
+    "bias_compensated_least_squares": methods.bias_compensated_least_squares,
+}
+#: Methods with instruments whose equations can be weighted.
+WEIGHTED: Mapping[str, Callable[[Weighting | None], Method]] = {
+    "extended_iv": methods.extended_iv,
+    "generalized_iv": methods.generalized_iv,
+}
+#: Methods with instruments whose equations cannot.
+UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
+    "extended_iv_tls": methods.extended_iv_tls,
+    "generalized_iv_tls": methods.generalized_iv_tls,
+}
+#: Every method of a study.
+METHODS = (*DIRECT, *WEIGHTED, *UNWEIGHTED)
+#: Weightings of equations by name.
+WEIGHTINGS: Mapping[str, Callable[[], Weighting]] = {
+    "unweighted": methods.Unweighted,
+    "two_stage": methods.TwoStage,
+    "two_step_robust": methods.TwoStepRobust,
+}
+#: Largest number of runs: above it a study is more likely a mistake.
+MOST_RUNS = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class MethodChoice:
+    """A method and its options in a study.
+
+    Parameters
+    ----------
+    name : str
+        One of `METHODS`.
+    lags : tuple of int, optional
+        First and last lag of the instruments, both included; for methods that need them.
+    channel : str
+        Channel that the instruments are lags of.
+    weighting : str
+        Of the equations, one of `WEIGHTINGS`.
+    known_noise : tuple of str, optional
+        Channels whose true noise the method is told; None for all of them.
+    label : str
+        What results call it; default: its name.
+
+    Raises
+    ------
+    UsageError
+        When a name is unknown, or an option does not fit the method.
+    """
+
+    name: str
+    lags: tuple[int, int] | None = None
+    channel: str = "input"
+    weighting: str = "unweighted"
+    known_noise: tuple[str, ...] | None = None
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        check_among("a method", self.name, METHODS)
+        check_among("a weighting", self.weighting, WEIGHTINGS)
+        if not self.label:
+            object.__setattr__(self, "label", self.name)
+        if (self.lags is None) != (self.name in DIRECT):
+            raise UsageError(
+                f"lags = [first, last] for {', '.join((*WEIGHTED, *UNWEIGHTED))}, and for no other method",
+                f"'{self.name}' with " + ("none" if self.lags is None else f"{list(self.lags)}"),
+                "The paper's extended IV has [1, 10], generalized IV [0, 10].",
+            )
+        if self.lags is not None:
+            lags(self.channel, *self.lags)
+        if self.weighting != "unweighted" and self.name not in WEIGHTED:
+            raise UsageError(
+                f"a weighting for {' or '.join(WEIGHTED)} only",
+                f"'{self.weighting}' for '{self.name}'",
+                "Leave it out.",
+            )
+
+    @property
+    def method(self) -> Method:
+        """The method itself."""
+        if self.name in WEIGHTED:
+            return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
+        return (DIRECT | UNWEIGHTED)[self.name]()  # type: ignore[operator]
+
+    @property
+    def instruments(self) -> tuple[Column, ...]:
+        """Columns of the instruments; none for direct methods."""
+        return () if self.lags is None else lags(self.channel, *self.lags)
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A Monte Carlo study.
+
+    Parameters
+    ----------
+    name : str
+        What reports call it.
+    experiment : Experiment
+        What each trial repeats.
+    methods : tuple of MethodChoice
+        What is tried on each record, with labels of their own.
+    runs : int
+        Number of trials.
+    seed : int
+        Of all randomness; trial `index` draws from the seed sequence's child of that number.
+    intervals : bool
+        Record standard errors and intervals as well.
+    level : float
+        Confidence level of the intervals.
+
+    Raises
+    ------
+    UsageError
+        When a number is out of range, there is no method, two methods share a label, or a method names a
+        channel that the experiment does not record.
+    """
+
+    name: str
+    experiment: Experiment
+    methods: tuple[MethodChoice, ...]
+    runs: int = 100
+    seed: int = 0
+    intervals: bool = False
+    level: float = 0.95
+
+    def __post_init__(self) -> None:
+        check_runs(self.runs)
+        if self.seed < 0:
+            raise UsageError("a seed of zero or more", f"{self.seed}", "Any such integer will do.")
+        if not 0.0 < self.level < 1.0:
+            raise UsageError("a level between 0 and 1", f"{self.level}", "Use 0.95, for example.")
+        labels = [choice.label for choice in self.methods]
+        if not labels or len(set(labels)) < len(labels) or any("." in label for label in labels):
+            raise UsageError(
+                "one method or more, with labels of their own that have no dot in them",
+                f"labels {', '.join(labels) or 'of no method'}",
+                'Give a method that appears twice a label, such as label = "giv_20_lags".',
+            )
+        for choice in self.methods:
+            named = (choice.channel,) if choice.lags else ()
+            for channel in (*named, *(choice.known_noise or ())):
+                check_among(f"a channel for '{choice.label}'", channel, self.experiment.channels)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(self.experiment.truth)
+
+    def rng(self, index: int) -> np.random.Generator:
+        """Generator of one trial."""
+        return np.random.Generator(np.random.PCG64(np.random.SeedSequence(self.seed, spawn_key=(index,))))
+
+    @property
+    def identity(self) -> str:
+        """Hash of everything that trials depend on: two studies of one identity have the same trials."""
+        parts = (self.experiment, self.methods, self.parameters, self.seed, self.intervals, self.level)
+        text = json.dumps(_plain(parts), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def check_runs(runs: int) -> None:
+    """Refuse a number of runs that is none.
+
+    Raises
+    ------
+    UsageError
+        With the range.
+    """
+    if not 1 <= runs <= MOST_RUNS:
+        raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{runs}", "Ask for a number of trials.")
+
+
+def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, ...]) -> None:
+    """Refuse a name that is not known, and propose the nearest that is.
+
+    Raises
+    ------
+    UsageError
+        With all known names.
+    """
+    if name not in known:
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, list(known), n=1)
+        remedy = f"Did you mean '{near[0]}'?" if near else "Name one of them."
+        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
+
+
+def _plain(value: object) -> object:
+    """Value in terms of JSON, exact and with the kind of every object."""
+    if is_dataclass(value) and not isinstance(value, type):
+        parts = {item.name: _plain(getattr(value, item.name)) for item in fields(value)}
+        return {"kind": type(value).__name__} | parts
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return _plain_atom(value)
+
+
+def _plain_atom(value: object) -> object:
+    if isinstance(value, Enum):
+        return {"kind": type(value).__name__, "value": value.value}
+    if isinstance(value, np.ndarray):
+        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+        return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": digest}
+    if isinstance(value, float | np.floating):
+        return float(value).hex()
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    raise TypeError(f"a study cannot hold a {type(value).__name__}")

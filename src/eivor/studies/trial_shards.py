@@ -1,0 +1,260 @@
+"""The files of a study: a folder with its identity, shards of trials, and all trials in one table.
+
+    study.json              whose trials these are, and what computed them
+    shards/000007.parquet   trials [7 n, 8 n) for n = `SHARD_TRIALS`, the last shard may be shorter
+    trials.parquet          all of them, in order
+
+A row is a trial: its number, and for each method LABEL.status, LABEL.error and LABEL.PARAMETER, with
+LABEL.PARAMETER.std_error, .low and .high when the study asks for intervals; null where a method failed.
+Files appear under their names only when they are whole, and the same trials give the same bytes.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import polars as pl
+
+from eivor.errors import InputError, UsageError
+from eivor.studies.study import Study
+from eivor.studies.trial import TrialRecord
+
+#: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
+SHARD_TRIALS = 25
+#: Rows of a row group of the final table.
+GROUP_ROWS = 10_000
+#: Packages whose versions bear on the bytes.
+PACKAGES = ("eivor", "numpy", "scipy", "polars")
+#: Parts of a parameter's record when intervals are asked for, besides the value.
+INTERVAL_PARTS = ("std_error", "low", "high")
+IDENTITY_FILE = "study.json"
+TABLE_FILE = "trials.parquet"
+
+
+@dataclass(frozen=True, slots=True)
+class TrialShards:
+    """Shards of a study in a folder.
+
+    Parameters
+    ----------
+    study : Study
+        Whose trials.
+    folder : Path
+        Where.
+    """
+
+    study: Study
+    folder: Path
+
+    @property
+    def count(self) -> int:
+        """Number of shards."""
+        return -(-self.study.runs // SHARD_TRIALS)
+
+    def path(self, number: int) -> Path:
+        """File of a shard."""
+        return self.folder / "shards" / f"{number:06d}.parquet"
+
+    def missing(self) -> list[int]:
+        """Shards that are not there, or not whole, in order."""
+        return [number for number in range(self.count) if not self._whole(number)]
+
+    def _whole(self, number: int) -> bool:
+        """Whether a shard's file holds its trials; another program may have cut it off since."""
+        try:
+            rows = pl.read_parquet(self.path(number), columns=["trial"])["trial"]
+        except (OSError, pl.exceptions.PolarsError):
+            return False
+        return rows.to_list() == list(shard_trials(self.study.runs, number))
+
+    def write(self, number: int, trials: Sequence[TrialRecord]) -> None:
+        """Keep the trials of a shard.
+
+        Raises
+        ------
+        InputError
+            When the system refuses, for example because the disk is full. What was complete stays.
+        """
+        with kept_on_failure(self.folder):
+            write_whole(self.path(number), parquet_bytes(frame(self.study, trials)))
+
+    def consolidate(self) -> pl.DataFrame:
+        """Make the table of all trials from the shards.
+
+        Raises
+        ------
+        InputError
+            When the system refuses.
+        """
+        with kept_on_failure(self.folder):
+            shards = [pl.read_parquet(self.path(number)) for number in range(self.count)]
+            table = pl.concat(shards, rechunk=True)
+            write_whole(self.folder / TABLE_FILE, parquet_bytes(table))
+        return table
+
+
+def shard_trials(runs: int, number: int) -> range:
+    """Trials of a shard."""
+    return range(number * SHARD_TRIALS, min(runs, (number + 1) * SHARD_TRIALS))
+
+
+def open_folder(study: Study, folder: Path) -> TrialShards:
+    """Folder for a study: new, or one in which this study was begun.
+
+    Raises
+    ------
+    UsageError
+        When it holds another study, more runs than asked for, or files that are not a study's.
+    InputError
+        When it cannot be read or written, or was begun with other versions and is not finished.
+    """
+    shards = TrialShards(study, folder)
+    with kept_on_failure(folder):
+        if folder.exists() and not folder.is_dir():
+            raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
+        shards.path(0).parent.mkdir(parents=True, exist_ok=True)
+        document = {
+            "name": study.name,
+            "identity": study.identity,
+            "shard_trials": SHARD_TRIALS,
+            "runs": study.runs,
+            "versions": {package: version(package) for package in PACKAGES},
+        }
+        before = _document(folder)
+        if before is not None:
+            _check_same(shards, document, before)
+        if document != before:
+            write_whole(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
+    return shards
+
+
+def _document(folder: Path) -> Mapping[str, object] | None:
+    path = folder / IDENTITY_FILE
+    if not path.exists():
+        if (folder / TABLE_FILE).exists() or any((folder / "shards").glob("*.parquet")):
+            raise UsageError(
+                "a new folder, or the folder of this study",
+                f"'{folder}', which has trials and no {IDENTITY_FILE}",
+                "Choose another folder.",
+            )
+        return None
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        document = None
+    if not isinstance(document, dict) or not {"identity", "runs", "versions"} <= document.keys():
+        raise UsageError(
+            f"the {IDENTITY_FILE} of a study", f"'{path}', which is another file", "Choose another folder."
+        )
+    return document
+
+
+def _check_same(shards: TrialShards, document: Mapping[str, object], before: Mapping[str, object]) -> None:
+    name = shards.folder
+    if any(document[key] != before.get(key) for key in ("identity", "shard_trials")):
+        raise UsageError(
+            f"a new folder, or one of the study '{shards.study.name}'",
+            f"'{name}', which holds the study '{before.get('name')}' with another experiment, other methods "
+            "or another seed",
+            "Choose another folder with --out, or delete this one.",
+        )
+    held = before["runs"]
+    if not isinstance(held, int) or held > shards.study.runs:
+        raise UsageError(
+            f"at least {held} runs, as many as '{name}' was begun with",
+            f"{shards.study.runs}",
+            "Ask for as many or more, or choose another folder.",
+        )
+    if document["versions"] != before["versions"] and shards.missing():
+        raise InputError(
+            f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
+            _listed(document["versions"]),
+            "Trials of different versions need not agree to the bit. Install those, or begin a new folder.",
+        )
+
+
+def _listed(versions: object) -> str:
+    pairs = versions.items() if isinstance(versions, dict) else ()
+    return ", ".join(f"{package} {number}" for package, number in pairs)
+
+
+def frame(study: Study, trials: Sequence[TrialRecord]) -> pl.DataFrame:
+    """Trials as a table."""
+    columns = [pl.Series("trial", [record.index for record in trials], pl.Int64)]
+    for position, choice in enumerate(study.methods):
+        found = [record.methods[position] for record in trials]
+        columns += [
+            pl.Series(f"{choice.label}.{part}", [getattr(one, part) or None for one in found], pl.String)
+            for part in ("status", "error")
+        ]
+        for place, name in enumerate(study.parameters):
+            records = [one.parameters[place] if one.parameters else None for one in found]
+            stem = f"{choice.label}.{name}"
+            columns += [
+                pl.Series(
+                    stem if part == "value" else f"{stem}.{part}",
+                    [None if record is None else getattr(record, part) for record in records],
+                    pl.Float64,
+                )
+                for part in ("value", *(INTERVAL_PARTS if study.intervals else ()))
+            ]
+    return pl.DataFrame(columns)
+
+
+def parquet_bytes(table: pl.DataFrame) -> bytes:
+    """Parquet with settings that are all fixed, so that equal tables give equal bytes."""
+    buffer = io.BytesIO()
+    table.write_parquet(
+        buffer, compression="zstd", compression_level=3, statistics=False, row_group_size=GROUP_ROWS
+    )
+    return buffer.getvalue()
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file that is either whole or not there, whenever the power fails.
+
+    Raises
+    ------
+    OSError
+        When the system refuses; nothing is left behind.
+    """
+    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    temporary = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def kept_on_failure(folder: Path) -> Iterator[None]:
+    """Turn the system's error for a file of the study into one of Eivor's.
+
+    Raises
+    ------
+    InputError
+        When a file could not be read or written.
+    """
+    try:
+        yield
+    except (OSError, pl.exceptions.PolarsError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"a folder '{folder}' that the study can be written to",
+            f"what the system says: {reason}",
+            "Trials that were complete are kept: make room, or repair it, and run the same again.",
+        ) from error
