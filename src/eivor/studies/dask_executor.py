@@ -72,7 +72,7 @@ class DaskCluster(Executor):
         with self._client() as client:
             # No key is used twice: what another study left on the cluster is none of this one's results.
             name = f"eivor-{uuid.uuid4().hex}"
-            flying = distributed.as_completed()
+            flying = distributed.as_completed(loop=client.loop)
             room = SHARDS_PER_WORKER * max(1, sum(client.nthreads().values()))
             while True:
                 for number in islice(waiting, room):

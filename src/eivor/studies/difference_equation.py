@@ -171,6 +171,6 @@ def recursion(
     return series
 
 
-def _check(in_range: bool, expected: str, value: float) -> None:
+def _check(in_range: bool, expected: str, value: int | float) -> None:
     if not (in_range and np.isfinite(value)):
         raise ParameterError(expected, f"{value}", "Correct the scenario.")

@@ -117,8 +117,8 @@ class LocalProcesses(Executor):
             raise InputError(
                 "worker processes that live until the study is done",
                 "one that died",
-                "Memory may have run out: use fewer workers. A script that runs a study needs `if __name__ == "
-                "'__main__':` around it. What was complete is kept: run the same again.",
+                "Memory may have run out: use fewer workers. A script that runs a study must guard it with "
+                "`if __name__ == '__main__':`. What was complete is kept: run the same again.",
             ) from error
         finally:
             stop.set()

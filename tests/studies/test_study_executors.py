@@ -1,0 +1,215 @@
+"""Whatever computes a study, and whatever is killed meanwhile: the same bytes."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from eivor.errors import InputError, UsageError
+from eivor.studies.dask_executor import DaskCluster
+from eivor.studies.executors import InProcess, LocalProcesses
+from eivor.studies.run import run_study
+from eivor.studies.trial_shards import SHARD_TRIALS
+from studies.study_parts import content, small_study
+
+#: Enough shards that every worker has some and a killed one leaves some.
+RUNS = 9 * SHARD_TRIALS + 10
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("expected")
+    run_study(small_study(RUNS), folder, executor=InProcess())
+    return content(folder)
+
+
+def test_local_processes(expected, tmp_path):
+    progress: list[tuple[int, int]] = []
+    run_study(
+        small_study(RUNS),
+        tmp_path,
+        executor=LocalProcesses(2),
+        progress=lambda done, total: progress.append((done, total)),
+    )
+    assert content(tmp_path) == expected
+    assert progress[0] == (0, RUNS)
+    assert progress[-1] == (RUNS, RUNS)
+    assert sorted(progress) == progress
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from studies.study_parts import small_study
+from eivor.studies.executors import InProcess, LocalProcesses
+from eivor.studies.run import run_study
+if __name__ == "__main__":
+    run_study(small_study({runs}), Path({folder!r}), executor={executor})
+"""
+
+
+@pytest.mark.parametrize("executor", ["InProcess()", "LocalProcesses(2)"])
+def test_killed_and_resumed(expected, tmp_path, executor):
+    """SIGKILL in the middle, then the rest: no trial twice, none lost, no worker left behind."""
+    folder = tmp_path / "study"
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(runs=RUNS, folder=str(folder), executor=executor), encoding="utf-8")
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
+    with subprocess.Popen([sys.executable, script], env=environment, start_new_session=True) as process:
+        wait_until(lambda: len(list(folder.glob("shards/*.parquet"))) >= 2, process)
+        process.kill()
+    wait_until(lambda: not group_lives(process.pid))
+    kept = {path: path.stat().st_mtime_ns for path in folder.glob("shards/*.parquet")}
+    assert 2 <= len(kept) < len(expected) - 1
+    assert not (folder / "trials.parquet").exists()
+    run_study(small_study(RUNS), folder)
+    left_over = [path.name for path in (folder / "shards").glob(".*")]
+    assert {name: text for name, text in content(folder).items() if name not in left_over} == expected
+    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+
+
+def group_lives(group: int) -> bool:
+    """Whether a process of a group is alive."""
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s: float = 60.0) -> None:
+    end = time.monotonic() + patience_s
+    while not true():
+        assert process is None or process.poll() is None, "the process ended before it was killed"
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_a_lost_worker_is_told(tmp_path, monkeypatch):
+    """The executor's own worker process is killed; what was complete stays."""
+    study = small_study(RUNS)
+    done: list[int] = []
+
+    def kill(finished: int, total: int) -> None:
+        done.append(finished)
+        if finished:
+            for child in children():
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(child, signal.SIGKILL)
+
+    with pytest.raises(InputError, match=r"worker processes that live .* one that died.*run the same again"):
+        run_study(study, tmp_path, executor=LocalProcesses(1), progress=kill)
+    assert sum(1 for _ in (tmp_path / "shards").iterdir()) >= 1
+
+
+def children() -> list[int]:
+    """Worker processes of this one."""
+    import multiprocessing
+
+    return [child.pid for child in multiprocessing.active_children() if child.pid]
+
+
+def test_workers_are_counted():
+    with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
+        LocalProcesses(0)
+
+
+@dataclass
+class Cluster:
+    address: str
+    workers: list[subprocess.Popen[bytes]]
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A Dask scheduler and two workers on loopback, each a process of its own."""
+    scheduler_file = tmp_path / "scheduler.json"
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT / "tests"),
+        # A worker that was killed is missed at once.
+        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "5s",
+    }
+
+    def begun(command: str, *options: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen(
+            [
+                *(sys.executable, "-m", f"distributed.cli.dask_{command}"),
+                *("--scheduler-file", str(scheduler_file), "--no-dashboard", *options),
+            ],
+            env=environment,
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    processes = [begun("scheduler", "--host", "127.0.0.1", "--port", "0")]
+    try:
+        wait_until(scheduler_file.exists, processes[0])
+        options = ("--no-nanny", "--nthreads", "1", "--host", "127.0.0.1")
+        processes += [begun("worker", *options) for _ in range(2)]
+        yield Cluster(address_in(scheduler_file), processes[1:])
+    finally:
+        for process in reversed(processes):
+            process.kill()
+            process.wait()
+
+
+def address_in(scheduler_file: Path) -> str:
+    import json
+
+    found: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
+    return found
+
+
+def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
+    """Two workers, one of which is killed in the middle."""
+    folder = tmp_path / "study"
+    killed: list[int] = []
+
+    def kill(done: int, total: int) -> None:
+        if done >= 2 * SHARD_TRIALS and not killed:
+            cluster.workers[0].kill()
+            killed.append(done)
+
+    wait_for_workers(cluster.address, 2)
+    run_study(small_study(RUNS), folder, executor=DaskCluster(cluster.address), progress=kill)
+    assert killed
+    assert cluster.workers[0].poll() is not None
+    assert cluster.workers[1].poll() is None
+    assert content(folder) == expected
+
+
+def wait_for_workers(address: str, count: int) -> None:
+    from distributed import Client
+
+    with Client(address, timeout=10, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=30)
+
+
+def test_dask_without_a_scheduler(tmp_path, monkeypatch):
+    monkeypatch.setattr("eivor.studies.dask_executor.PATIENCE_S", 0.5)
+    with pytest.raises(
+        InputError, match=r"Expected a Dask scheduler at tcp://127.0.0.1:1; received no answer"
+    ):
+        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+
+
+def test_dask_needs_an_address():
+    with pytest.raises(UsageError, match="Expected the address of a Dask scheduler; received 'somewhere'"):
+        DaskCluster("somewhere")
+
+
+def test_dask_is_optional(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError, match=r"Dask, which is needed .*pip install 'eivor\[dask\]'"):
+        run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))

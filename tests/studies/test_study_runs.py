@@ -1,0 +1,230 @@
+"""Folders of studies: what is written, what is refused, what survives, and the metrics of it."""
+
+from __future__ import annotations
+
+import json
+import resource
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy import stats
+
+from eivor.errors import InputError, UsageError
+from eivor.studies.executors import Executor, InProcess, ShardResult
+from eivor.studies.metrics import Coverage, scores, trial_nrmse
+from eivor.studies.run import StudyResult, run_study
+from eivor.studies.study import MethodChoice, Study
+from eivor.studies.trial import MethodRecord, ParameterRecord, TrialRecord, trial
+from eivor.studies.trial_shards import SHARD_TRIALS, frame, shard_trials
+from studies.study_parts import METHODS, content, small_study
+
+
+@dataclass(frozen=True)
+class Recorder(Executor):
+    """In this process, backwards, keeping a list of what was asked for."""
+
+    asked: list[int] = field(default_factory=list)
+    stop_after: int = 1000
+
+    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
+        for count, number in enumerate(reversed(list(shards))):
+            if count == self.stop_after:
+                raise KeyboardInterrupt
+            self.asked.append(number)
+            yield from InProcess().results(study, [number])
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
+    return run_study(small_study(), tmp_path_factory.mktemp("finished"))
+
+
+def test_trials_are_in_order(finished):
+    table = finished.trials
+    assert table["trial"].to_list() == list(range(60))
+    assert table.equals(pl.read_parquet(finished.folder / "trials.parquet"))
+    third = trial(finished.study, 3).methods[0].parameters
+    assert table["least_squares.output_lag_1"][3] == third[0].value
+    assert table.columns[:5] == [
+        "trial",
+        *(f"least_squares.{part}" for part in ("status", "error", "output_lag_1", "input_lag_1")),
+    ]
+    assert sorted(path.name for path in finished.folder.iterdir()) == [
+        "shards",
+        "study.json",
+        "trials.parquet",
+    ]
+
+
+def test_interrupted_and_resumed(finished, tmp_path):
+    first = Recorder(stop_after=1)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(small_study(), tmp_path, executor=first)
+    second = Recorder()
+    seen: list[tuple[int, int]] = []
+    run_study(small_study(), tmp_path, executor=second, progress=lambda *now: seen.append(now))
+    assert (first.asked, second.asked) == ([2], [1, 0])
+    assert seen == [(10, 60), (35, 60), (60, 60)]
+    assert content(tmp_path) == content(finished.folder)
+    third = Recorder()
+    run_study(small_study(), tmp_path, executor=third)
+    assert third.asked == []
+
+
+def test_more_runs_continue(finished, tmp_path):
+    run_study(small_study(30), tmp_path)
+    recorder = Recorder()
+    run_study(small_study(), tmp_path, executor=recorder)
+    assert recorder.asked == [2, 1]
+    assert content(tmp_path) == content(finished.folder)
+    with pytest.raises(UsageError, match=r"at least 60 runs, as many as .* received 30"):
+        run_study(small_study(30), tmp_path)
+
+
+def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
+    run_study(small_study(), tmp_path)
+    shard = tmp_path / "shards" / "000001.parquet"
+    shard.write_bytes(shard.read_bytes()[:-10])
+    (tmp_path / "shards" / "000000.parquet").unlink()
+    recorder = Recorder()
+    run_study(small_study(), tmp_path, executor=recorder)
+    assert recorder.asked == [1, 0]
+    assert content(tmp_path) == content(finished.folder)
+
+
+def test_another_study_is_refused(tmp_path):
+    run_study(small_study(5), tmp_path)
+    before = content(tmp_path)
+    with pytest.raises(
+        UsageError, match=r"received .* which holds the study 'small' with another experiment"
+    ):
+        run_study(small_study(5, seed=8), tmp_path)
+    assert content(tmp_path) == before
+
+
+def test_folders_that_are_not_a_studys(tmp_path):
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(UsageError, match="Expected a folder for the study; received the file"):
+        run_study(small_study(5), tmp_path / "file")
+    with pytest.raises(InputError, match="what the system says: Not a directory"):
+        run_study(small_study(5), tmp_path / "file" / "folder")
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "trials.parquet").write_bytes(b"precious")
+    with pytest.raises(UsageError, match=r"which has trials and no study.json"):
+        run_study(small_study(5), other)
+    assert (other / "trials.parquet").read_bytes() == b"precious"
+    (other / "study.json").write_text("[]", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"Expected the study.json of a study"):
+        run_study(small_study(5), other)
+
+
+def test_other_versions_do_not_finish_it(tmp_path):
+    """What is complete can still be looked at."""
+    with pytest.raises(KeyboardInterrupt):
+        run_study(small_study(), tmp_path, executor=Recorder(stop_after=1))
+    path = tmp_path / "study.json"
+    document = json.loads(path.read_text(encoding="utf-8"))
+    document["versions"]["numpy"] = "1.0"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError, match=r"the versions that .* numpy 1\.0, .*; received eivor"):
+        run_study(small_study(), tmp_path)
+
+
+@dataclass(frozen=True)
+class FullDisk(Executor):
+    """After some shards the system takes no more than a few bytes for a file."""
+
+    shards: int
+
+    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
+        for count, number in enumerate(shards):
+            if count == self.shards:
+                resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
+            yield from InProcess().results(study, [number])
+
+
+def test_a_full_disk_keeps_what_was_complete(finished, tmp_path):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        with pytest.raises(InputError, match=r"the system says: File too large\. Trials .* are kept"):
+            run_study(small_study(), tmp_path, executor=FullDisk(2))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [path.name for path in sorted((tmp_path / "shards").iterdir())] == [
+        "000000.parquet",
+        "000001.parquet",
+    ]
+    run_study(small_study(), tmp_path)
+    assert content(tmp_path) == content(finished.folder)
+
+
+def test_failed_methods_are_counted(tmp_path):
+    blind = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
+    result = run_study(small_study(30, methods=(METHODS[0], blind), intervals=True), tmp_path)
+    good, bad = scores(result)
+    assert (good.trials, good.failed, good.first_failure) == (30, 0, None)
+    assert (bad.trials, bad.failed, bad.first_failure) == (30, 30, 0)
+    assert np.isnan(bad.together.mean)
+    assert bad.parameters[0].coverage == Coverage(0, 0)
+    assert result.trials["blind.error"].unique().to_list() == ["MissingNoiseError"]
+    assert result.trials["blind.output_lag_1"].null_count() == 30
+
+
+def test_scores_by_hand():
+    """Three trials with errors that can be reckoned in the head: truth (0.5, 2)."""
+    study = small_study(4, methods=METHODS[:1], intervals=True)
+    estimates = [(0.6, 2.0), (0.5, 1.8), (0.45, 2.4)]
+    trials = [
+        TrialRecord(
+            index,
+            (
+                MethodRecord(
+                    "weak" if index else "identified",
+                    "",
+                    (ParameterRecord(a, 0.1, a - 0.1, a + 0.1), ParameterRecord(b, 0.1, b - 0.1, b + 0.3)),
+                ),
+            ),
+        )
+        for index, (a, b) in enumerate(estimates)
+    ]
+    trials.append(TrialRecord(3, (MethodRecord("failed", "EstimationError"),)))
+    result = StudyResult(study, Path(), frame(study, trials))
+    (found,) = scores(result)
+    a, b = found.parameters
+    assert (found.trials, found.failed, found.weak, found.first_failure) == (4, 1, 2, 3)
+    assert a.nrmse.mean == pytest.approx(np.mean([20, 0, 10]))
+    assert a.nrmse.std == pytest.approx(10.0)
+    assert (a.bias, a.rmse) == pytest.approx((0.05 / 3, np.sqrt((0.1**2 + 0.05**2) / 3)))
+    assert (b.bias, b.estimate.mean) == pytest.approx((0.2 / 3, 6.2 / 3))
+    assert (a.coverage, b.coverage) == (Coverage(3, 3), Coverage(2, 3))
+    length = np.hypot(0.5, 2.0)
+    expected = 100.0 * np.hypot([0.1, 0.0, -0.05], [0.0, -0.2, 0.4]) / length
+    np.testing.assert_allclose(trial_nrmse(result, "least_squares"), expected)
+    assert (found.together.mean, found.together.std) == pytest.approx((expected.mean(), expected.std(ddof=1)))
+
+
+@pytest.mark.parametrize(("hits", "count"), [(0, 10), (7, 10), (95, 100), (200, 200)])
+def test_bounds_of_a_share(hits, count):
+    """Another implementation of Wilson's interval."""
+    expected = stats.binomtest(hits, count).proportion_ci(method="wilson")
+    assert Coverage(hits, count).bounds == pytest.approx((expected.low, expected.high), abs=1e-12)
+    assert Coverage(0, 0).bounds == (0.0, 1.0)
+
+
+def test_shards_cover_every_trial_once():
+    for runs in (1, SHARD_TRIALS - 1, SHARD_TRIALS, SHARD_TRIALS + 1, 110):
+        count = -(-runs // SHARD_TRIALS)
+        assert [index for number in range(count) for index in shard_trials(runs, number)] == list(range(runs))
+
+
+def test_intervals_are_columns(tmp_path):
+    study = replace(small_study(2), intervals=True)
+    table = run_study(study, tmp_path).trials
+    for part in ("std_error", "low", "high"):
+        assert table[f"generalized_iv.input_lag_1.{part}"].dtype == pl.Float64
+    assert (table["generalized_iv.input_lag_1.low"] < table["generalized_iv.input_lag_1"]).all()

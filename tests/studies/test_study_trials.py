@@ -1,0 +1,140 @@
+"""Studies and their trials: what they refuse, and what a trial depends on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import eivor
+from eivor.errors import UsageError
+from eivor.models.scenario import Scenario
+from eivor.signals.signals import Signals
+from eivor.studies.difference_equation import DifferenceEquation
+from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.study import METHODS as METHOD_NAMES
+from eivor.studies.study import MethodChoice
+from eivor.studies.trial import failure, trial
+from studies.study_parts import EQUATION, METHODS, Coin, small_study
+
+
+def test_a_trial_depends_on_study_and_index_only():
+    study = small_study()
+    first = trial(study, 5)
+    trial(study, 4)
+    assert trial(study, 5) == first
+    assert trial(replace(study, runs=1000), 5) == first
+    assert trial(replace(study, seed=8), 5) != first
+    assert trial(study, 6).methods != first.methods
+
+
+def test_a_trial_is_what_identify_says():
+    study = small_study(intervals=True)
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
+    signals = EQUATION.record(rng)
+    fit = eivor.identify(EQUATION.problem(signals, eivor.lags("input", 0, 5)), eivor.methods.generalized_iv())
+    record = trial(study, 3).methods[2]
+    assert record.status == fit.status.value
+    for found, name in zip(record.parameters, fit.names, strict=True):
+        assert found.value == fit.parameters[name]
+        assert found.std_error == fit.std_error(name)
+        assert (found.low, found.high) == fit.interval(name)
+
+
+@pytest.mark.parametrize("name", METHOD_NAMES)
+def test_every_method_on_the_vertical_experiment(name):
+    """Without noise each finds the truth, except bias that there is none to compensate."""
+    experiment = VerticalExperiment(Scenario(0.293, 0.021, samples=500))
+    lagged = None if "squares" in name else (0, 10)
+    record = trial(small_study(experiment=experiment, methods=(MethodChoice(name, lagged),)), 0).methods[0]
+    if name == "total_least_squares":  # columns that are all exact leave it nothing to do
+        assert record.error in {"", "NoUniqueSolutionError"}
+        return
+    assert not record.error
+    assert [one.value for one in record.parameters] == pytest.approx([0.293, 0.021], rel=1e-8)
+
+
+def test_noise_that_is_not_known_is_not_used():
+    """Generalized IV raises without it, and the trial goes on."""
+    giv = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
+    study = small_study(methods=(*METHODS, giv))
+    *others, blind = trial(study, 0).methods
+    assert (blind.status, blind.error, blind.parameters) == ("failed", "MissingNoiseError", ())
+    assert tuple(others) == trial(small_study(), 0).methods
+    assert failure(study, 0, "blind").startswith(
+        "MissingNoiseError: Expected a declared noise of channel 'input'"
+    )
+    assert failure(study, 0, "least_squares") == ""
+
+
+@dataclass(frozen=True)
+class Broken(DifferenceEquation):
+    """Fails in some trials."""
+
+    def record(self, rng: np.random.Generator) -> Signals:
+        if rng.random() < 0.5:
+            raise ZeroDivisionError("no record")
+        return DifferenceEquation.record(self, rng)
+
+
+def test_a_broken_record_is_a_result():
+    study = small_study(experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
+    found = [{one.error for one in trial(study, index).methods} for index in range(20)]
+    assert {"ZeroDivisionError"} in found
+    assert {""} in found
+
+
+def test_weak_instruments_are_a_status():
+    """Delayed white inputs do not move the input: no warning escapes, the status tells."""
+    assert trial(small_study(methods=(MethodChoice("extended_iv", (2, 6)),)), 0).methods[0].status == "weak"
+
+
+def test_identity():
+    study = small_study()
+    assert study.identity == replace(study, runs=1, name="other").identity
+    others = [
+        replace(study, seed=8),
+        replace(study, methods=METHODS[:2]),
+        replace(study, intervals=True),
+        replace(study, experiment=replace(EQUATION, output_coefficients=(np.nextafter(0.5, 1.0),))),
+        replace(study, experiment=replace(EQUATION, noise={})),
+    ]
+    assert len({one.identity for one in [study, *others]}) == 6
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: small_study(0), "Expected runs from 1 to 10000000; received 0"),
+        (lambda: small_study(seed=-1), "Expected a seed of zero or more; received -1"),
+        (lambda: small_study(level=1.0), "Expected a level between 0 and 1; received 1.0"),
+        (lambda: small_study(methods=()), "received labels of no method"),
+        (lambda: small_study(methods=METHODS[:1] * 2), "labels least_squares, least_squares"),
+        (lambda: small_study(methods=(MethodChoice("least_squares", label="a.b"),)), "no dot"),
+        (lambda: MethodChoice("generalised_iv", (0, 3)), "Did you mean 'generalized_iv'"),
+        (
+            lambda: MethodChoice("generalized_iv"),
+            r"lags = \[first, last\] for .* received 'generalized_iv' with none",
+        ),
+        (lambda: MethodChoice("least_squares", (0, 1)), r"received 'least_squares' with \[0, 1\]"),
+        (lambda: MethodChoice("extended_iv", (3, 1)), "Expected first <= last"),
+        (lambda: MethodChoice("extended_iv", (-1, 1)), "a lag of zero or more samples"),
+        (lambda: MethodChoice("extended_iv", (1, 2), weighting="two_step"), "Did you mean 'two_ste?p?_?.*'"),
+        (
+            lambda: MethodChoice("extended_iv_tls", (1, 2), weighting="two_stage"),
+            "for extended_iv or generalized_iv only",
+        ),
+        (
+            lambda: small_study(methods=(MethodChoice("extended_iv", (1, 2), channel="inptu"),)),
+            "Did you mean 'input'",
+        ),
+        (
+            lambda: small_study(methods=(MethodChoice("least_squares", known_noise=("velocity_z",)),)),
+            "a channel for 'least_squares' out of output, input; received 'velocity_z'",
+        ),
+    ],
+)
+def test_what_is_refused(make, message):
+    with pytest.raises(UsageError, match=message):
+        make()
