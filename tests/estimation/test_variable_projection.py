@@ -23,6 +23,14 @@ from eivor.linalg import LeastSquares
 TWO_STAGE = Method("two_stage", Instrumental(), TwoStage(), LeastSquares())
 
 
+@pytest.fixture
+def unchecked_shapes():
+    """Checking shapes at each call takes four fifths of the time; the first two tests do it."""
+    config.update("jaxtyping_disable", True)
+    yield
+    config.update("jaxtyping_disable", False)
+
+
 def residual_at(flight, joint: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
     """Residual of the equation of motion in time, with the actuator written out sample by sample."""
     K, K_u, lag = joint
@@ -78,6 +86,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     )
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name)
 def test_intervals_include_the_uncertainty_of_the_lag(method):
     (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
@@ -92,6 +101,7 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
     assert both[1] < 0.9 * both[0]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("method", "delay_s"),
     [(method(), delay) for method in (least_squares, reference_iv) for delay in (0.0, 0.01, 0.03)]
@@ -106,6 +116,7 @@ def test_delay_is_found_and_told_from_the_others(method, delay_s):
     assert [candidate.delay_s for candidate in fit.tenable()] == [delay_s]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), reference_iv()], ids=lambda m: m.name)
 @pytest.mark.parametrize("level", [0.5, 0.95])
 def test_interval_is_the_union_over_the_delays_that_fit(method, level):
@@ -140,6 +151,7 @@ def test_unknown_names_and_levels_are_refused():
             fit.interval("viscous_friction", level)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     "method", [least_squares(), total_least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name
 )
@@ -172,7 +184,6 @@ TRUTH = np.array([FRICTION, GAIN, LAG_S])
 @pytest.fixture(scope="module")
 def spread():
     """Estimates of many calm flights with white noise, with their joint covariances."""
-    # Checking shapes at each call takes four fifths of the time; the tests above have done it.
     config.update("jaxtyping_disable", True)
     try:
         return estimates_of_many()

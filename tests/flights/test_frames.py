@@ -59,6 +59,7 @@ def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
     )
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_z_down_log_gives_the_answers_of_the_z_up_log():
     (log,) = flown(seconds=12.0)
     _, turns, _ = tilted(count=1200)

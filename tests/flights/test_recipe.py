@@ -14,8 +14,8 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.recipe import identify_flight
 from eivor.inference.verdict import Status
 
-#: Checking shapes at each call takes most of the time, and the short tests have done it.
-QUICKLY = pytest.mark.usefixtures("unchecked_shapes")
+# Checking shapes at each call takes most of the time: `fit`, made before this takes hold, is checked.
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
 
 
 @pytest.fixture(scope="module")
@@ -184,7 +184,6 @@ def test_hover_parameter_that_disagrees_is_pointed_out(log):
 # -- options ----------------------------------------------------------------------------------------------
 
 
-@QUICKLY
 def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, fit):
     result = identify_flight(log, FlightOptions(compare=True))
     assert [row.label for row in result.comparisons] == [
@@ -245,7 +244,6 @@ def half(result, name: str) -> float:
     return result.estimate.best.covariance.white[result.names.index(name)][result.names.index(name)] ** 0.5
 
 
-@QUICKLY
 def test_pooled_flights_shrink_the_error_by_their_root(fleet):
     alone = [identify_flight(flight) for flight in fleet[:4]]
     pool = identify_flight(fleet[:4])
@@ -260,7 +258,6 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet):
     assert pool.diagnostics["flights"] == 4.0
 
 
-@QUICKLY
 def test_clusters_come_in_from_ten_flights_on(fleet):
     assert identify_flight(fleet[:3]).estimate.best.covariance.clustered is None
     pool = identify_flight(fleet)
@@ -270,14 +267,12 @@ def test_clusters_come_in_from_ten_flights_on(fleet):
     assert low < FRICTION < high
 
 
-@QUICKLY
 def test_order_of_the_flights_does_not_matter(fleet):
     one, other = identify_flight(fleet[:3]), identify_flight(fleet[2::-1])
     for name, quantity in one.quantities.items():
         assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
 
 
-@QUICKLY
 def test_a_log_given_twice_is_used_once(fleet):
     first = replace(fleet[0], sha256="a")
     again = replace(fleet[0], sha256="a", name="copy")
@@ -345,9 +340,8 @@ def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
 # -- calibration of the hover input -----------------------------------------------------------------------
 
 
-@QUICKLY
 def test_hover_intervals_cover():
-    runs = 30
+    runs = 25
     logs = flown(runs, seconds=12.0, noise=2.0, gust=0.5, seed=15)
     found = [identify_flight(log).quantities["hover_input"] for log in logs]
     covered = sum(quantity.interval[0] <= HOVER <= quantity.interval[1] for quantity in found)
@@ -431,7 +425,6 @@ def rich():
     )
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("seed", range(60))
 def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
     rng = np.random.default_rng(seed)

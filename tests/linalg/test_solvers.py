@@ -49,6 +49,7 @@ def covariance(seed: int, size: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("solver", LEAST)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 999), rows=st.integers(3, 30), scale=st.floats(1e-8, 1e8))
 def test_least_squares_is_numpys(solver, seed, rows, scale):
     A, b = noisy(seed, rows)
@@ -171,6 +172,7 @@ def test_exact_regressors_make_it_least_squares_and_exact_data_are_found(solver)
 
 
 @pytest.mark.parametrize("solver", TOTAL)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 200))
 def test_the_solution_is_where_its_objective_is_least(solver, seed):
     A, b = noisy(seed)
@@ -234,6 +236,7 @@ def test_pearsons_points_with_rounded_standard_deviations():
     np.testing.assert_allclose(found.theta, [5.4767400299231674, -0.4796082367610305], atol=5e-6)
 
 
+@settings(max_examples=30)
 @given(seed=st.integers(0, 999), scale=st.sampled_from([1e-6, 1.0, 1e6]))
 def test_rows_with_one_covariance_are_generalized_total_least_squares(seed, scale):
     A, b = noisy(seed)
@@ -245,6 +248,7 @@ def test_rows_with_one_covariance_are_generalized_total_least_squares(seed, scal
     assert found.objective == pytest.approx(wanted.objective)
 
 
+@settings(max_examples=30)
 @given(seed=st.integers(0, 300))
 def test_row_weights_that_belong_to_the_response_are_weighted_least_squares(seed):
     A, b = noisy(seed)

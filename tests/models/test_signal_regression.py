@@ -6,7 +6,7 @@ import functools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eivor.errors import MissingChannelError, MissingNoiseError, TooFewSamplesError, UsageError
@@ -151,6 +151,7 @@ def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
     return found
 
 
+@settings(max_examples=30)
 @given(
     order=st.sampled_from([-0.5, -0.4, 0.0, 0.3]),
     offset=st.integers(0, 50),
