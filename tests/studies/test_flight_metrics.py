@@ -55,7 +55,7 @@ def trial(
         estimator: {name: around(name, error if estimator == RECIPE else control_error) for name in names}
         for estimator, names in ESTIMATORS.items()
     }
-    return FlightTrial(case, verdict, TRUTH, estimates)
+    return FlightTrial(case, verdict, TRUTH, estimates, first_stage=30.0, p_value=0.5)
 
 
 def good_run() -> list[FlightTrial]:
@@ -173,7 +173,8 @@ def test_tables_have_a_row_for_every_class_and_estimator():
     text = study_tables(trial_table(trials, grid="made up", size="small"))
     assert "flight_study --size small`" in text
     assert "of which 1 lost their vehicle" in text
-    assert text.count("| calm | ") == text.count("| gusty | ") == 3
+    assert text.count("\n| calm | ") == text.count("\n| gusty | ") == 3
+    assert "| hover | 10 | 0 | 0 | 0 | 10 | 0 | 0 |" in text
     assert "| hover | 10 | 0 | - |" in text
     assert "| noise | white | 120 |" in text
     assert "nan" not in text

@@ -9,6 +9,8 @@ import numpy as np
 import polars as pl
 
 from eivor.errors import InputError
+from eivor.flights.rule import J_P_VALUE, STRONG_FIRST_STAGE
+from eivor.inference.verdict import Status
 from eivor.studies.flight_metrics import Score, accepted, accepted_share, flown, score
 from eivor.studies.flight_requirements import error_text, requirements, share_text
 from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR, QUANTITIES, RECIPE
@@ -38,6 +40,8 @@ def study_tables(table: TrialTable) -> str:
             "## By class",
             "Errors and coverage of accepted flights; relative errors for K and K_u.",
             class_table(rows),
+            "## Verdicts",
+            verdict_table(rows),
             "## Against the controls",
             "K on every excited flight that has an estimate, accepted or not.",
             control_table(rows),
@@ -76,6 +80,25 @@ def class_table(rows: pl.DataFrame) -> str:
                 _covered(hover),
             ]
         )
+    return _table(header, lines)
+
+
+def verdict_table(rows: pl.DataFrame) -> str:
+    """How often each verdict was given, and how often each test of the instruments failed."""
+    header = [
+        "class",
+        "flown",
+        *(status.value for status in Status),
+        "first-stage F below 10",
+        "J p-value below .001",
+    ]
+    lines = []
+    for name in rows["class"].unique(maintain_order=True):
+        part = flown(rows).filter(pl.col("class") == name)
+        counts = [part.filter(pl.col("verdict") == status.value).height for status in Status]
+        weak = part.filter(pl.col("recipe.first_stage_F") < STRONG_FIRST_STAGE).height
+        disagree = part.filter(pl.col("recipe.p_value") < J_P_VALUE).height
+        lines.append([name, *(str(count) for count in (part.height, *counts, weak, disagree))])
     return _table(header, lines)
 
 

@@ -36,6 +36,8 @@ ESTIMATORS: Mapping[str, tuple[str, ...]] = {
     LAG_IGNORED: ("viscous_friction", "input_gain"),
     NONLINEAR: ("viscous_friction", "input_gain", "effective_lag"),
 }
+#: The joint vector of the recipe.
+JOINT = ("viscous_friction", "input_gain", "actuator_lag")
 #: Verdict of a flight whose vehicle was lost in the simulator: there is nothing to score.
 LOST = "lost"
 
@@ -69,12 +71,17 @@ class FlightTrial:
         Each of `QUANTITIES`; NaN for a lost flight.
     estimates : mapping of str to mapping of str to IntervalEstimate
         By estimator and quantity, as in `ESTIMATORS`.
+    first_stage, p_value : float
+        Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN
+        when it had no instruments.
     """
 
     case: FlightCase
     verdict: str
     truth: Mapping[str, float]
     estimates: Mapping[str, Mapping[str, IntervalEstimate]]
+    first_stage: float = float("nan")
+    p_value: float = float("nan")
 
     @property
     def accepted(self) -> bool:
@@ -113,7 +120,17 @@ def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
         estimates[LAG_IGNORED] = _lag_ignored(result)
         direct = identify_flight(flight.recording, FlightOptions(method="least_squares"))
         estimates[NONLINEAR] = _shown(direct, NONLINEAR)
-    return FlightTrial(case, result.verdict.status.value, _truth(flight.truth, result), estimates)
+    strengths = [result.diagnostics.get(f"first_stage_F_{name}", np.nan) for name in JOINT]
+    return FlightTrial(
+        case,
+        result.verdict.status.value,
+        _truth(flight.truth, result),
+        estimates,
+        float(np.min(strengths)),
+        result.diagnostics.get("over_identification_p_value", np.nan)
+        if result.instruments != "none"
+        else np.nan,
+    )
 
 
 def _shown(result: FlightEstimate, estimator: str) -> dict[str, IntervalEstimate]:

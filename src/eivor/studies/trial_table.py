@@ -1,7 +1,9 @@
 """Trials of the flight study as one table: a row for each flight, every number a column.
 
-Columns: what the flight was, `verdict`, `truth.QUANTITY`, and `ESTIMATOR.QUANTITY.value`, `.low`, `.high`.
-What the table was made with stands in the file's metadata.
+Columns: what the flight was, `verdict`, `truth.QUANTITY`, and `ESTIMATOR.QUANTITY.value`, `.low`, `.high`;
+of the recipe also `recipe.first_stage_F`, the least of the conditional ones, and `recipe.p_value` of the
+over-identification test, NaN without instruments. What the table was made with stands in the file's
+metadata.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ class TrialTable:
 
     def write(self, path: Path) -> None:
         """Write a small Parquet file."""
-        narrow = self.rows.with_columns(pl.col(pl.Float64).cast(pl.Float32))
+        narrow = self.rows.with_columns(pl.col(_rounded_columns(self.rows)).cast(pl.Float32))
         narrow.write_parquet(
             path, compression="zstd", compression_level=19, statistics=False, metadata=dict(self.origin)
         )
@@ -60,8 +62,9 @@ def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> Trial
     """
     origin = {"grid": grid, "size": size, "python": platform.python_version()}
     rows = pl.DataFrame([_row(trial) for trial in trials])
-    numbers = [name for name, kind in rows.schema.items() if kind == pl.Float64]
-    rounded = rows.with_columns(pl.Series(name, _rounded(rows[name].to_numpy())) for name in numbers)
+    rounded = rows.with_columns(
+        pl.Series(name, _rounded(rows[name].to_numpy())) for name in _rounded_columns(rows)
+    )
     return TrialTable(rounded, origin | _versions())
 
 
@@ -99,11 +102,17 @@ def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
         "verdict": trial.verdict,
     }
     row |= {f"truth.{name}": trial.truth[name] for name in QUANTITIES}
+    row |= {"recipe.first_stage_F": trial.first_stage, "recipe.p_value": trial.p_value}
     for estimator, quantities in ESTIMATORS.items():
         for name in quantities:
             found = trial.estimates[estimator][name]
             row |= {f"{estimator}.{name}.{part}": getattr(found, part) for part in ("value", "low", "high")}
     return row
+
+
+def _rounded_columns(rows: pl.DataFrame) -> list[str]:
+    """Columns of results; what the grid gives is exact."""
+    return [name for name in rows.columns if "." in name]
 
 
 def _rounded(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
