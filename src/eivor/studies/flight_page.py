@@ -22,6 +22,7 @@ COMMAND = "python -m eivor.studies.flight_study"
 ESTIMATOR_NAMES = {RECIPE: "the recipe", LAG_IGNORED: "lag ignored", NONLINEAR: "nonlinear least squares"}
 #: Lags that count as one group [s]; the grid of the recipe has steps of 10 ms.
 LAG_EDGES = (0.01, 0.025, 0.06)
+LAG_BANDS = ("below 10 ms", "10 to 25 ms", "25 to 60 ms", "60 ms and more")
 
 
 def study_tables(table: TrialTable) -> str:
@@ -48,6 +49,10 @@ def study_tables(table: TrialTable) -> str:
             "## Where the coverage stands",
             "Coverage of the 95 % intervals of accepted flights, by what the flight was.",
             group_table(accepted(rows)),
+            "## Bias of the lag",
+            "Mean error of the effective lag with its standard error, over accepted calm flights of the own "
+            "simulator.",
+            lag_table(accepted(rows.filter(pl.col("calm"), pl.col("simulator") == "vertical"))),
         ]
     )
 
@@ -126,28 +131,40 @@ def control_table(rows: pl.DataFrame) -> str:
 
 def group_table(rows: pl.DataFrame) -> str:
     """Coverage by noise, trajectory, lag, delay, gusts and simulator."""
-    lag = (rows["truth.effective_lag"] - rows["delay"]).to_numpy()
-    labels = ["below 10 ms", "10 to 25 ms", "25 to 60 ms", "60 ms and more"]
     banded = rows.with_columns(
-        pl.Series("lag", [labels[band] for band in np.digitize(lag, LAG_EDGES)], dtype=pl.String),
+        pl.Series("lag", _lag_bands(rows), dtype=pl.String),
         (pl.col("delay") * 1e3).round(0).cast(pl.Int64).cast(pl.String).alias("delay [ms]"),
         pl.col("gust_rms").cast(pl.String).alias("gusts [m/s]"),
     )
     lines = []
     for column in ("simulator", "trajectory", "noise", "lag", "delay [ms]", "gusts [m/s]"):
-        present = banded[column].unique(maintain_order=True).to_list()
-        order = labels if column == "lag" else sorted(present)
+        present = set(banded[column].to_list())
+        order = LAG_BANDS if column == "lag" else sorted(present)
         for value in (label for label in order if label in present):
             part = banded.filter(pl.col(column) == value)
-            lines.append(
-                [
-                    column,
-                    value,
-                    str(part.height),
-                    *(f"{score(part, quantity).coverage.value:.3f}" for quantity in QUANTITIES),
-                ]
-            )
+            shares = [f"{score(part, quantity).coverage.value:.3f}" for quantity in QUANTITIES]
+            lines.append([column, value, str(part.height), *shares])
     return _table(("group", "", "flights", "K", "K_u", "effective lag", "hover input"), lines)
+
+
+def lag_table(rows: pl.DataFrame) -> str:
+    """Mean error of the effective lag by lag and gusts."""
+    banded = rows.with_columns(pl.Series("lag", _lag_bands(rows), dtype=pl.String))
+    lines = []
+    for band in LAG_BANDS:
+        for label, windy in (("none", False), ("some", True)):
+            here = banded.filter(pl.col("lag") == band, (pl.col("gust_rms") > 0.0) == windy)
+            error = 1e3 * (here["recipe.effective_lag.value"] - here["truth.effective_lag"]).to_numpy()
+            shown = "-"
+            if error.size > 1:
+                shown = f"{error.mean():.2f} +- {error.std(ddof=1) / np.sqrt(error.size):.2f} ms"
+            lines.append([band, label, str(error.size), shown])
+    return _table(("lag", "gusts", "flights", "bias of the effective lag"), lines)
+
+
+def _lag_bands(rows: pl.DataFrame) -> list[str]:
+    lag = (rows["truth.effective_lag"] - rows["delay"]).to_numpy()
+    return [LAG_BANDS[band] for band in np.digitize(lag, LAG_EDGES)]
 
 
 def page_with(page: str, tables: str) -> str:
