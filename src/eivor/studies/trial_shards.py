@@ -95,10 +95,22 @@ class TrialShards:
             When the system refuses.
         """
         with kept_on_failure(self.folder):
-            shards = [pl.read_parquet(self.path(number)) for number in range(self.count)]
-            table = pl.concat(shards, rechunk=True)
+            # In two steps: thousands of small tables at once take many times the memory of one large one.
+            table = pl.concat(
+                [
+                    pl.concat([pl.read_parquet(self.path(number)) for number in group], rechunk=True)
+                    for group in batched(range(self.count), GROUP_ROWS // SHARD_TRIALS)
+                ],
+                rechunk=True,
+            )
             write_whole(self.folder / TABLE_FILE, parquet_bytes(table))
         return table
+
+
+def batched(numbers: range, size: int) -> Iterator[range]:
+    """Successive parts of a range, each of `size` numbers but for the last."""
+    for start in range(0, len(numbers), size):
+        yield numbers[start : start + size]
 
 
 def shard_trials(runs: int, number: int) -> range:
