@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from jaxtyping import install_import_hook
+from jaxtyping import config, install_import_hook
 
 if "eivor" in sys.modules:
     raise RuntimeError("eivor was imported before the hook that checks shapes; import it in tests only")
@@ -54,3 +54,11 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
         report.outcome = "failed"
         report.longrepr = f"EIVOR_REQUIRE_DATA is set, but this test was skipped: {report.longrepr}"
     return report
+
+
+@pytest.fixture
+def unchecked_shapes() -> Iterator[None]:
+    """Calls go through to the library's own checks, as they do outside this test run."""
+    config.update("jaxtyping_disable", True)
+    yield
+    config.update("jaxtyping_disable", False)

@@ -23,14 +23,6 @@ from eivor.linalg import LeastSquares
 TWO_STAGE = Method("two_stage", Instrumental(), TwoStage(), LeastSquares())
 
 
-@pytest.fixture
-def unchecked_shapes():
-    """Checking shapes at each call takes four fifths of the time; the first two tests do it."""
-    config.update("jaxtyping_disable", True)
-    yield
-    config.update("jaxtyping_disable", False)
-
-
 def residual_at(flight, joint: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
     """Residual of the equation of motion in time, with the actuator written out sample by sample."""
     K, K_u, lag = joint

@@ -189,14 +189,27 @@ def test_missing_channels_are_named(log, change, options, error, said):
         prepare(changed(log, *change), FlightOptions(**options))
 
 
-@pytest.mark.parametrize("name", ["velocity_z", "rotor_command_1", "specific_force_z"])
-@pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
-def test_channels_without_values_are_named(log, name, kept):
-    broken = {
+def empty(name, kept):
+    """A channel that is there and says nothing."""
+    return {
         "nothing": channel(name, [], []),
         "one sample": channel(name, [1.0], [1.0]),
         "NaN": channel(name, np.arange(3.0), np.full(3, np.nan)),
     }[kept]
+
+
+@pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
+def test_an_empty_accelerometer_is_done_without(log, kept):
+    prepared = prepare(changed(log, specific_force_z=empty("specific_force_z", kept)), FlightOptions())
+    assert "empty_channel" in [finding.name for finding in prepared.findings]
+    assert prepared.flight.acceleration is None
+    assert prepared.flight.runs
+
+
+@pytest.mark.parametrize("name", ["velocity_z", "rotor_command_1"])
+@pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
+def test_channels_without_values_are_named(log, name, kept):
+    broken = empty(name, kept)
     with pytest.raises(
         MissingChannelError, match=rf"values in the channel '{name}' of flight 0; received \d samples"
     ):

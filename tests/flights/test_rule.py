@@ -76,7 +76,7 @@ def test_a_good_flight_has_no_ground_against_it():
         ),
         ({}, {"viscous_friction": quantity(-0.2, 0.1)}, {}, Status.REFUSED, "came out at -0.2 1/s"),
         ({}, {"viscous_friction": quantity(0.4, 0.4)}, {}, Status.REFUSED, "cannot be told from zero"),
-        ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50% wide"),
+        ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide"),
         (
             {"strengths": (9.9, 50.0, 50.0)},
             {},
@@ -141,7 +141,7 @@ def test_bounds_themselves_are_accepted(fit, found, at):
     ("gain", "fit", "at", "status", "said"),
     [
         (quantity(-1.0, 0.1), {}, {}, Status.REFUSED, "not positive"),
-        (quantity(40.0, 4.1), {}, {}, Status.WEAK, "+-10% wide"),
+        (quantity(40.0, 4.1), {}, {}, Status.WEAK, "+-10.3% wide"),
         (
             quantity(40.0, 1.0),
             {"strengths": (50.0, 9.0, 50.0)},

@@ -97,8 +97,8 @@ def test_yorks_line_against_odrpack():
     np.testing.assert_allclose(theta, fit.beta, rtol=1e-6)
 
 
-def test_pearsons_intercept_when_only_the_response_is_free():
-    """SciPy's own ODR test: equal weights, 5.4767400299, by the iterative solver as well."""
+def test_equal_weights_are_mixed_total_least_squares():
+    """The iterative solver with the same covariance in every row."""
     S = np.zeros((truth.PEARSON_X.size, 3, 3))
     S[:, 1, 1] = S[:, 2, 2] = 1.0
     theta = weighted_total_least_squares(pearson_system(), S).theta

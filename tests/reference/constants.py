@@ -26,7 +26,6 @@ PEARSON_Y = np.array([5.9, 5.4, 4.4, 4.6, 3.5, 3.7, 2.8, 2.8, 2.4, 1.5])
 YORK_WEIGHTS_X = np.array([1000, 1000, 500, 800, 200, 80, 60, 20, 1.8, 1])
 YORK_WEIGHTS_Y = np.array([1, 1.8, 4, 8, 20, 20, 70, 70, 100, 500])
 YORK_LINE = (5.47991, -0.480533)
-PEARSON_INTERCEPT = 5.4767400299
 
 STATA_2SLS = {"hsngval": 0.00223983298, "pcturban": 0.08151596819, "const": 120.70651454}
 STATA_GMM = {"hsngval": 0.00146432787, "pcturban": 0.76154815601, "const": 112.12271295}

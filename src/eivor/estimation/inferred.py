@@ -32,7 +32,7 @@ class Inference:
         instruments; without, rows times the logarithm of the objective, twice the negative log likelihood
         of white residuals of unknown variance.
     over_identification : tuple of float
-        J and its p-value; (0, 1) without instruments.
+        J and its p-value; (0, 1) without instruments, NaN for compensated equations.
     first_stage : ndarray, shape (n,)
         Conditional first-stage F of each joint parameter; NaN without instruments.
     residual_variance : float
@@ -101,6 +101,11 @@ def infer(solved: Solved) -> Inference:
         criterion = count * float(np.log(max(solved.solution.objective, np.finfo(np.float64).tiny)))
         return Inference(covariance, criterion, (0.0, 1.0), np.full(unknowns, np.nan), variance, 0)
     basis = orthonormal_basis(rows.instruments)
+    if constant.any():
+        # J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well.
+        strength = conditional_first_stage(basis, jacobian)
+        nothing = float("nan")
+        return Inference(covariance, nothing, (nothing, nothing), strength, variance, basis.shape[1])
     tested = over_identification(basis, residual, variance, unknowns)
     strength = conditional_first_stage(basis, jacobian)
     return Inference(covariance, tested[0], tested, strength, variance, basis.shape[1])

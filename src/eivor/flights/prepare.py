@@ -185,17 +185,17 @@ def _acceleration_and_tilt(log: Recording) -> tuple[Channel | None, Channel | No
     attitude = [log.channels.get(f"attitude_{axis}") for axis in "wxyz"]
     present = [channel for channel in attitude if channel is not None]
     row = vertical_row(present) if len(present) == 4 else None
-    tilt = log.channels.get("cos_tilt")
-    findings = []
+    findings: list[Finding] = []
+    tilt = _told(log, "cos_tilt", findings)
     if tilt is None and row is not None:
         tilt = Channel("cos_tilt", row[0], row[1][:, 2], "", "attitude quaternion")
     if tilt is None:
         findings.append(
             Finding("no_attitude", "No attitude is logged: the vehicle is taken as level throughout.")
         )
-    force = log.channels.get("specific_force_z")
-    if force is None and "acceleration_z" in log.channels:
-        logged = log.channels["acceleration_z"]
+    force = _told(log, "specific_force_z", findings)
+    logged = _told(log, "acceleration_z", findings)
+    if force is None and logged is not None:
         force = Channel(
             "specific_force_z", logged.time_s, logged.values + GRAVITY, "m/s^2", logged.source, logged.held
         )
@@ -209,6 +209,15 @@ def _acceleration_and_tilt(log: Recording) -> tuple[Channel | None, Channel | No
             Finding("no_accelerometer", "No accelerometer is logged: only the velocity's derivative is used.")
         )
     return force, tilt, findings
+
+
+def _told(log: Recording, name: str, findings: list[Finding]) -> Channel | None:
+    """Channel of that name if it has two numbers or more; a finding when it is there and has not."""
+    channel = log.channels.get(name)
+    if channel is None or np.isfinite(channel.values).sum() >= 2:
+        return channel
+    findings.append(Finding("empty_channel", f"The channel {name} is empty; the flight is used without it."))
+    return None
 
 
 def _rotated(
@@ -278,7 +287,7 @@ def _noise(
     """White noise levels, read off above the band; what total least squares scales its columns by."""
     names = ["velocity_z"] + (["specific_force_z"] if accelerometer else [])
     levels = {name: white_noise_std(channels[name][used]) for name in names}
-    return {name: WhiteNoise(level) for name, level in levels.items() if level > 0.0}
+    return {name: WhiteNoise(level) for name, level in levels.items()}
 
 
 def _mask(runs: list[slice], count: int) -> Bool[np.ndarray, " n"]:

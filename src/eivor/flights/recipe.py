@@ -67,6 +67,9 @@ def identify_flight(
     if not logs:
         raise UsageError("at least one recording", "none", "Give one or several.")
     chosen = options or FlightOptions()
+    by_name(chosen.method)  # unknown names are told before anything is estimated
+    if chosen.input_map:
+        input_map(chosen.input_map)
     spans = list(windows) if windows is not None else [None] * len(logs)
     if len(spans) != len(logs):
         raise UsageError(

@@ -72,10 +72,18 @@ def _reference(recording: Recording, name: str, grid: Grid, used: Bool[np.ndarra
         return Reference(name, False, f"in force for {share:.0%} of the flight only", values)
     if name == "pilot_throttle" and not _pilot_flies(recording, grid, used):
         return Reference(name, False, "no pilot flies", values)
-    spread = float(np.std(values[used]))
+    spread = _spread_within_runs(values, used)
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
         return Reference(name, False, "constant", values)
     return Reference(name, True, f"standard deviation {spread:.3g}", values)
+
+
+def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]) -> float:
+    """Standard deviation about the mean of each run; a reference that only steps between runs has none."""
+    index = np.flatnonzero(used)
+    runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
+    deviations = np.concatenate([values[run] - values[run].mean() for run in runs])
+    return float(np.sqrt(np.mean(deviations**2)))
 
 
 def _pilot_flies(recording: Recording, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:

@@ -96,12 +96,12 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The viscous friction's interval is +-{friction.half_width / friction.value:.0%} wide; "
+                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide; "
                 f"identified asks for +-{FRICTION_SHARE:.0%}.",
                 "Fly longer, faster climbs and descents, or pool several flights.",
             )
         )
-    reasons.extend(_lag_reasons(estimate, quantities))
+    reasons.extend(_rough_lag_reasons(estimate, quantities))
     p_value = estimate.best.inference.over_identification[1]
     if p_value < J_P_VALUE and at.flights < LARGE_POOL:
         reasons.append(
@@ -168,7 +168,7 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
     return reasons
 
 
-def _lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> list[Reason]:
+def _rough_lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> list[Reason]:
     if "actuator_lag" not in estimate.names:
         return []
     reasons = []
@@ -207,7 +207,7 @@ def gain_reasons(estimate: Estimate, gain: Quantity, at: Circumstances) -> list[
             reasons.append(Reason(Status.WEAK, f"First-stage F of the input gain is {strength:.1f}."))
     if gain.half_width > GAIN_SHARE * gain.value:
         reasons.append(
-            Reason(Status.WEAK, f"The input gain's interval is +-{gain.half_width / gain.value:.0%} wide.")
+            Reason(Status.WEAK, f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide.")
         )
     if at.response_rate_hz < GAIN_RATE_HZ:
         reasons.append(
@@ -229,14 +229,14 @@ def hover_reasons(hover: Quantity, at: Circumstances) -> list[Reason]:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input."))
     if not hover.half_width <= HOVER_SHARE * hover.value:
         reasons.append(
-            Reason(Status.WEAK, f"The hover input's interval is +-{hover.half_width / hover.value:.0%} wide.")
+            Reason(Status.WEAK, f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide.")
         )
     return reasons
 
 
 def lag_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances) -> list[Reason]:
     """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
-    reasons = _lag_reasons(estimate, quantities)
+    reasons = _rough_lag_reasons(estimate, quantities)
     lag = quantities["effective_lag"]
     if lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
         reasons.append(Reason(Status.WEAK, f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."))

@@ -24,6 +24,7 @@ REFERENCE_LAGS = {
     "pilot_throttle": (4, 0.4),
 }
 DEFAULT_LAGS = (1, 0.2)
+LONE_LAGS = (4, 0.4)
 
 
 class InstrumentRule(ABC):
@@ -51,7 +52,8 @@ class InstrumentRule(ABC):
 class LaggedReferences(InstrumentRule):
     """Each reference and successive first-order lags of it.
 
-    Four of 0.4 s for a position or a stick, one of 0.2 s for a velocity or an acceleration.
+    Four of 0.4 s for a position or a stick, one of 0.2 s for a velocity or an acceleration; four of 0.4 s
+    for whatever stands alone, since gain, friction and lag need three columns and a fourth to check them.
 
     Parameters
     ----------
@@ -76,7 +78,7 @@ class LaggedReferences(InstrumentRule):
         for name in self.channels:
             column = signals.channel(name)
             found.append(column)
-            count, lag_s = REFERENCE_LAGS.get(name, DEFAULT_LAGS)
+            count, lag_s = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
             for _ in range(count):
                 column = first_order_lag(column, step_s=signals.step_s, lag_s=lag_s)
                 found.append(column)

@@ -184,17 +184,19 @@ class VerticalFlights(SeparableProblem):
     def regressor_noise(self) -> Float[np.ndarray, "3 3"] | None:
         """Declared variances of the errors in z', U and z'', averaged over flights; or None.
 
-        A commanded input is exact.
+        A commanded input is exact. Without an accelerometer z'' is the central difference of z', whose
+        white noise of variance s^2 it turns into one of variance s^2 / (2 h^2).
         """
         variances = []
         for flight in self.flights:
-            noise = flight.signals.noise
+            noise = {
+                name: float(model.autocovariance(0, 0, 1)[0]) for name, model in flight.signals.noise.items()
+            }
+            if "velocity_z" in noise and flight.acceleration is None:
+                noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
             if not {"velocity_z", "specific_force_z"} <= set(noise):
                 return None
-            levels = [
-                float(noise[name].autocovariance(0, 0, 1)[0]) for name in ("velocity_z", "specific_force_z")
-            ]
-            variances.append([levels[0], 0.0, levels[1]])
+            variances.append([noise["velocity_z"], 0.0, noise["specific_force_z"]])
         return np.diag(np.mean(variances, axis=0))
 
     # -- rows in frequency ----------------------------------------------------------------------------
