@@ -1,0 +1,142 @@
+"""Studies from TOML.
+
+    name = "white input"            # optional: the file's name
+    runs = 200
+    seed = 1
+    intervals = false               # optional; level = 0.95
+    scenario = "file.toml"          # a scenario file beside this one, or a table [scenario]
+
+    [[methods]]
+    name = "generalized_iv"
+    lags = [0, 10]                  # of instruments, both included; none for least squares and its kin
+    channel = "input"               # optional: what the instruments are lags of
+    weighting = "two_step_robust"   # optional
+    known_noise = ["input"]         # optional: all channels
+    label = "giv"                   # optional: the name
+
+A scenario is one of vertical motion, see `eivor.studies.scenario_file`, or with
+``kind = "difference_equation"`` one whose keys are the parameters of `DifferenceEquation`; its noises are
+tables [scenario.noise.output] and [scenario.noise.input], like those of vertical motion.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eivor.errors import EivorError, InputError
+from eivor.signals.disturbance import Disturbance
+from eivor.signals.excitation import Excitation
+from eivor.signals.noise import MeasurementNoise
+from eivor.studies.difference_equation import INPUT, OUTPUT, DifferenceEquation
+from eivor.studies.experiment import Experiment, VerticalExperiment
+from eivor.studies.scenario_file import RATIO, scenario_from_table
+from eivor.studies.scenario_kinds import of_kind
+from eivor.studies.study import MethodChoice, Study
+from eivor.studies.toml_table import TomlTable, read_toml
+
+#: What a scenario may be of, the first when it does not say.
+KINDS = ("vertical", "difference_equation")
+
+
+def read_study(path: Path) -> Study:
+    """Study from a file.
+
+    Parameters
+    ----------
+    path : Path
+        TOML; a scenario file that it names is looked for beside it.
+
+    Raises
+    ------
+    InputError
+        When a file cannot be read, or does not describe a study; says where and why.
+    """
+    top = read_toml(path, "a study")
+    name = top.text("name", path.stem)
+    runs, seed = top.whole("runs"), top.whole("seed")
+    intervals, level = top.flag("intervals", default=False), top.number("level", 0.95)
+    if isinstance(top.values.get("scenario"), str):
+        experiment = _experiment(read_toml(path.parent / top.text("scenario"), "a scenario"))
+    else:
+        experiment = _experiment(top.section("scenario"))
+    choices = tuple(_choice(table) for table in top.sections("methods"))
+    top.finish()
+    try:
+        return Study(name, experiment, choices, runs, seed, intervals, level)
+    except EivorError as error:
+        raise _placed(top, error) from error
+
+
+def _choice(table: TomlTable) -> MethodChoice:
+    name = table.text("name")
+    lags = table.span("lags") if table.has("lags") else None
+    channel = table.text("channel", INPUT)
+    weighting = table.text("weighting", "unweighted")
+    known = table.texts("known_noise") if table.has("known_noise") else None
+    label = table.text("label", name)
+    table.taken.update(("lags", "known_noise"))
+    table.finish()
+    try:
+        return MethodChoice(name, lags, channel, weighting, known, label)
+    except EivorError as error:
+        raise _placed(table, error) from error
+
+
+def _experiment(table: TomlTable) -> Experiment:
+    if table.has("kind") and table.choice("kind", KINDS) == "difference_equation":
+        return _difference_equation(table)
+    return VerticalExperiment(scenario_from_table(table))
+
+
+def _difference_equation(table: TomlTable) -> DifferenceEquation:
+    noise, ratios = _noises(table)
+    disturbance = None
+    if table.has("disturbance"):
+        disturbance = of_kind(table.section("disturbance"), Disturbance)
+    output_coefficients = table.numbers("output_coefficients")
+    input_coefficients = table.numbers("input_coefficients")
+    excitation = of_kind(table.section("excitation"), Excitation)
+    delay, samples = table.whole("delay", 1), table.whole("samples", 1000)
+    rate_hz = table.number("rate_hz", 1.0)
+    table.taken.update(("disturbance", "noise"))
+    table.finish()
+    try:
+        return DifferenceEquation(
+            output_coefficients,
+            input_coefficients,
+            excitation,
+            delay=delay,
+            samples=samples,
+            rate_hz=rate_hz,
+            noise=noise,
+            noise_to_signal=ratios,
+            disturbance=disturbance,
+        )
+    except EivorError as error:
+        raise _placed(table, error) from error
+
+
+def _noises(table: TomlTable) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
+    """Noise of each channel, and the ratio of those that are measured by their signal."""
+    noise: dict[str, MeasurementNoise] = {}
+    ratios: dict[str, float] = {}
+    if not table.has("noise"):
+        return noise, ratios
+    sections = table.section("noise")
+    for name in (OUTPUT, INPUT):
+        sections.taken.add(name)
+        if not sections.has(name):
+            continue
+        section = sections.section(name)
+        if section.has(RATIO):
+            ratios[name] = section.number(RATIO)
+            noise[name] = of_kind(section, MeasurementNoise, std=1.0)  # its std follows from the signal
+        else:
+            noise[name] = of_kind(section, MeasurementNoise)
+    sections.finish()
+    return noise, ratios
+
+
+def _placed(table: TomlTable, error: EivorError) -> InputError:
+    """Error of what a table describes, with its place: it is the file that is wrong."""
+    return table.wrong("", error.expected, error.received, error.remedy)
