@@ -24,6 +24,9 @@ LARGEST_ORDER = 0.5
 class MeasurementNoise(ABC):
     """Error that a sensor adds to a channel, independent of every signal."""
 
+    std: float
+    """Its size, in the channel's unit: the standard deviation of the white noise that it is made of."""
+
     @abstractmethod
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
         """E[x(m) x(m + lag)] for m = start .. start + count - 1 samples since the record began.

@@ -1,0 +1,162 @@
+"""What a scenario file may call a noise, a disturbance or an excitation, and how each is built.
+
+The keys of a kind are the parameters of its class, with the same defaults; what they mean is said there.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from functools import lru_cache
+from types import UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from eivor.errors import EivorError
+from eivor.signals.band_excitation import Chirp, FilteredWhite, Multisine
+from eivor.signals.binary_excitation import PseudoRandomBinary
+from eivor.signals.deterministic_disturbance import (
+    BoundedAdversary,
+    Sinusoids,
+    SumOfDisturbances,
+    Trend,
+    paper_disturbance,
+)
+from eivor.signals.disturbance import Disturbance, WhiteDisturbance
+from eivor.signals.dryden import DrydenGust
+from eivor.signals.excitation import (
+    Excitation,
+    GivenSeries,
+    PaperInput,
+    ScaledExcitation,
+    Steps,
+    WhiteExcitation,
+)
+from eivor.signals.linear_disturbance import (
+    Arma,
+    RandomCoefficientMovingAverage,
+    TimeVaryingArma,
+)
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.signals.nonlinear_disturbance import Bilinear, ThresholdMovingAverage
+from eivor.signals.volatility import Garch, VarianceSwitch
+from eivor.studies.toml_table import TomlTable
+
+Maker = Callable[..., Any]
+
+NOISES: Mapping[str, Maker] = {"white": WhiteNoise, "fractional": FractionalNoise}
+DISTURBANCES: Mapping[str, Maker] = {
+    "paper": paper_disturbance,
+    "white": WhiteDisturbance,
+    "arma": Arma,
+    "time_varying_arma": TimeVaryingArma,
+    "random_coefficient_moving_average": RandomCoefficientMovingAverage,
+    "threshold_moving_average": ThresholdMovingAverage,
+    "bilinear": Bilinear,
+    "garch": Garch,
+    "variance_switch": VarianceSwitch,
+    "trend": Trend,
+    "sinusoids": Sinusoids,
+    "bounded": BoundedAdversary,
+    "dryden": DrydenGust,
+    "sum": SumOfDisturbances,
+}
+EXCITATIONS: Mapping[str, Maker] = {
+    "paper": PaperInput,
+    "white": WhiteExcitation,
+    "filtered_white": FilteredWhite,
+    "chirp": Chirp,
+    "multisine": Multisine,
+    "pseudo_random_binary": PseudoRandomBinary,
+    "steps": Steps,
+    "series": GivenSeries,
+    "scaled": ScaledExcitation,
+}
+#: Kinds by the abstract class that a parameter asks for.
+KINDS: Mapping[type, Mapping[str, Maker]] = {
+    MeasurementNoise: NOISES,
+    Disturbance: DISTURBANCES,
+    Excitation: EXCITATIONS,
+}
+
+
+def of_kind(table: TomlTable, family: type, **known: object) -> Any:
+    """Object that a table with a `kind` describes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        Its keys, apart from those taken already.
+    family : type
+        MeasurementNoise, Disturbance or Excitation.
+    **known
+        Parameters that do not come from the table.
+
+    Raises
+    ------
+    InputError
+        When the kind or a key is unknown, a value of the wrong type, or a parameter out of its range.
+    """
+    kinds = KINDS[family]
+    kind = table.text("kind")
+    if kind not in kinds:
+        near = get_close_matches(kind, list(kinds), n=1)
+        remedy = f"Did you mean '{near[0]}'?" if near else "Name one of them."
+        raise table.wrong("kind", f"one of {', '.join(kinds)}", f"'{kind}'", remedy)
+    return built(table, kinds[kind], **known)
+
+
+def built(table: TomlTable, maker: Maker, **known: object) -> Any:
+    """Call a class or function with what the table says of its parameters; see `of_kind`."""
+    values = dict(known)
+    for name, (annotation, default) in _parameters(maker).items():
+        if name in known:
+            continue
+        if default is inspect.Parameter.empty or table.has(name):
+            values[name] = _value(table, name, annotation)
+        table.taken.add(name)
+    table.finish()
+    try:
+        return maker(**values)
+    except EivorError as error:
+        raise table.wrong("", error.expected, error.received, error.remedy) from error
+
+
+@lru_cache(maxsize=64)
+def _parameters(maker: Maker) -> dict[str, tuple[Any, Any]]:
+    """Type and default of each parameter."""
+    hints = get_type_hints(maker)
+    signature = inspect.signature(maker)
+    return {name: (hints[name], parameter.default) for name, parameter in signature.parameters.items()}
+
+
+def _value(table: TomlTable, name: str, annotation: Any) -> Any:
+    """Value of one key, by the type that its parameter has."""
+    if get_origin(annotation) in (Union, UnionType):
+        annotation = next(option for option in get_args(annotation) if option is not type(None))
+    if annotation in _PLAIN:
+        return _PLAIN[annotation](table, name)
+    if annotation in KINDS:
+        return of_kind(table.section(name), annotation)
+    item = get_args(annotation)[0]
+    if item in KINDS:
+        return tuple(of_kind(section, item) for section in table.sections(name))
+    return tuple(built(section, item) for section in table.sections(name))
+
+
+def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
+    """A list of lists of numbers."""
+    rows = table.values.get(name)
+    if not isinstance(rows, list):
+        raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
+    numbered = TomlTable({f"{number + 1}": row for number, row in enumerate(rows)}, table.file, name)
+    return tuple(numbered.numbers(key) for key in numbered.values)
+
+
+#: How values of the plain types are taken.
+_PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
+    float: TomlTable.number,
+    int: TomlTable.whole,
+    tuple[float, ...]: TomlTable.numbers,
+    tuple[tuple[float, ...], ...]: _rows,
+}
