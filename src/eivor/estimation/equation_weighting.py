@@ -9,11 +9,10 @@ import scipy.linalg
 from jaxtyping import Float
 
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.moments import CrossMoments, Moments
-from eivor.estimation.weighting import EquationWeighting, WeightedEquations
+from eivor.estimation.moments import CrossMoments
+from eivor.estimation.weighting import EquationWeighting, UnweightedEquations, WeightedEquations
 from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
 from eivor.linalg.system import LinearSystem
-from eivor.models.regression import LinearProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +29,7 @@ class TwoStage(EquationWeighting):
         """Yes."""
         return True
 
-    def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-    ) -> WeightedEquations:
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
         """Equations divided by the Cholesky factor of mean(psi psi').
 
         Raises
@@ -44,14 +37,13 @@ class TwoStage(EquationWeighting):
         InstrumentError
             When instruments are combinations of one another.
         """
-        del problem, theta
-        if not isinstance(moments, CrossMoments) or moments.instruments is None:
+        if not isinstance(at.moments, CrossMoments) or at.moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
-                type(moments).__name__,
+                type(at.moments).__name__,
                 "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
             )
-        return weighted(system, moments.instruments)
+        return weighted(at.system, at.moments.instruments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +69,7 @@ class TwoStepRobust(EquationWeighting):
         """Yes, for the first step."""
         return True
 
-    def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-    ) -> WeightedEquations:
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
         """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
 
         Raises
@@ -91,21 +77,22 @@ class TwoStepRobust(EquationWeighting):
         UsageError
             When the rows are not at hand: the weight needs a second pass over them.
         """
-        if theta is None:
-            return TwoStage().equations(system, moments, problem, theta)
-        if problem is None:
+        if at.theta is None:
+            return TwoStage().equations(at)
+        if at.problem is None:
             raise UsageError(
                 "the rows themselves for a robust weighting",
                 "moments only",
                 "Use two-stage weighting for data that do not fit in memory.",
             )
-        rows = problem.rows()
-        residual = rows.response - rows.regressors @ theta
+        rows = at.problem.rows()
+        residual = rows.response - rows.regressors @ at.theta
         scores = rows.instruments * residual[:, None]
-        if isinstance(moments, CrossMoments) and moments.noise is not None:
-            scores = scores + (moments.noise[:, :-1] @ theta - moments.noise[:, -1])
+        if isinstance(at.moments, CrossMoments) and at.moments.noise is not None:
+            noise = at.moments.noise
+            scores = scores + (noise[:, :-1] @ at.theta - noise[:, -1])
         lags = newey_west_bandwidth(rows.response.size) if self.bandwidth is None else self.bandwidth
-        return weighted(system, bartlett_covariance(scores, lags))
+        return weighted(at.system, bartlett_covariance(scores, lags))
 
 
 def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> WeightedEquations:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from eivor.errors import InstrumentError
 from eivor.estimation.method import Method
 from eivor.estimation.moments import Moments
+from eivor.estimation.weighting import UnweightedEquations
 from eivor.linalg.system import LinearSystem, Solution
 from eivor.models.regression import LinearProblem
 
@@ -53,7 +54,7 @@ def solve_moments(method: Method, moments: Moments, problem: LinearProblem | Non
     theta = None
     passes = method.weighting.passes if method.weighting.needs_instrument_products else 1
     for _ in range(passes):
-        weighted = method.weighting.equations(system, moments, problem, theta)
+        weighted = method.weighting.equations(UnweightedEquations(system, moments, problem, theta))
         solution = method.solver.solve(weighted.system)
         theta = solution.theta
     return SolvedEquations(system, weighted.factor, solution)

@@ -28,6 +28,28 @@ class Weights(ABC):
 
 
 @dataclass(frozen=True, slots=True)
+class UnweightedEquations:
+    """Equations of a method before they are weighted, and what a weight may be made of.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        A and b, means over the rows.
+    moments : Moments
+        What they were made of.
+    problem : LinearProblem or None
+        The rows; None when only moments are at hand.
+    theta : ndarray, shape (n,), or None
+        Estimate of the pass before; None in the first.
+    """
+
+    system: LinearSystem
+    moments: Moments
+    problem: LinearProblem | None
+    theta: Float[np.ndarray, " n"] | None
+
+
+@dataclass(frozen=True, slots=True)
 class WeightedEquations:
     """Equations after weighting.
 
@@ -72,26 +94,8 @@ class Weighting(ABC):
         """Row weights from the residuals at an estimate."""
 
     @abstractmethod
-    def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-    ) -> WeightedEquations:
-        """Equations weighted for the first pass (no theta yet) or by the residuals at theta.
-
-        Parameters
-        ----------
-        system : LinearSystem
-            A and b, means over the rows.
-        moments : Moments
-            What they were made of.
-        problem : LinearProblem, optional
-            The rows; None when only moments are at hand.
-        theta : ndarray, shape (n,), optional
-            Estimate of the pass before.
-        """
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Equations weighted for the first pass, or by the residuals of the pass before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,13 +142,6 @@ class Unweighted(EquationWeighting):
         """No."""
         return False
 
-    def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-    ) -> WeightedEquations:
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
         """Return the equations as they are."""
-        del moments, problem, theta
-        return WeightedEquations(system)
+        return WeightedEquations(at.system)

@@ -15,11 +15,9 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from eivor.errors import UsageError
-from eivor.estimation.moments import Moments
-from eivor.estimation.weighting import WeightedEquations, Weighting, Weights
+from eivor.estimation.weighting import UnweightedEquations, WeightedEquations, Weighting, Weights
 from eivor.inference.instrument_tests import orthonormal_basis
-from eivor.linalg.system import LinearSystem
-from eivor.models.regression import LinearProblem, Regression
+from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows, SpectralRegression
 
@@ -84,13 +82,7 @@ class SpectralWhitening(Weighting):
         blend, power = residual_spectrum(bins, bins.residuals(theta))
         return _weights(bins, blend, power)
 
-    def equations(
-        self,
-        system: LinearSystem,
-        moments: Moments,
-        problem: LinearProblem | None,
-        theta: Float[np.ndarray, " n"] | None,
-    ) -> WeightedEquations:
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
         """Return the equations of whitened rows; raise for plain rows, which have no spectra.
 
         Raises
@@ -98,14 +90,13 @@ class SpectralWhitening(Weighting):
         UsageError
             When the rows were not whitened before.
         """
-        del moments, theta
-        if problem is None or not isinstance(problem.rows().layout, BinRows):
+        if at.problem is None or not isinstance(at.problem.rows().layout, BinRows):
             raise UsageError(
                 "a flight, whose runs have spectra, for a method with spectral whitening",
                 "a regression of plain rows",
                 "Use identify_flight, or another method.",
             )
-        return WeightedEquations(system)
+        return WeightedEquations(at.system)
 
 
 def residual_spectrum(
