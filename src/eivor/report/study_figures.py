@@ -1,0 +1,136 @@
+"""Histograms of a study's NRMSE: the counterparts of the paper's figures 3 to 8."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from eivor.errors import UsageError
+from eivor.report.plain_figure import BLUE, DARK, RED, legend, page
+from eivor.report.wording import QUANTITIES, printable
+from eivor.studies.metrics import TOGETHER, Spread, trial_nrmse
+from eivor.studies.run import StudyResult
+
+PANEL_WIDTH, PANEL_HEIGHT = 3.6, 2.7
+BINS = 20
+#: A histogram whose largest value is so many times its median has a logarithmic axis.
+LONG_TAIL = 20.0
+#: What others published is drawn up to so many widths of the histogram away from it.
+FAR = 3.0
+
+
+def nrmse_figure(
+    rows: Mapping[str, Mapping[str, Float[np.ndarray, " _"]]],
+    *,
+    printed: Mapping[str, Mapping[str, Spread]] | None = None,
+    title: str = "",
+) -> Figure:
+    """Histograms of NRMSE, a row of panels for each method and a column for each score.
+
+    Parameters
+    ----------
+    rows : mapping of str to mapping of str to ndarray, shape (trials,)
+        For each method in words its scores by name (a parameter's, or "together"), in percent.
+    printed : mapping of str to mapping of str to Spread, optional
+        Mean and standard deviation that others published, drawn as a line and a band.
+    title : str
+        Of the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw.
+    """
+    columns = max((len(scores) for scores in rows.values()), default=0)
+    if not columns:
+        raise UsageError("scores to draw", "none", "Run the study first.")
+    figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
+    for row, (method, scores) in enumerate(rows.items()):
+        for column, (name, values) in enumerate(scores.items()):
+            axes = figure.add_subplot(len(rows), columns, row * columns + column + 1)
+            _draw(axes, values, ((printed or {}).get(method) or {}).get(name))
+            axes.set_xlabel(f"NRMSE of {_words(name)} [%]", fontsize=9, parse_math=False)
+            if column == 0:
+                axes.set_ylabel(f"{printable(method)}\ntrials [count]", fontsize=9, parse_math=False)
+    return figure
+
+
+def study_figure(result: StudyResult) -> Figure:
+    """Histograms of NRMSE of every method of a study.
+
+    Parameters
+    ----------
+    result : StudyResult
+        A finished study.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each method, a column for each parameter and one for all together.
+    """
+    names = (*result.study.parameters, TOGETHER)
+    rows = {
+        choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
+        for choice in result.study.methods
+    }
+    return nrmse_figure(rows, title=f"{printable(result.study.name)}: {result.trials.height} trials")
+
+
+def _words(name: str) -> str:
+    if name == TOGETHER:
+        return "all parameters"
+    return QUANTITIES[name].symbol if name in QUANTITIES else printable(name)
+
+
+def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:
+    values = values[np.isfinite(values)]
+    axes.tick_params(labelsize=8)
+    if not values.size:
+        axes.text(0.5, 0.5, "no estimate\nin any trial", ha="center", va="center", transform=axes.transAxes)
+        axes.set_yticks([])
+        return
+    top, median = float(values.max()), float(np.median(values))
+    if median > 0.0 and top > LONG_TAIL * median:
+        edges = np.geomspace(max(float(values.min()), 1e-3 * median), 1.001 * top, BINS + 1)
+        axes.set_xscale("log")
+    else:
+        edges = np.linspace(*_range(values), BINS + 1)
+    axes.hist(np.clip(values, edges[0], edges[-1]), bins=list(edges), color=BLUE, edgecolor="white", lw=0.4)
+    axes.axvline(float(values.mean()), color=DARK, lw=1.2, label=f"mean {values.mean():.3g}")
+    if printed is not None:
+        _draw_printed(axes, printed, float(edges[0]), float(edges[-1]))
+    # room for the legend above the bars
+    axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])
+    axes.grid(alpha=0.25)
+    legend(axes, size=7)
+
+
+def _draw_printed(axes: Axes, printed: Spread, low: float, high: float) -> None:
+    """Line and band, or words alone when they are so far away that the bars would vanish."""
+    reach = FAR * (high - low)
+    words = f"printed {printed.mean:.4g} ± {printed.std:.3g}"
+    if not low - reach <= printed.mean <= high + reach:
+        axes.plot([], [], color=RED, lw=1.2, ls="--", label=f"{words},\noff this axis")
+        return
+    limits = min(low, printed.mean), max(high, printed.mean)
+    margin = 0.05 * (limits[1] - limits[0])
+    axes.axvspan(printed.mean - printed.std, printed.mean + printed.std, color=RED, alpha=0.18, lw=0)
+    axes.axvline(printed.mean, color=RED, lw=1.2, ls="--", label=words)
+    if axes.get_xscale() == "linear":
+        axes.set_xlim(limits[0] - margin, limits[1] + margin)
+
+
+def _range(values: Float[np.ndarray, " trials"]) -> tuple[float, float]:
+    """From zero, unless the values keep far away from it; never empty."""
+    low, high = float(values.min()), float(values.max())
+    low = 0.0 if low < 0.5 * high else low
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
