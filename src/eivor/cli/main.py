@@ -14,6 +14,8 @@ from eivor.cli.exit_codes import DEBUG_VARIABLE
 from eivor.cli.identify import EXIT_CODES, identify
 from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
 from eivor.cli.inspect import inspect
+from eivor.cli.paper import EXIT_CODES as PAPER_EXIT_CODES
+from eivor.cli.paper import paper
 from eivor.cli.simulate import EXIT_CODES as SIMULATE_EXIT_CODES
 from eivor.cli.simulate import simulate
 from eivor.cli.study import EXIT_CODES as STUDY_EXIT_CODES
@@ -32,6 +34,7 @@ app.command(epilog=EXIT_CODES)(identify)
 app.command(epilog=INSPECT_EXIT_CODES)(inspect)
 app.command(epilog=SIMULATE_EXIT_CODES)(simulate)
 app.command(epilog=STUDY_EXIT_CODES)(study)
+app.command(epilog=PAPER_EXIT_CODES)(paper)
 app.add_typer(examples.app)
 
 
