@@ -118,8 +118,8 @@ def _result(future: Future[ShardResult]) -> ShardResult:
         raise InputError(
             "workers that compute trials",
             f"{type(error).__name__}: {error}",
-            "Check that the scheduler is up and that every worker has this version of eivor. Trials that were "
-            "complete are kept: run the same again.",
+            "Check that the scheduler is up and that every worker has this version of eivor. Complete trials "
+            "are kept: run the same again.",
         ) from error
 
 
