@@ -172,6 +172,6 @@ class SimulatedRecord:
     parameters: Mapping[str, float]
 
 
-def _check(in_range: bool, expected: str, value: float) -> None:
+def _check(in_range: bool, expected: str, value: float | int) -> None:
     if not (in_range and np.isfinite(value)):
         raise ParameterError(expected, f"{value}", "Correct the scenario.")

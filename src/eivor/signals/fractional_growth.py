@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-BLOCK = 65_536
+BLOCK = 4_096
 
 
 @dataclass(slots=True)
