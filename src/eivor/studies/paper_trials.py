@@ -157,9 +157,9 @@ def _excitation(reading: Reading) -> Excitation:
 
 
 @lru_cache
-def mean_variance(order: float, count: int) -> float:
-    """Mean variance over a record of Delta^order of white noise of unit variance."""
-    return float(FractionalNoise(1.0, order).autocovariance(0, 0, count).mean())
+def mean_variance(order: float, count: int, start: int = 0) -> float:
+    """Mean variance, over samples that begin `start` after the noise did, of Delta^order of unit noise."""
+    return float(FractionalNoise(1.0, order).autocovariance(0, start, count).mean())
 
 
 def record(reading: Reading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
@@ -258,9 +258,9 @@ def estimates(reading: Reading, signals: Signals) -> Float[np.ndarray, "methods 
 
 def _known_by_variance(signals: Signals) -> Signals:
     """Signals whose noises are white, of the same mean variance: all that direct methods use of them."""
-    count = signals.sample_count
+    count, start = signals.sample_count, signals.offset
     noise = {
-        name: WhiteNoise(one.std * float(np.sqrt(mean_variance(one.order, count))))
+        name: WhiteNoise(one.std * float(np.sqrt(mean_variance(one.order, count, start))))
         if isinstance(one, FractionalNoise | AlternatingNoise)
         else one
         for name, one in signals.noise.items()

@@ -1,0 +1,106 @@
+"""`eivor paper`: what it prints and writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from eivor.cli.main import app
+from eivor.report import paper_table
+from eivor.studies.paper import run_paper
+from eivor.studies.paper_readings import named_readings
+
+PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
+SMALL = ("paper", "--runs", "3", "--workers", "1")
+
+
+def eivor(*arguments: str) -> Result:
+    return CliRunner().invoke(app, list(arguments))
+
+
+@pytest.fixture(scope="module")
+def two_readings() -> list[paper_table.PaperResult]:
+    chosen = named_readings(("ratios-of-variances", "white-input"))
+    return list(run_paper(chosen, runs=3, workers=1))
+
+
+def test_tables_have_measured_beside_printed():
+    run = eivor(*SMALL, "--readings", "two-lags,ratios-of-std")
+    assert run.exit_code == 0, run.output
+    assert run.output.count("187.2 ± 119.4") == 2
+    assert run.output.count("5.739 ± 2.7") == 2
+    assert "none" in run.output  # two delayed inputs have no total least squares solution
+    assert "No reading gives the printed tables." in run.output
+    assert max(map(len, run.output.splitlines())) <= 80
+
+
+def test_json_is_finite_and_complete(two_readings):
+    run = eivor(*SMALL, "--readings", "two-lags", "--json", "-")
+    document = json.loads(run.output)
+    assert document["schema"] == "eivor.paper/1"
+    example = document["readings"][0]["examples"][1]
+    assert example["methods"]["generalized_iv"]["printed"]["viscous_friction"] == {"mean": 5.74, "sd": 2.7}
+    assert example["methods"]["extended_iv_tls"]["failed"] == 3
+    assert example["methods"]["extended_iv_tls"]["nrmse"]["together"]["mean"] is None
+    assert document["readings"][0]["choices"]["lags"] == 2
+
+
+def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr("eivor.report.paper_figures.save_figure", lambda _, path: path.touch())
+    run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))
+    assert run.exit_code == 0, run.output
+    written = {path.name for path in (tmp_path / "new" / "folder").iterdir()}
+    assert written == {f"figure-{number}.{ending}" for number in range(2, 9) for ending in ("svg", "png")}
+
+
+def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
+    page = (
+        "Before.\n" + "\n".join(f"<!-- paper: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS) + "\nAfter.\n"
+    )
+    filled = paper_table.page_with(page, paper_table.page_parts(two_readings))
+    assert filled.startswith("Before.\n")
+    assert filled.endswith("\nAfter.\n")
+    assert "old" not in filled
+    assert filled.count("| `ratios-of-variances` |") == 1 + 2 * 3
+    assert paper_table.page_with(filled, paper_table.page_parts(two_readings)) == filled
+    file = tmp_path / "page.md"
+    file.write_text("no marks\n", encoding="utf-8")
+    run = eivor(*SMALL, "--readings", "two-lags", "--page", str(file))
+    assert run.exit_code == 1
+    assert file.read_text(encoding="utf-8") == "no marks\n"
+
+
+def test_the_nearest_reading_is_one_that_the_text_allows(two_readings):
+    assert paper_table.nearest(two_readings) == "ratios-of-variances"
+
+
+def test_readings_are_listed():
+    run = eivor("paper", "--list")
+    assert run.exit_code == 0
+    assert "central-10-lags" in run.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--runs", "1"), "two runs or more"),
+        (("--readings", "none-such"), "readings out of"),
+        (("--workers", "-1"), "workers of zero or more"),
+        (("--json", "/nowhere/at/all.json"), "does not exist"),
+    ],
+)
+def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatch):
+    monkeypatch.setattr("eivor.studies.paper.run_paper", None)
+    run = eivor("paper", *arguments)
+    assert run.exit_code in (1, 2)
+    assert message in run.output
+
+
+def test_a_folder_that_is_a_file_is_told(tmp_path: Path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    run = eivor(*SMALL, "--out", str(tmp_path / "file"))
+    assert run.exit_code == 1
+    assert "a folder for the figures" in run.output

@@ -1,0 +1,267 @@
+"""The paper's simulation: agreement with an independent prototype, and of each part with a second route."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import binom
+
+from eivor.errors import UsageError
+from eivor.estimation import methods
+from eivor.estimation.fit import identify
+from eivor.models.column import lags
+from eivor.models.scenario import Intersample
+from eivor.models.vertical import VerticalMotion
+from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.studies import paper_trials
+from eivor.studies.metrics import Spread
+from eivor.studies.paper import PaperResult, nearness, run_example, run_paper, trial_generator
+from eivor.studies.paper_readings import (
+    EXAMPLES,
+    METHODS,
+    READINGS,
+    SOURCES,
+    TRUTH,
+    Motion,
+    Reading,
+    named_readings,
+)
+from eivor.studies.paper_trials import AlternatingNoise, estimates, integrated_height, nrmse, record
+
+RUNS = 30
+PROTOTYPE_RUNS = 100
+#: NRMSE of (LS, K), (LS, K_u), (extended IV, K), (generalized IV, K) of a prototype, mean and SD of 100 runs.
+PROTOTYPE = {
+    ("ratios-of-std", 1): ((0.115, 0.084), (0.080, 0.062), (0.091, 0.082), (0.091, 0.082)),
+    ("ratios-of-variances", 1): ((6.02, 1.45), (4.30, 1.07), (1.03, 0.88), (1.03, 0.87)),
+    ("ratios-of-variances", 2): ((6.85, 1.63), (5.16, 1.19), (1.19, 0.95), (1.19, 0.95)),
+}
+PLACES = (("least_squares", 0), ("least_squares", 1), ("extended_iv", 0), ("generalized_iv", 0))
+
+
+def reading(name: str, **changes: object) -> Reading:
+    return replace(named_readings((name,))[0], **changes)
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[tuple[str, int], PaperResult]:
+    return {
+        (name, number): run_example(reading(name), EXAMPLES[number - 1], RUNS) for name, number in PROTOTYPE
+    }
+
+
+@pytest.mark.parametrize(("name", "number"), list(PROTOTYPE))
+def test_the_prototype_is_met_within_three_standard_errors(results, name, number):
+    result = results[name, number]
+    for (method, score), (mean, std) in zip(PLACES, PROTOTYPE[name, number], strict=True):
+        measured = result.spreads(method)[score]
+        error = np.hypot(measured.std / np.sqrt(RUNS), std / np.sqrt(PROTOTYPE_RUNS))
+        assert abs(measured.mean - mean) <= 3.0 * error, (method, score)
+
+
+def test_central_differences_bias_least_squares_as_in_the_prototype():
+    result = run_example(reading("central-10-lags"), EXAMPLES[0], 12)
+    friction, gain, _ = result.spreads("least_squares")
+    three_errors = 3.0 * 0.12 / np.sqrt(12)
+    assert 6.35 - three_errors <= friction.mean <= 6.60 + three_errors
+    assert 5.0 - three_errors <= gain.mean <= 5.2 + three_errors
+    assert friction.std < 0.25
+
+
+def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
+    result = results["ratios-of-variances", 1]
+    truth = np.array(list(TRUTH.values()))
+    for place, method in enumerate(METHODS):
+        errors = result.estimates[:, place] / truth - 1.0
+        bias = np.abs(errors.mean(axis=0)) * np.sqrt(RUNS) / errors.std(axis=0, ddof=1)
+        assert (bias > 10.0).all() if method == "least_squares" else (bias < 3.5).all(), method
+
+
+def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
+    result = run_example(reading("white-input"), EXAMPLES[0], 20)
+    assert result.spreads("extended_iv")[1].mean > 10.0 * result.spreads("generalized_iv")[1].mean
+
+
+@pytest.mark.parametrize("name", ["ratios-of-variances", "central-5-lags", "weights-as-printed"])
+def test_shared_moments_give_what_identify_gives(name):
+    chosen = reading(name)
+    signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
+    model = VerticalMotion(intercept=False)
+    instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
+    for method, found in zip(METHODS, estimates(chosen, signals), strict=True):
+        columns = instruments.get(method.partition("_iv")[0], ())
+        expected = identify(model.regression(signals, columns), getattr(methods, method)())
+        assert found == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
+
+
+def test_too_few_instruments_for_total_least_squares_are_no_estimate():
+    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
+    assert result.failed("extended_iv_tls") == 2
+    assert result.failed("extended_iv") == 0
+    assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
+
+
+# -- records -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", [one.name for one in READINGS])
+def test_every_reading_makes_records_of_the_papers_length(name):
+    made = record(reading(name), EXAMPLES[1], trial_generator(0))
+    assert made.signals.sample_count == made.truth.sample_count == 4000
+    assert np.isfinite(list(made.signals.channels.values())).all()
+
+
+@pytest.mark.parametrize("intersample", list(Intersample))
+def test_height_is_the_integral_of_velocity(intersample):
+    """Against the trapezoidal rule on a smooth input, whose error is small."""
+    t = 0.2 * np.arange(4000)
+    drive = np.sin(0.02 * t)
+    K, K_u = TRUTH.values()
+    w = 0.02
+    velocity = K_u * (K * np.sin(w * t) - w * np.cos(w * t) + w * np.exp(-K * t)) / (K**2 + w**2)
+    height = integrated_height(velocity, drive, intersample=intersample)
+    expected = np.concatenate([[0.0], np.cumsum(0.1 * (velocity[1:] + velocity[:-1]))])
+    tolerance = 2e-2 if intersample is Intersample.HOLD else 1e-4
+    assert np.abs(height - expected).max() < tolerance * np.abs(expected).max()
+
+
+@pytest.mark.parametrize(
+    ("motion", "velocity", "acceleration"),
+    [
+        (Motion.VELOCITY_CENTRAL, 0.0, 0.0),
+        (Motion.VELOCITY_BACKWARD, 0.0, -0.1),
+        (Motion.VELOCITY_FORWARD, 0.0, 0.1),
+        (Motion.HEIGHT_CENTRAL, 0.0, 0.0),
+        (Motion.HEIGHT_TWICE_CENTRAL, 0.0, 0.0),
+        (Motion.HEIGHT_BACKWARD, -0.1, -0.2),
+    ],
+)
+def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration):
+    t = 0.2 * np.arange(400)
+    z, v, a = np.sin(0.1 * t), 0.1 * np.cos(0.1 * t), -0.01 * np.sin(0.1 * t)
+    found_v, found_a = paper_trials._DIFFERENCES[motion](v, z)
+    inner = slice(2, -2)
+    assert found_v[inner] == pytest.approx(0.1 * np.cos(0.1 * (t + velocity))[inner], abs=1e-4)
+    assert found_a[inner] == pytest.approx(-0.01 * np.sin(0.1 * (t + acceleration))[inner], abs=1e-5)
+    assert np.abs(found_a[inner] - a[inner]).max() < 1.1e-3 * max(abs(acceleration), 0.01)
+
+
+def test_noise_that_is_differentiated_is_in_both_channels():
+    chosen = reading("noise-before-differences")
+    made = record(chosen, EXAMPLES[0], trial_generator(1))
+    plain = record(replace(chosen, motion=Motion.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
+    assert np.array_equal(made.signals.channels["velocity_z"], plain.signals.channels["velocity_z"])
+    added = made.signals.channels["specific_force_z"] - plain.signals.channels["specific_force_z"]
+    error = plain.signals.channels["velocity_z"] - plain.truth.channels["velocity_z"]
+    assert added[1:-1] == pytest.approx(2.5 * (error[2:] - error[:-2]), abs=1e-12)
+
+
+# -- noises and ratios -------------------------------------------------------------------------------
+
+
+def test_alternating_noise_has_the_printed_weights():
+    rng = np.random.default_rng(5)
+    white = np.random.default_rng(5).standard_normal(60)
+    found = AlternatingNoise(2.0, -0.4).sample(60, rng)
+    signs = (-1.0) ** np.arange(60)
+    weights = binom(-0.4, np.arange(60))
+    expected = 2.0 * np.convolve(weights, white * signs)[:60]
+    assert found == pytest.approx(expected, rel=1e-10)
+
+
+def test_alternating_noise_has_the_autocovariance_of_its_weights():
+    weights = binom(-0.4, np.arange(40))
+    found = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
+    expected = [2.25 * weights[: m + 1] @ weights[3 : m + 4] for m in range(10, 15)]
+    assert found == pytest.approx(expected, rel=1e-10)
+
+
+def test_ratios_are_of_what_the_reading_says():
+    std, variance = reading("ratios-of-std"), reading("ratios-of-variances")
+    after = reading("ratio-after-delta")
+    noise = {
+        one.name: record(one, EXAMPLES[0], trial_generator(0)).signals.noise["velocity_z"].std
+        for one in (std, variance, after)
+    }
+    assert noise["ratios-of-variances"] == pytest.approx(10.0 * noise["ratios-of-std"])
+    mean_variance = FractionalNoise(noise["ratio-after-delta"], -0.4).autocovariance(0, 0, 4000).mean()
+    assert mean_variance == pytest.approx(noise["ratios-of-variances"] ** 2)
+
+
+@pytest.mark.parametrize("source", SOURCES)
+def test_the_larger_ratio_belongs_to_one_source(source):
+    made = paper_trials.scenario(reading("ratios-of-std", larger_on=source), EXAMPLES[0])
+    ratios = {**made.noise_to_signal, "disturbance": made.disturbance_to_signal}
+    assert {name for name, ratio in ratios.items() if ratio == 1e-2} == {source}
+    assert {ratio for name, ratio in ratios.items() if name != source} == {2e-3}
+
+
+def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
+    noise = {"velocity_z": FractionalNoise(0.3, -0.4), "input": WhiteNoise(0.1)}
+    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "specific_force_z", "input")}
+    signals = Signals(5.0, channels, noise=noise | {"specific_force_z": FractionalNoise(0.2, -0.5)})
+    model = VerticalMotion(intercept=False)
+    exact = model.regression(signals).regressor_noise_covariance()
+    simpler = model.regression(paper_trials._known_by_variance(signals)).regressor_noise_covariance()
+    assert simpler == pytest.approx(exact, rel=1e-12)
+
+
+# -- the whole study ---------------------------------------------------------------------------------
+
+
+def test_results_do_not_depend_on_the_number_of_processes():
+    chosen = (reading("two-lags"),)
+    one, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))
+    for left, right in zip(one, other, strict=True):
+        assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
+
+
+def test_more_runs_continue_the_same_study():
+    few, more = (run_example(reading("ratios-of-std"), EXAMPLES[0], runs).estimates for runs in (2, 3))
+    assert np.array_equal(few, more[:2])
+
+
+def test_nrmse_is_the_papers():
+    scores = nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
+    together = 100.0 * np.hypot(0.0293, 0.0042) / np.hypot(0.293, 0.021)
+    assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
+
+
+def test_nearness_of_the_printed_tables_to_themselves():
+    """Runs with exactly the printed means and SDs: two of them, one SD over the square root of two away."""
+    for example in EXAMPLES:
+        theta = np.full((2, len(METHODS), 2), np.nan)
+        for method, (friction, gain, _) in example.printed.items():
+            away = np.array([-1.0, 1.0]) / np.sqrt(2.0)
+            columns = [friction.mean + friction.std * away, gain.mean + gain.std * away]
+            theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
+                1.0 + np.column_stack(columns) / 100.0
+            )
+        found = nearness([PaperResult(READINGS[0], example, theta)])
+        assert found.agreeing == found.printed == 6
+        assert (found.means, found.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
+
+
+def test_no_estimate_is_infinitely_far():
+    result = PaperResult(READINGS[0], EXAMPLES[0], np.full((3, len(METHODS), 2), np.nan))
+    assert nearness([result]).means == float("inf")
+    assert np.isnan(result.spreads("least_squares")[0].std)
+
+
+def test_names_and_runs_are_checked():
+    names = [one.name for one in READINGS]
+    assert len(set(names)) == len(names)
+    assert named_readings(()) == READINGS
+    with pytest.raises(UsageError, match="readings out of ratios-of-std"):
+        named_readings(("nothing",))
+    with pytest.raises(UsageError, match="two runs or more"):
+        run_paper(READINGS, runs=1)
+
+
+def test_printed_tables_are_those_of_the_paper():
+    first, second = EXAMPLES
+    assert first.printed["extended_iv"][0] == Spread(187.2, 119.4)
+    assert second.printed["generalized_iv"][2] == Spread(5.739, 2.70)
