@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -44,3 +46,31 @@ def test_opposite_orders_undo_each_other(order):
 
 def test_one_dimension_stays_one():
     assert fractional_difference(np.ones(7), -0.5).shape == (7,)
+
+
+@pytest.mark.parametrize("order", [-2.0, -0.5, -0.4, 0.5, 1.3])
+@pytest.mark.parametrize("count", [3, 997, 4096, 4097])
+def test_fft_agrees_with_direct_summation_to_ten_digits(order, count):
+    values = np.random.default_rng(3).standard_normal(count)
+    direct = np.convolve(fractional_weights(order, count), values)[:count]
+    found = fractional_difference(values, order)
+    assert np.abs(found - direct).max() <= 1e-10 * np.abs(direct).max()
+
+
+def test_a_million_samples_take_less_than_a_second():
+    values = np.random.default_rng(3).standard_normal(999_983)  # a prime: the FFT's worst case
+    start = time.process_time()
+    found = fractional_difference(values, -0.5)
+    assert time.process_time() - start < 1.5  # with room for a busy machine
+    # The last sample, by direct summation over the whole record.
+    direct = fractional_weights(-0.5, values.size) @ values[::-1]
+    assert found[-1] == pytest.approx(direct, rel=1e-10)
+
+
+def test_kept_weights_do_not_leak_between_orders_and_lengths():
+    values = np.random.default_rng(4).standard_normal(50)
+    first = fractional_difference(values, -0.4)
+    fractional_difference(values[:40], -0.4)
+    fractional_difference(values, -0.3)
+    np.testing.assert_array_equal(fractional_difference(values, -0.4), first)
+    np.testing.assert_allclose(fractional_difference(values[:40], -0.4), first[:40], atol=1e-13)

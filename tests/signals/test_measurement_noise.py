@@ -122,3 +122,41 @@ def test_half_derivative_of_a_ramp():
     ramp = step * np.arange(100_001)
     found = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
     assert found == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
+
+
+@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.4), FractionalNoise(0.3, 0.5)])
+def test_sampled_noise_has_its_autocovariance(noise):
+    streams = np.random.default_rng(12).spawn(4000)
+    drawn = np.array([noise.sample(40, stream) for stream in streams])
+    for lag in (0, 1, 4):
+        products = drawn[:, : 40 - lag] * drawn[:, lag:]
+        error = products.std(axis=0) / np.sqrt(len(streams))
+        expected = noise.autocovariance(lag, 0, 40 - lag)
+        assert np.all(np.abs(products.mean(axis=0) - expected) < 4.5 * error)
+
+
+@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.5)])
+def test_another_std_scales_every_sample(noise):
+    one = noise.sample(50, np.random.default_rng(5))
+    other = noise.with_std(0.9).sample(50, np.random.default_rng(5))
+    np.testing.assert_allclose(other, 3.0 * one, rtol=1e-12)
+    assert noise.with_std(0.9).std == 0.9
+    assert noise.with_std(noise.std) == noise
+    np.testing.assert_array_equal(noise.with_std(0.0).sample(50, np.random.default_rng(5)), 0.0)
+
+
+def test_order_is_the_slope_of_the_spectrum():
+    """Over the middle decades, log S rises by 2 * order per unit of log w."""
+    for order in (-0.5, -0.4, 0.3):
+        noise = FractionalNoise(1.0, order)
+        power = np.mean(
+            [
+                np.abs(np.fft.rfft(noise.sample(4096, stream) * np.hanning(4096))) ** 2
+                for stream in np.random.default_rng(2).spawn(60)
+            ],
+            axis=0,
+        )
+        w = 2.0 * np.pi * np.fft.rfftfreq(4096)
+        band = (w > 0.01) & (w < 0.5)
+        slope, _ = np.polyfit(np.log(2.0 * np.sin(w[band] / 2.0)), np.log(power[band]), 1)
+        assert slope == pytest.approx(2.0 * order, abs=0.06)

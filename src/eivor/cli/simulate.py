@@ -10,7 +10,7 @@ import typer
 from eivor.cli.arguments import output_file, writing
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.terminal import step, write
-from eivor.errors import UsageError
+from eivor.errors import InputError, ParameterError, UsageError
 
 if TYPE_CHECKING:
     from eivor.models.scenario import Scenario, SimulatedRecord
@@ -77,8 +77,11 @@ def simulate(
     from eivor.models.simulation import simulate as simulated
 
     scenario = _scenario(source)
-    with step("Simulating"):
-        record = simulated(scenario, np.random.default_rng(seed))
+    try:
+        with step("Simulating"):
+            record = simulated(scenario, np.random.default_rng(seed))
+    except ParameterError as error:  # what depends on rate and length shows only here
+        raise InputError(error.expected, f"{error.received}, in {source.name}", error.remedy) from error
     hover_input = _hover_input(scenario) if hover else 0.0
     with writing(log_path):
         write_recording(_recording(log_path.name, record, hover_input), log_path)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import NonFiniteError
+from eivor.signals.parameter_checks import non_negative
 
 
 class Disturbance(ABC):
@@ -38,17 +38,14 @@ class WhiteDisturbance(Disturbance):
 
     Raises
     ------
-    NonFiniteError
+    ParameterError
         When it is negative or not finite.
     """
 
     std: float
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.std) and self.std >= 0.0):
-            raise NonFiniteError(
-                "a standard deviation of zero or more", f"std={self.std}", "Give it in the equation's unit."
-            )
+        non_negative("std", self.std)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent normal values."""

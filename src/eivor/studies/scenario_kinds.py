@@ -149,7 +149,8 @@ def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
     rows = table.values.get(name)
     if not isinstance(rows, list):
         raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
-    numbered = TomlTable({f"{number + 1}": row for number, row in enumerate(rows)}, table.file, name)
+    path = ".".join(part for part in (table.path, name) if part)
+    numbered = TomlTable({f"{number + 1}": row for number, row in enumerate(rows)}, table.file, path)
     return tuple(numbered.numbers(key) for key in numbered.values)
 
 

@@ -1,0 +1,146 @@
+"""`eivor simulate` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.models.simulation import simulate
+from eivor.studies.scenario_file import shipped_scenario
+
+FLIGHT = """
+viscous_friction = 0.3
+input_gain = 20.0
+rate_hz = 100.0
+samples = 9000
+velocity_gain = 0.15
+velocity_integral_gain = 0.05
+route = "dynamics"
+[excitation]
+kind = "filtered_white"
+std = 1.0
+low_hz = 0.05
+high_hz = 0.5
+[noise.velocity_z]
+kind = "white"
+std = 0.02
+[noise.specific_force_z]
+kind = "fractional"
+order = -0.3
+std = 0.2
+[disturbance]
+kind = "dryden"
+std = 0.05
+length_m = 5.0
+airspeed_mps = 3.0
+"""
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_log_reads_back_as_simulated(eivor, tmp_path):
+    run = eivor("simulate", "rich", "-o", "rich.parquet", "--seed", 5, "--truth", "rich.json")
+    assert (run.code, run.err) == (0, "")
+    assert run.out == "rich.parquet: 4000 samples at 5 Hz, 800 s\n"
+    signals = simulate(shipped_scenario("rich"), np.random.default_rng(5)).signals
+    log = ev.read_log(tmp_path / "rich.parquet")
+    assert set(log.channels) == {"velocity_z", "acceleration_z", "input"}
+    for logged, name in (("acceleration_z", "specific_force_z"), ("input", "input")):
+        np.testing.assert_array_equal(log.channel(logged).values, signals.channel(name))
+    assert log.channel("input").held
+    assert not log.channel("velocity_z").held
+    truth = json.loads((tmp_path / "rich.json").read_text(encoding="utf-8"))
+    assert (truth["viscous_friction"], truth["input_gain"], truth["seed"]) == (0.293, 0.021, 5)
+    assert truth["noise"]["velocity_z"] == {"std": signals.noise["velocity_z"].std, "order": -0.4}
+    assert truth["hover_input"] == 0.0
+    assert truth["disturbance"]["route"] == "equation"
+
+
+def test_same_seed_same_bytes(eivor, tmp_path):
+    for name in ("one", "two", "three"):
+        seed = 8 if name == "three" else 7
+        assert eivor("simulate", "rich", "-o", f"{name}.parquet", "--seed", seed).code == 0
+    one, two, three = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "two", "three"))
+    assert one == two
+    assert one != three
+
+
+def test_csv_has_the_same_numbers(eivor):
+    for out in ("log.parquet", "log.csv"):
+        assert eivor("simulate", "rich", "-o", out).code == 0
+    assert pl.read_csv("log.csv").equals(pl.read_parquet("log.parquet"))
+
+
+def test_flight_with_its_weight_is_identified(eivor, tmp_path):
+    """From the scenario to the verdict: the truth lies within the interval."""
+    (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
+    arguments = ("simulate", "flight.toml", "-o", "flight.parquet", "--hover", "--truth", "truth.json")
+    assert eivor(*arguments).code == 0
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    fit = ev.identify_flight(ev.read_log(tmp_path / "flight.parquet"))
+    low, high = fit.interval("viscous_friction", level=0.999)
+    assert low < truth["viscous_friction"] < high
+    assert fit.parameters["input_gain"] == pytest.approx(20.0, rel=0.03)
+    assert truth["hover_input"] == pytest.approx(9.80665 / 20.0)
+    assert "reference_velocity_z" in ev.read_log(tmp_path / "flight.parquet").channels
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (FLIGHT.replace("samples", "sampels"), "unknown key 'sampels'. Did you mean 'samples'?"),
+        (FLIGHT.replace("std = 0.02", "std = -0.02"), "received std=-0.02"),
+        (FLIGHT.replace("order = -0.3", "order = -0.9"), "received order=-0.9"),
+        (FLIGHT.replace("9000", '"many"'), "a whole number at samples of flight.toml; received 'many'"),
+        (FLIGHT.replace("high_hz = 0.5", "high_hz = 80.0"), "ends below half the rate"),
+        ("not = toml = at all", "which is not"),
+    ],
+)
+def test_scenarios_that_are_none(eivor, tmp_path, text, said):
+    (tmp_path / "flight.toml").write_text(text, encoding="utf-8")
+    run = eivor("simulate", "flight.toml", "-o", "flight.parquet")
+    assert run.code == 1
+    assert run.err.startswith("eivor: Expected ")
+    assert said in run.err
+    assert "flight.toml" in run.err
+    assert run.err.count("\n") == 1
+    assert run.out == ""
+    assert not (tmp_path / "flight.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (("none.toml", "-o", "a.parquet"), 1, "'none.toml', unreadable"),
+        (("rihc", "-o", "a.parquet"), 2, "one of arch, closed-loop"),
+        (("rich", "-o", "a.xlsx"), 2, "ends in .parquet or .csv"),
+        (("rich", "-o", "nowhere/a.parquet"), 1, "does not exist"),
+        (("rich", "-o", "a.parquet", "--seed", "-1"), 2, "a seed of zero or more"),
+        (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "two files for --out and --truth"),
+        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "files other than the scenario"),
+        (("backward.toml", "-o", "a.parquet", "--hover"), 2, "an input_gain above zero with --hover"),
+    ],
+)
+def test_wrong_calls(eivor, tmp_path, arguments, code, said):
+    (tmp_path / "mine.toml").write_text(FLIGHT, encoding="utf-8")
+    (tmp_path / "backward.toml").write_text(
+        "viscous_friction = 0.3\ninput_gain = -1.0\nsamples = 50\n", encoding="utf-8"
+    )
+    run = eivor("simulate", *arguments)
+    assert (run.code, run.out) == (code, "")
+    assert said in run.err
+    assert not (tmp_path / "a.parquet").exists()
+    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == FLIGHT
+
+
+def test_full_disk_is_told(eivor):
+    run = eivor("simulate", "rich", "-o", "a.parquet", "--truth", "/dev/full")
+    assert run.code == 1
+    assert "No space left" in run.err
