@@ -23,8 +23,11 @@ if TYPE_CHECKING:
     from eivor.logs.chunks import read_chunks
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
+    from eivor.models.scenario import Scenario
     from eivor.models.signal_regression import SignalRegression
+    from eivor.models.simulation import simulate
     from eivor.models.vertical import VerticalMotion
+    from eivor.signals.long_memory import estimate_long_memory
     from eivor.signals.noise import FractionalNoise, WhiteNoise
     from eivor.signals.recording import Recording
     from eivor.signals.signals import Signals
@@ -38,11 +41,13 @@ _HOMES = {
     "FractionalNoise": "eivor.signals.noise",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
+    "Scenario": "eivor.models.scenario",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "VerticalMotion": "eivor.models.vertical",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
+    "estimate_long_memory": "eivor.signals.long_memory",
     "identify": "eivor.estimation.fit",
     "identify_flight": "eivor.flights.recipe",
     "lags": "eivor.models.column",
@@ -52,6 +57,7 @@ _HOMES = {
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
+    "simulate": "eivor.models.simulation",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
@@ -67,12 +73,14 @@ __all__ = [
     "FractionalNoise",
     "Recording",
     "Regression",
+    "Scenario",
     "SignalRegression",
     "Signals",
     "VerticalMotion",
     "WeakInstrumentsWarning",
     "WhiteNoise",
     "__version__",
+    "estimate_long_memory",
     "identify",
     "identify_flight",
     "lags",
@@ -82,6 +90,7 @@ __all__ = [
     "read_log",
     "recording_from_columns",
     "regression",
+    "simulate",
     "weighted_total_least_squares",
 ]
 
