@@ -69,10 +69,21 @@ def test_sample_output_is_what_is_printed():
 def test_channel_maps_in_the_pages_are_valid():
     from eivor.logs.channel_map import parse_channel_map
 
-    maps = [block for page in PAGES for block in blocks(page.read_text(encoding="utf-8"), "toml")]
+    pages = [page for page in PAGES if page.parent.name != "studies"]
+    maps = [block for page in pages for block in blocks(page.read_text(encoding="utf-8"), "toml")]
     assert len(maps) >= 2
     for block in maps:
         assert parse_channel_map(block, "the documentation").rules
+
+
+def test_studies_in_the_pages_are_valid(tmp_path):
+    from eivor.studies.study_file import read_study
+
+    page = (ROOT / "docs" / "studies" / "running.md").read_text(encoding="utf-8")
+    for number, block in enumerate(blocks(page, "toml")):
+        path = tmp_path / f"{number}.toml"
+        path.write_text(block, encoding="utf-8")
+        assert read_study(path).runs > 0
 
 
 def test_first_command_is_one_line_each():
