@@ -11,6 +11,7 @@ from typer.testing import CliRunner, Result
 from eivor.cli.main import app
 from eivor.report import paper_table
 from eivor.studies.paper import run_paper
+from eivor.studies.paper_page import page_with
 from eivor.studies.paper_readings import named_readings
 
 PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
@@ -60,12 +61,12 @@ def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
     page = (
         "Before.\n" + "\n".join(f"<!-- paper: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS) + "\nAfter.\n"
     )
-    filled = paper_table.page_with(page, paper_table.page_parts(two_readings))
+    filled = page_with(page, paper_table.page_parts(two_readings))
     assert filled.startswith("Before.\n")
     assert filled.endswith("\nAfter.\n")
     assert "old" not in filled
     assert filled.count("| `ratios-of-variances` |") == 1 + 2 * 3
-    assert paper_table.page_with(filled, paper_table.page_parts(two_readings)) == filled
+    assert page_with(filled, paper_table.page_parts(two_readings)) == filled
     file = tmp_path / "page.md"
     file.write_text("no marks\n", encoding="utf-8")
     run = eivor(*SMALL, "--readings", "two-lags", "--page", str(file))

@@ -219,6 +219,16 @@ def test_results_do_not_depend_on_the_number_of_processes():
         assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
 
 
+def test_readings_with_records_in_common_give_what_they_give_alone():
+    chosen = (reading("central-5-lags"), reading("two-lags"), reading("central-2-lags"))
+    assert chosen[0].records == chosen[2].records != chosen[1].records
+    together = list(run_paper(chosen, runs=2, workers=1))
+    assert [(one.reading, one.example.number) for one in together] == [(r, n) for r in chosen for n in (1, 2)]
+    for result in together:
+        alone = run_example(result.reading, result.example, 2).estimates
+        assert np.array_equal(result.estimates, alone, equal_nan=True)
+
+
 def test_more_runs_continue_the_same_study():
     few, more = (run_example(reading("ratios-of-std"), EXAMPLES[0], runs).estimates for runs in (2, 3))
     assert np.array_equal(few, more[:2])

@@ -103,10 +103,12 @@ def _deliver(
         with step("Drawing the figures"), writing(folder):
             write_figures(shown, folder)
     if page:
+        from eivor.studies.paper_page import page_with
+
         parts = paper_table.page_parts(results)
         with writing(Path(page)):
             text = Path(page).read_text(encoding="utf-8")
-            Path(page).write_text(paper_table.page_with(text, parts), encoding="utf-8")
+            Path(page).write_text(page_with(text, parts), encoding="utf-8")
     if json:
         from eivor.report.json_document import json_text
 

@@ -11,12 +11,12 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from eivor.errors import InputError
 from eivor.report.json_document import Json, number
 from eivor.report.table import heading
 from eivor.studies.metrics import Spread
 from eivor.studies.paper import SEED, Nearness, PaperResult, nearness
 from eivor.studies.paper_errata import errata
+from eivor.studies.paper_page import markdown
 from eivor.studies.paper_readings import METHODS, PRINTED_METHODS, SCORES, Example
 
 SCHEMA = "eivor.paper/1"
@@ -206,10 +206,7 @@ def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
 
 
 def _errata_table() -> str:
-    lines = [
-        [item.where, f"`{item.printed}`" if "^" in item.printed else item.printed, item.used, item.check]
-        for item in errata()
-    ]
+    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
     return markdown(("where", "printed", "used here", "checked"), lines)
 
 
@@ -247,30 +244,3 @@ def _figures(name: str) -> str:
         shown.append(f"![{caption}](images/paper/figure-{place}.svg)")
         shown.append(f"*Counterpart of figure {place}. {caption}.*")
     return "\n\n".join(shown)
-
-
-def markdown(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    """Markdown table."""
-    rows = [header, ["---"] * len(header), *lines]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
-
-
-def page_with(page: str, parts: Mapping[str, str]) -> str:
-    """Page with each part between its marks, ``<!-- paper: NAME -->`` and ``<!-- end: NAME -->``.
-
-    Raises
-    ------
-    InputError
-        When the marks of a part are not there, once each and in order.
-    """
-    for name, text in parts.items():
-        begin, end = f"<!-- paper: {name} -->", f"<!-- end: {name} -->"
-        if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
-            raise InputError(
-                f"a page with the marks {begin} and {end}",
-                "one without both of them",
-                "Put them where it goes.",
-            )
-        before, _, rest = page.partition(begin)
-        page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
-    return page

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -19,7 +21,7 @@ def page(width: float, height: float, title: str = "") -> Figure:
     return figure
 
 
-def legend(axes: Axes, *, size: int = 8) -> None:
+def legend(axes: Axes, *, size: int = 8, place: Literal["best", "upper right"] = "best") -> None:
     """Legend with its words as they are."""
-    for text in axes.legend(fontsize=size, framealpha=0.85).get_texts():
+    for text in axes.legend(fontsize=size, framealpha=0.85, loc=place).get_texts():
         text.set_parse_math(False)

@@ -66,7 +66,8 @@ def signals_figure(
         axes.plot(time, values, color=GREY if has_truth else DARK, lw=0.7, label="measured")
         if truth is not None and has_truth:
             axes.plot(time, truth.channel(name), color=RED, lw=0.9, label="without noise")
-            legend(axes)
+            if place == 1:
+                legend(axes, place="upper right")
         axes.set_ylabel(axis_label(name), parse_math=False)
         axes.margins(x=0.005)
         axes.grid(alpha=0.25)

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from eivor.errors import UsageError
 from eivor.report.plain_figure import BLUE, DARK, RED, legend, page
@@ -110,6 +111,7 @@ def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | No
         _draw_printed(axes, printed, float(edges[0]), float(edges[-1]))
     # room for the legend above the bars
     axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(alpha=0.25)
     legend(axes, size=7)
 

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from eivor.errors import UsageError
 from eivor.studies.metrics import Spread
-from eivor.studies.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, Example, Reading
+from eivor.studies.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, TRUTH, Example, Reading
 from eivor.studies.paper_trials import estimates, nrmse, record
 
 SEED = 20240513
@@ -96,12 +96,20 @@ def run_example(reading: Reading, example: Example, runs: int, seed: int = SEED)
     seed : int
         Run `index` draws from the seed sequence's child of that number.
     """
+    return run_together((reading,), example, runs, seed)[0]
+
+
+def run_together(
+    readings: Sequence[Reading], example: Example, runs: int, seed: int = SEED
+) -> list[PaperResult]:
+    """Results under readings that have their records in common, see `Reading.records`."""
+    found = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
     with threadpool_limits(limits=1):
-        found = [
-            estimates(reading, record(reading, example, trial_generator(index, seed)).signals)
-            for index in range(runs)
-        ]
-    return PaperResult(reading, example, np.array(found))
+        for index in range(runs):
+            signals = record(readings[0], example, trial_generator(index, seed)).signals
+            for place, reading in enumerate(readings):
+                found[place, index] = estimates(reading, signals)
+    return [PaperResult(reading, example, part) for reading, part in zip(readings, found, strict=True)]
 
 
 def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
@@ -112,7 +120,7 @@ def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
 def run_paper(
     readings: Sequence[Reading], *, runs: int, seed: int = SEED, workers: int | None = None
 ) -> Iterator[PaperResult]:
-    """Results of every reading, example 1 before example 2, as they are done.
+    """Results of every reading in their order, example 1 before example 2, as they are done.
 
     Parameters
     ----------
@@ -136,13 +144,29 @@ def run_paper(
 
 
 def _results(readings: Sequence[Reading], runs: int, seed: int, workers: int) -> Iterator[PaperResult]:
-    tasks = [(reading, example) for reading in readings for example in EXAMPLES]
+    groups: dict[Reading, list[Reading]] = {}
+    for reading in readings:
+        groups.setdefault(reading.records, []).append(reading)
+    tasks = [(group, example) for group in groups.values() for example in EXAMPLES]
+    waiting = [(reading, example) for reading in readings for example in EXAMPLES]
+    done: dict[tuple[str, int], PaperResult] = {}
+    for results in _computed(tasks, runs, seed, workers):
+        done |= {(result.reading.name, result.example.number): result for result in results}
+        while waiting and (waiting[0][0].name, waiting[0][1].number) in done:
+            reading, example = waiting.pop(0)
+            yield done[reading.name, example.number]
+
+
+def _computed(
+    tasks: Sequence[tuple[Sequence[Reading], Example]], runs: int, seed: int, workers: int
+) -> Iterator[list[PaperResult]]:
+    """Results of each task, in order."""
     if workers == 1:
-        for reading, example in tasks:
-            yield run_example(reading, example, runs, seed)
+        for group, example in tasks:
+            yield run_together(group, example, runs, seed)
         return
     with ProcessPoolExecutor(min(workers, len(tasks)), mp_context=get_context("spawn")) as pool:
-        flying = [pool.submit(run_example, reading, example, runs, seed) for reading, example in tasks]
+        flying = [pool.submit(run_together, group, example, runs, seed) for group, example in tasks]
         try:
             for future in flying:
                 yield future.result()

@@ -187,6 +187,20 @@ class Reading:
     compensation: Compensation = Compensation.SHARED
     as_many: bool = False
 
+    @property
+    def records(self) -> Reading:
+        """What shapes the records alone: readings that share it have the same ones."""
+        same = Reading("", "")
+        return replace(
+            self,
+            name="",
+            sentence="",
+            allowed=True,
+            lags=same.lags,
+            compensation=same.compensation,
+            as_many=same.as_many,
+        )
+
 
 _STD = Reading(
     "ratios-of-std",
@@ -336,6 +350,17 @@ READINGS: tuple[Reading, ...] = (
         larger_on="input",
         motion=Motion.VELOCITY_FORWARD,
         weights=Weights.PRINTED,
+        lags=2,
+        as_many=True,
+    ),
+    replace(
+        _VARIANCE,
+        name="forward-linear-2-lags",
+        sentence="As ratios-of-variances, with 0.02 a variance, an input that is linear between samples, "
+        "z'' by forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
+        input_variance=0.02,
+        intersample=Intersample.LINEAR,
+        motion=Motion.VELOCITY_FORWARD,
         lags=2,
         as_many=True,
     ),

@@ -1,10 +1,10 @@
 """A search through every combination of what the paper's text leaves open.
 
-    python -m eivor.studies.paper_search [--runs 10] [--workers N]
+    python -m eivor.studies.paper_search [--runs 10] [--workers N] [--page FILE.md]
 
 runs example 1 under each of them and prints, as Markdown, those that come nearest to the printed table 1,
-and how far extended IV gets where least squares is as printed. No number is fitted: the axes below hold
-alternatives only. A few minutes on two cores.
+and how far extended IV gets where least squares is as printed; `--page` puts it between the page's marks.
+No number is fitted: the axes below hold alternatives only. A few minutes on two cores.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +25,7 @@ from threadpoolctl import threadpool_limits
 
 from eivor.models.scenario import Intersample
 from eivor.studies.paper import PaperResult, trial_generator
+from eivor.studies.paper_page import markdown, page_with
 from eivor.studies.paper_readings import (
     EXAMPLES,
     PRINTED_METHODS,
@@ -155,13 +157,12 @@ def search_page(tried: Sequence[Tried], runs: int) -> str:
 
 def _table(tried: Sequence[Tried], off: Callable[[Tried], float]) -> str:
     header = ("combination", "LS K / K_u", "IV K / K_u", "GIV K / K_u", "off by")
-    rows = [header, ("---",) * len(header)]
     means, spreads = printed_table()
-    rows.append(("**printed**", *(_cell(means[i], spreads[i]) for i in range(3)), ""))
+    rows = [("**printed**", *(_cell(means[i], spreads[i]) for i in range(3)), "")]
     for one in sorted(tried, key=off)[:SHOWN]:
         cells = (_cell(one.means[i], one.spreads[i]) for i in range(3))
         rows.append((_words(one), *cells, f"{off(one):.3g}"))
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+    return markdown(header, rows)
 
 
 def _cell(means: Float[np.ndarray, " parameters"], spreads: Float[np.ndarray, " parameters"]) -> str:
@@ -192,8 +193,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--runs", type=int, default=RUNS, help="of each combination")
     parser.add_argument("--workers", type=int, default=None, help="processes; default: one for each core")
+    parser.add_argument(
+        "--page", type=Path, metavar="FILE.md", help="put the tables between the page's marks"
+    )
     chosen = parser.parse_args(arguments)
-    sys.stdout.write(search_page(search(chosen.runs, chosen.workers), chosen.runs) + "\n")
+    text = search_page(search(chosen.runs, chosen.workers), chosen.runs)
+    if chosen.page:
+        page = page_with(chosen.page.read_text(encoding="utf-8"), {"search": text})
+        chosen.page.write_text(page, encoding="utf-8")
+    sys.stdout.write(text + "\n")
     return 0
 
 

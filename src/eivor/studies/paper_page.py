@@ -1,0 +1,34 @@
+"""The page of the paper's study: generated parts between marks, the rest written by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from eivor.errors import InputError
+
+
+def markdown(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Markdown table."""
+    rows = [header, ["---"] * len(header), *lines]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def page_with(page: str, parts: Mapping[str, str]) -> str:
+    """Page with each part between its marks, ``<!-- paper: NAME -->`` and ``<!-- end: NAME -->``.
+
+    Raises
+    ------
+    InputError
+        When the marks of a part are not there, once each and in order.
+    """
+    for name, text in parts.items():
+        begin, end = f"<!-- paper: {name} -->", f"<!-- end: {name} -->"
+        if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
+            raise InputError(
+                f"a page with the marks {begin} and {end}",
+                "one without both of them",
+                "Put them where it goes.",
+            )
+        before, _, rest = page.partition(begin)
+        page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
+    return page
