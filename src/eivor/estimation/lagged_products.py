@@ -1,9 +1,9 @@
 """Sums of products of successive lags of one series with other series, as matrix products.
 
-Written one lag at a time these are dot products, which wait for memory. Instead the time axis of a block
-is folded into rows of `FOLD` samples: with A[r, c] = u[start - last + FOLD r + c] and W[r, p] =
-w[start + FOLD r + p], one matrix product G = A'W holds every product, and the sum at lag l is that of the
-elements G[p + last - l, p]. Only A is a copy, of one block.
+Written one lag at a time these are dot products, which wait for memory. Instead the time axis is folded
+into rows of `FOLD` samples: with A[r, c] = u[start - last + FOLD r + c] and W[r, p] = w[start + FOLD r + p],
+one matrix product G = A'W holds every product, and the sum at lag l is that of the elements
+G[p + last - l, p]. Only A is a copy, of one block; G is summed over the blocks before it is read.
 """
 
 from __future__ import annotations
@@ -15,47 +15,48 @@ from jaxtyping import Float
 from numpy.lib.stride_tricks import as_strided
 
 #: Samples folded into one row.
-FOLD = 16
+FOLD = 8
 
 
-def lagged_products(
+def folded_products(
     series: Float[np.ndarray, " n"],
     lags: tuple[int, int],
-    others: Sequence[Float[np.ndarray, " block"]],
-    start: int,
-    stop: int,
-) -> Float[np.ndarray, "lags others"]:
-    """sum_k series[k - l] other[k - start] for k = start .. stop-1 and each lag l from first to last.
+    others: Sequence[Float[np.ndarray, " m"]],
+    blocks: Sequence[tuple[int, int]],
+    start_of_others: int,
+) -> Float[np.ndarray, "others width fold"]:
+    """G of each other series, summed over the blocks.
 
     Parameters
     ----------
     series : ndarray, shape (n,)
-        The lagged series, contiguous; `start` is at least the largest lag.
+        The lagged series, contiguous; every block starts at the largest lag or later.
     lags : tuple of int
         First and last lag.
-    others : sequence of ndarray, shape (stop - start,)
-        Slices to multiply with, contiguous.
-    start, stop : int
-        Range of samples.
+    others : sequence of ndarray
+        What to multiply with, contiguous, from sample `start_of_others` on.
+    blocks : sequence of (start, stop)
+        Ranges of samples, whose lengths are multiples of `FOLD`.
+    start_of_others : int
+        First sample of `others`.
 
     Notes
     -----
     Performs no checks.
     """
-    first, last = lags
-    sums = np.zeros((last - first + 1, len(others)))
-    rows = (stop - start) // FOLD
-    folded = rows * FOLD
-    if rows:
-        width = FOLD + last - first
-        origin = series[start - last :]
+    width = FOLD + lags[1] - lags[0]
+    total = np.zeros((len(others), width, FOLD))
+    for start, stop in blocks:
+        rows = (stop - start) // FOLD
+        origin = series[start - lags[1] :]
         A = as_strided(origin, (rows, width), (FOLD * origin.strides[0], origin.strides[0])).copy()
         for j, other in enumerate(others):
-            G = A.T @ other[:folded].reshape(rows, FOLD)
-            for p in range(FOLD):
-                sums[:, j] += G[p : p + last - first + 1, p][::-1]
-    for lag in range(first, last + 1):
-        rest = series[start + folded - lag : stop - lag]
-        for j, other in enumerate(others):
-            sums[lag - first, j] += np.dot(rest, other[folded:])
-    return sums
+            total[j] += A.T @ other[start - start_of_others : stop - start_of_others].reshape(rows, FOLD)
+    return total
+
+
+def unfolded(G: Float[np.ndarray, "others width fold"]) -> Float[np.ndarray, "lags others"]:
+    """Sum at each lag, from the first to the last, of each other series."""
+    count = G.shape[1] - FOLD + 1
+    p = np.arange(FOLD)
+    return np.stack([G[:, p + count - 1 - lag, p].sum(axis=1) for lag in range(count)])

@@ -8,7 +8,7 @@ of a block are taken while it is in the cache. For rows in arrays it is a matrix
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import NonFiniteError, TooFewSamplesError
-from eivor.estimation.lagged_products import lagged_products
+from eivor.estimation.lagged_products import FOLD, folded_products, unfolded
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.column import Column
 from eivor.models.regression import LinearProblem, Regression
@@ -24,8 +24,9 @@ from eivor.models.signal_regression import SignalRegression
 
 #: Rows in a block: a few columns of it fit in a second-level cache.
 BLOCK_ROWS = 32_768
-#: Records of so many blocks are shared between threads.
-THREADED_FROM_BLOCKS = 64
+#: Blocks that one thread sums before it hands in, and how many such stretches are worth threads.
+STRETCH_BLOCKS = 16
+THREADED_FROM = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,32 +107,53 @@ def _of_signals(problem: SignalRegression, *, instruments: bool, own: bool) -> M
 def _sums(
     problem: SignalRegression, left: Sequence[Column], right: Sequence[Column]
 ) -> Float[np.ndarray, "left right"]:
-    """Sums of products of columns, all pairs of a block at a time.
+    """Sums of products of columns.
 
-    Blocks of a long record are shared between threads (NumPy's products leave the interpreter free); their
-    sums are added in the order of the blocks, so that the result does not depend on how many there are.
+    Stretches of a long record are shared between threads (NumPy's products leave the interpreter free).
+    What the stretches are does not depend on the number of threads, and their sums are added in their
+    order, so that the result does not either.
     """
-    folded = successive_lags(left) if problem.used is None else None
+    first, last = problem.first, problem.signals.sample_count
+    gains = np.outer([c.gain for c in left], [c.gain for c in right])
+    lags = successive_lags(left)
+    plain = problem.used is None and all(c.channel and not c.gain_channel for c in right)
+    if lags is None or not plain:
+        stretches = list(blocks(first, last))
+        return gains * _added(lambda stretch: _products_of(problem, left, right, *stretch), stretches)
+    series = problem.signals.channel(left[0].channel)
+    others = [problem.signals.channel(c.channel)[first - c.lag : last - c.lag] for c in right]
+    whole = first + (last - first) // FOLD * FOLD
+    stretches = list(blocks(first, whole, BLOCK_ROWS * STRETCH_BLOCKS))
 
-    def of_block(block: tuple[int, int]) -> Float[np.ndarray, "left right"]:
-        start, stop = block
-        rights = [_slice(problem, column, start, stop) for column in right]
-        if folded is not None:
-            series = problem.signals.channel(left[0].channel)
-            return lagged_products(series, folded, rights, start, stop)
-        lefts = [_slice(problem, column, start, stop) for column in left]
-        return np.array([[np.dot(one, other) for other in rights] for one in lefts])
+    def folded(stretch: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
+        return folded_products(series, lags, others, list(blocks(*stretch)), first)
 
-    ranges = list(blocks(problem.first, problem.signals.sample_count))
-    sums = np.zeros((len(left), len(right)))
-    if len(ranges) < THREADED_FROM_BLOCKS:
-        for block in ranges:
-            sums += of_block(block)
-    else:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            for part in pool.map(of_block, ranges):
-                sums += part
-    return sums * np.outer([c.gain for c in left], [c.gain for c in right])
+    sums = unfolded(_added(folded, stretches)) if stretches else np.zeros((len(left), len(right)))
+    return gains * (sums + _products_of(problem, left, right, whole, last))
+
+
+def _products_of(
+    problem: SignalRegression, left: Sequence[Column], right: Sequence[Column], start: int, stop: int
+) -> Float[np.ndarray, "left right"]:
+    """Products of all pairs of columns over a stretch, without their constant gains."""
+    rights = [_slice(problem, column, start, stop) for column in right]
+    lefts = [_slice(problem, column, start, stop) for column in left]
+    return np.array([[np.dot(one, other) for other in rights] for one in lefts])
+
+
+def _added(
+    part: Callable[[tuple[int, int]], Float[np.ndarray, "*shape"]], stretches: list[tuple[int, int]]
+) -> Float[np.ndarray, "*shape"]:
+    """Parts of all stretches, added in their order."""
+    total = part(stretches[0])
+    if len(stretches) < THREADED_FROM:
+        for stretch in stretches[1:]:
+            total = total + part(stretch)
+        return total
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for found in pool.map(part, stretches[1:]):
+            total = total + found
+    return total
 
 
 def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.ndarray, "p p"]:
@@ -145,7 +167,7 @@ def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.
     lags = [column.lag for column in columns]
     count = len(columns)
     sums = np.empty((count, count))
-    sums[0] = sums[:, 0] = _sums(problem, columns[:1], columns)[0] / columns[0].gain ** 2
+    sums[0] = sums[:, 0] = _sums(problem, columns, columns[:1])[:, 0] / columns[0].gain ** 2
     values = problem.signals.channel(columns[0].channel)
     first, last = problem.first, problem.signals.sample_count
     for i in range(count - 1):
