@@ -4,8 +4,8 @@
 
 flies the published grid (`flight_grid.toml`), runs the recipe and its controls on every flight, and
 prints the tables. `--from FILE.parquet` makes them anew from a finished run. The exit code is 0 when
-every requirement is met, 3 when one is not. A full run takes about an hour on one core, a small one about
-a minute.
+every requirement is met, 3 when one is not. A full run takes about half an hour on one core, a small one
+half a minute.
 """
 
 from __future__ import annotations
