@@ -6,6 +6,12 @@ this one is the same in every run.
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
 import polars as pl
 import pytest
 from scipy.stats import binom
@@ -15,16 +21,50 @@ from eivor.studies.flight_metrics import accepted, accepted_share, flown, score
 from eivor.studies.flight_page import BEGIN, END
 from eivor.studies.flight_requirements import ERROR_BOUNDS, requirements
 from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR, QUANTITIES
-from eivor.studies.trial_table import TrialTable
+from eivor.studies.trial_table import TrialTable, read_trial_table
 
 pytest.importorskip("rotorpy")
 
 CHANCE = 1e-3
 
 
+PAGE = f"# Study\n\nBefore.\n\n{BEGIN}\n{END}\n\nAfter.\n"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the command left behind."""
+
+    code: int
+    printed: str
+    page: str
+    path: Path
+
+
 @pytest.fixture(scope="module")
-def table() -> TrialTable:
-    return flight_study.run_study("small")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The command, in a process of its own: checks of every shape would make it three times as long."""
+    folder = tmp_path_factory.mktemp("study")
+    trials, page = folder / "trials.parquet", folder / "page.md"
+    page.write_text(PAGE, encoding="utf-8")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "eivor.studies.flight_study", "--size", "small"),
+            *("--out", str(trials), "--page", str(page)),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        encoding="utf-8",
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
+    )
+    assert trials.exists(), done.stderr
+    return Run(done.returncode, done.stdout, page.read_text(encoding="utf-8"), trials)
+
+
+@pytest.fixture(scope="module")
+def table(run) -> TrialTable:
+    return read_trial_table(run.path)
 
 
 @pytest.fixture(scope="module")
@@ -92,13 +132,19 @@ def test_no_requirement_is_missed_beyond_chance(table):
     assert not missed
 
 
-def test_command_writes_table_and_page_and_makes_them_anew(table, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(flight_study, "run_study", lambda size: {"small": table}[size])
-    stored, page = tmp_path / "trials.parquet", tmp_path / "page.md"
-    page.write_text(f"# Study\n\nBefore.\n\n{BEGIN}\n{END}\n\nAfter.\n", encoding="utf-8")
-    assert flight_study.main(["--size", "small", "--out", str(stored), "--page", str(page)]) == 0
-    printed = capsys.readouterr().out
-    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in printed
-    assert f"{BEGIN}\n\n{printed.strip()}\n\n{END}\n\nAfter." in page.read_text(encoding="utf-8")
-    assert flight_study.main(["--from", str(stored)]) == 0
-    assert capsys.readouterr().out == printed
+def test_command_prints_its_tables_and_puts_them_into_the_page(run):
+    assert run.code == 0, run.printed
+    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in run.printed
+    assert f"Before.\n\n{BEGIN}\n\n{run.printed.strip()}\n\n{END}\n\nAfter." in run.page
+
+
+def test_command_makes_the_tables_anew_from_its_file(run, capsys):
+    assert flight_study.main(["--from", str(run.path)]) == 0
+    assert capsys.readouterr().out == run.printed
+
+
+def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatch):
+    spoilt = TrialTable(table.rows.with_columns(pl.lit("identified").alias("verdict")), table.origin)
+    monkeypatch.setattr(flight_study, "run_study", lambda size: {"small": spoilt}[size])
+    assert flight_study.main(["--size", "small", "--out", str(tmp_path / "spoilt.parquet")]) == 3
+    assert "| constant-reference hovers accepted | none | 3 of 3 | **no** |" in capsys.readouterr().out
