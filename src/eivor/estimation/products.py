@@ -25,7 +25,7 @@ from eivor.models.signal_regression import SignalRegression
 #: Rows in a block: a few columns of it fit in a second-level cache.
 BLOCK_ROWS = 32_768
 #: Blocks that one thread sums before it hands in, and how many such stretches are worth threads.
-STRETCH_BLOCKS = 16
+STRETCH_BLOCKS = 64
 THREADED_FROM = 4
 
 
