@@ -101,13 +101,12 @@ def infer(solved: Solved) -> Inference:
         criterion = count * float(np.log(max(solved.solution.objective, np.finfo(np.float64).tiny)))
         return Inference(covariance, criterion, (0.0, 1.0), np.full(unknowns, np.nan), variance, 0)
     basis = orthonormal_basis(rows.instruments)
+    strength = conditional_first_stage(basis, jacobian)
     if constant.any():
         # J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well.
-        strength = conditional_first_stage(basis, jacobian)
-        nothing = float("nan")
-        return Inference(covariance, nothing, (nothing, nothing), strength, variance, basis.shape[1])
-    tested = over_identification(basis, residual, variance, unknowns)
-    strength = conditional_first_stage(basis, jacobian)
+        tested = (float("nan"), float("nan"))
+    else:
+        tested = over_identification(basis, residual, variance, unknowns)
     return Inference(covariance, tested[0], tested, strength, variance, basis.shape[1])
 
 

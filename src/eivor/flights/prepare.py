@@ -6,6 +6,7 @@ beside the numbers; only what makes numbers impossible raises.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,10 +92,7 @@ class PreparedFlight:
     @property
     def used(self) -> Bool[np.ndarray, " n"]:
         """Samples of the runs."""
-        mask = np.zeros(self.usable.size, dtype=np.bool_)
-        for run in self.flight.runs:
-            mask[run] = True
-        return mask
+        return _mask(self.flight.runs, self.usable.size)
 
 
 def prepare(recording: Recording, options: FlightOptions) -> PreparedFlight:
@@ -290,7 +288,7 @@ def _noise(
     return {name: WhiteNoise(level) for name, level in levels.items()}
 
 
-def _mask(runs: list[slice], count: int) -> Bool[np.ndarray, " n"]:
+def _mask(runs: Sequence[slice], count: int) -> Bool[np.ndarray, " n"]:
     mask = np.zeros(count, dtype=np.bool_)
     for run in runs:
         mask[run] = True
