@@ -10,16 +10,18 @@ import pytest
 
 import eivor as ev
 from eivor.models.simulation import simulate
-from eivor.studies.scenario_file import shipped_scenario
+from eivor.studies.scenario_file import read_scenario, shipped_scenario
 
 FLIGHT = """
 viscous_friction = 0.3
 input_gain = 20.0
 rate_hz = 100.0
 samples = 9000
+route = "dynamics"
+[control]
+kind = "velocity"
 velocity_gain = 0.15
 velocity_integral_gain = 0.05
-route = "dynamics"
 [excitation]
 kind = "filtered_white"
 std = 1.0
@@ -90,6 +92,28 @@ def test_flight_with_its_weight_is_identified(eivor, tmp_path):
     assert fit.parameters["input_gain"] == pytest.approx(20.0, rel=0.03)
     assert truth["hover_input"] == pytest.approx(9.80665 / 20.0)
     assert "reference_velocity_z" in ev.read_log(tmp_path / "flight.parquet").channels
+
+
+def test_flight_under_altitude_control_logs_altitude_and_reference(eivor, tmp_path):
+    control = 'kind = "altitude"\naltitude_gain = 0.5\nvelocity_gain = 0.15'
+    text = FLIGHT.replace('kind = "velocity"\nvelocity_gain = 0.15', control)
+    text += '[noise.position_z]\nkind = "white"\nstd = 0.03\n'
+    (tmp_path / "flight.toml").write_text(text, encoding="utf-8")
+    run = eivor("simulate", "flight.toml", "-o", "flight.csv", "--truth", "truth.json", "--seed", 3)
+    assert (run.code, run.err) == (0, "")
+    table = pl.read_csv(tmp_path / "flight.csv")
+    measured = ["acceleration_z", "input", "position_z", "velocity_z"]
+    assert set(table.columns) == {"time", *measured, "reference_position_z"}
+    record = simulate(read_scenario(tmp_path / "flight.toml"), np.random.default_rng(3))
+    log = ev.read_log(tmp_path / "flight.csv")
+    for name in ("position_z", "reference_position_z"):
+        np.testing.assert_array_equal(log.channel(name).values, record.signals.channel(name))
+    assert log.channel("reference_position_z").held
+    error = record.signals.channel("position_z") - record.truth.channel("position_z")
+    assert np.std(error) == pytest.approx(0.03, rel=0.05)
+    truth = json.loads((tmp_path / "truth.json").read_text(encoding="utf-8"))
+    assert truth["noise"]["position_z"] == {"std": 0.03, "order": 0.0}
+    assert truth["noise"]["reference_position_z"]["std"] == 0.0
 
 
 @pytest.mark.parametrize(

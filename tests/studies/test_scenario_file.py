@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
+from eivor.models.control import AltitudeControl, OpenLoop, VelocityControl
 from eivor.models.scenario import Intersample, Route, Scenario
 from eivor.models.simulation import simulate
 from eivor.signals.deterministic_disturbance import SumOfDisturbances, paper_disturbance
@@ -44,8 +45,12 @@ def test_everything_can_be_said(read):
 rate_hz = 10
 samples = 500
 route = "dynamics"
-velocity_gain = 15
-velocity_integral_gain = 4.0
+
+[control]
+kind = "altitude"
+altitude_gain = 0.4
+velocity_gain = 30
+velocity_integral_gain = 5.0
 
 [excitation]
 kind = "scaled"
@@ -61,6 +66,10 @@ ratio_to_signal = 0.1
 kind = "white"
 std = 0.05
 
+[noise.position_z]
+kind = "white"
+std = 0.02
+
 [disturbance]
 kind = "paper"
 ratio_to_signal = 0.5
@@ -72,15 +81,20 @@ ratio_to_signal = 0.5
         rate_hz=10.0,
         samples=500,
         excitation=ScaledExcitation(PaperInput(1.0), 0.04),
-        noise={"velocity_z": FractionalNoise(1.0, -0.4), "input": WhiteNoise(0.05)},
+        noise={
+            "velocity_z": FractionalNoise(1.0, -0.4),
+            "input": WhiteNoise(0.05),
+            "position_z": WhiteNoise(0.02),
+        },
         noise_to_signal={"velocity_z": 0.1},
         disturbance=paper_disturbance(),
         disturbance_to_signal=0.5,
         route=Route.DYNAMICS,
-        velocity_gain=15.0,
-        velocity_integral_gain=4.0,
+        control=AltitudeControl(0.4, 30.0, 5.0),
     )
     assert read(TRUTH + 'intersample = "linear"').intersample is Intersample.LINEAR
+    assert read(TRUTH).control == OpenLoop()
+    assert read(TRUTH + CONTROL).control == VelocityControl(15.0)
 
 
 KINDS = [
@@ -129,6 +143,7 @@ def test_nested_values_arrive(read):
     assert found == GivenSeries((1.0, -1.0) * 60)
 
 
+CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
 WRONG = [
     ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
     ("viscous_frction = 0.3\ninput_gain = 1", "Is 'viscous_frction' meant to be it"),
@@ -173,7 +188,18 @@ WRONG = [
     ),
     (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
     (TRUTH + "[disturbance]\nkind='variance_switch'\nseries=1", "a table .series. at disturbance.series"),
-    (TRUTH + "velocity_gain = 1e6", "loop is stable"),
+    (TRUTH + CONTROL.replace("15", "1e6"), "loop is stable.* at the top of one.toml; received Velocity"),
+    (TRUTH + CONTROL.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
+    (TRUTH + CONTROL.replace("velocity'", "altitude'"), "finite number at control.altitude_gain.*nothing"),
+    (TRUTH + CONTROL + "altitude_gain=1", "the unknown key 'altitude_gain'"),
+    (TRUTH + CONTROL.replace("15", "0"), "velocity_integral_gain at control of.*received both zero"),
+    (TRUTH + CONTROL.replace("15", "'fast'"), "a finite number at control.velocity_gain.*received 'fast'"),
+    (TRUTH + "control = 'altitude'", r"a table \[control\]"),
+    (TRUTH + "velocity_gain = 15", "the unknown key 'velocity_gain'"),
+    (
+        TRUTH + CONTROL + "[noise.position_z]\nkind='white'\nstd=1",
+        "received noise of 'position_z'.*under altitude control only",
+    ),
     ("viscous_friction = ", "which is not"),
 ]
 
@@ -209,8 +235,7 @@ def test_shipped_scenarios_say_what_the_method_says():
         (CoefficientCourse(amplitude=0.9, cycles=5.0, phase=np.pi / 2.0),),
     )
     closed = shipped_scenario("closed-loop")
-    assert closed.controlled
-    assert (closed.velocity_gain, closed.velocity_integral_gain) == (15.0, 4.0)
+    assert closed.control == VelocityControl(15.0, 4.0)
     # The reference is scaled to the standard deviation that z' has in the open loop.
     spread = [
         simulate(shipped_scenario("rich"), stream).truth.channel("velocity_z").std()

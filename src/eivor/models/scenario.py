@@ -13,13 +13,18 @@ from enum import Enum
 import numpy as np
 
 from eivor.errors import ParameterError
+from eivor.models.control import AltitudeControl, Control, OpenLoop
+from eivor.models.sampled_loop import check_stable
+from eivor.models.sampled_vehicle import SampledVehicle, sampled_vehicle
 from eivor.signals.disturbance import Disturbance
 from eivor.signals.excitation import Excitation, PaperInput
 from eivor.signals.noise import MeasurementNoise
 from eivor.signals.signals import Signals
 
-#: Channels that are measured with noise.
-NOISY_CHANNELS = ("velocity_z", "specific_force_z", "input")
+#: Channels that are measured with noise in every record.
+ALWAYS_MEASURED = ("velocity_z", "specific_force_z", "input")
+#: All that are measured with noise; the altitude under altitude control only.
+NOISY_CHANNELS = (*ALWAYS_MEASURED, "position_z")
 #: Fewest samples of a record.
 LEAST_SAMPLES = 2
 
@@ -53,9 +58,10 @@ class Scenario:
     samples : int
         Length of the record.
     excitation : Excitation
-        The input in open loop, the velocity reference under control.
+        The input in open loop, the reference under control.
     noise : mapping of str to MeasurementNoise
-        Measurement noise of `velocity_z`, `specific_force_z` and `input`, in their units.
+        Measurement noise of `velocity_z`, `specific_force_z` and `input`, and under altitude control of
+        `position_z`, in their units.
     noise_to_signal : mapping of str to float
         For channels named here the noise's std is this ratio times the standard deviation of the noise-free
         channel over the record; the noise given is the shape (its own std is replaced), white when none is.
@@ -67,13 +73,13 @@ class Scenario:
         Where the disturbance enters.
     intersample : Intersample
         Of the input.
-    velocity_gain, velocity_integral_gain : float
-        PI control of the measured velocity [input per m/s, and per m]; both zero for open loop.
+    control : Control
+        What makes the input: open loop, or a controller of velocity or altitude.
 
     Raises
     ------
     ParameterError
-        When a number is outside its range, a channel is none of `NOISY_CHANNELS`, a disturbance is to be
+        When a number is outside its range, a channel is not measured, a disturbance is to be
         scaled that is not there, the control loop is unstable, or a controller is to change its output
         between samples.
     """
@@ -89,24 +95,23 @@ class Scenario:
     disturbance_to_signal: float | None = None
     route: Route = Route.EQUATION
     intersample: Intersample = Intersample.HOLD
-    velocity_gain: float = 0.0
-    velocity_integral_gain: float = 0.0
+    control: Control = field(default_factory=OpenLoop)
 
     def __post_init__(self) -> None:
         _check(self.viscous_friction >= 0.0, "viscous_friction of zero or more", self.viscous_friction)
         _check(True, "a finite input_gain", self.input_gain)
         _check(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
         _check(self.samples >= LEAST_SAMPLES, f"samples of {LEAST_SAMPLES} or more", self.samples)
-        _check(True, "a finite velocity_gain", self.velocity_gain)
-        _check(True, "a finite velocity_integral_gain", self.velocity_integral_gain)
         for name, ratio in self.noise_to_signal.items():
             _check(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
         for name in (*self.noise, *self.noise_to_signal):
-            if name not in NOISY_CHANNELS:
+            if name not in self.measured:
                 raise ParameterError(
-                    f"noise of {', '.join(NOISY_CHANNELS)}",
+                    f"noise of {', '.join(self.measured)}",
                     f"noise of '{name}'",
-                    "Name one of these channels.",
+                    "The altitude is measured under altitude control only."
+                    if name in NOISY_CHANNELS
+                    else "Name one of these channels.",
                 )
         if self.disturbance_to_signal is not None:
             ratio = self.disturbance_to_signal
@@ -115,8 +120,13 @@ class Scenario:
                 raise ParameterError(
                     "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
                 )
-        if self.controlled:
-            self._check_control()
+        if self.controlled and self.intersample is not Intersample.HOLD:
+            raise ParameterError(
+                "an input that is held between samples, as a sampled controller gives it",
+                f"intersample '{self.intersample.value}' under control",
+                "Use hold, or leave the control out.",
+            )
+        check_stable(self.vehicle, self.control)
 
     @property
     def step_s(self) -> float:
@@ -124,32 +134,24 @@ class Scenario:
         return 1.0 / self.rate_hz
 
     @property
-    def controlled(self) -> bool:
-        """Whether the velocity is under control; then the excitation is its reference."""
-        return self.velocity_gain != 0.0 or self.velocity_integral_gain != 0.0
+    def vehicle(self) -> SampledVehicle:
+        """The vehicle from one sample to the next."""
+        return sampled_vehicle(self.viscous_friction, self.input_gain, self.step_s)
 
-    def _check_control(self) -> None:
-        if self.intersample is not Intersample.HOLD:
-            raise ParameterError(
-                "an input that is held between samples, as a sampled controller gives it",
-                f"intersample '{self.intersample.value}' under control",
-                "Use hold, or set both gains to zero.",
-            )
-        # Velocity and summed error, one step on: the determinant and the trace of the loop's matrix.
-        x = self.viscous_friction * self.step_s
-        effect = self.input_gain * self.step_s * (1.0 if x == 0.0 else -float(np.expm1(-x)) / x)
-        kept = float(np.exp(-x)) - effect * self.velocity_gain
-        summed = effect * self.velocity_integral_gain * self.step_s
-        trace, determinant = kept + 1.0 - summed, kept
-        # Jury's conditions, the first of which an integrator that is not used meets with equality.
-        slow = summed > 0.0 or self.velocity_integral_gain == 0.0
-        if not (slow and abs(determinant) < 1.0 and 1.0 + trace + determinant > 0.0):
-            raise ParameterError(
-                "gains with which the control loop is stable",
-                f"velocity_gain={self.velocity_gain}, velocity_integral_gain={self.velocity_integral_gain}"
-                f" at input_gain={self.input_gain} and {self.rate_hz} Hz",
-                "Make the gains smaller, or of the sign of input_gain.",
-            )
+    @property
+    def controlled(self) -> bool:
+        """Whether a controller makes the input; then the excitation is its reference."""
+        return self.control.feedback is not None
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Channels of the record that are measured."""
+        return NOISY_CHANNELS if isinstance(self.control, AltitudeControl) else ALWAYS_MEASURED
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Channels of the record that are known without error: the reference under control."""
+        return (self.control.reference,) if self.controlled else ()
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,7 @@ class SimulatedRecord:
     ----------
     signals : Signals
         As measured, with the noises that were really added declared (their true std), and under control
-        the reference as `reference_velocity_z`.
+        the reference as `reference_velocity_z` or `reference_position_z`.
     truth : Signals
         The same channels without measurement noise; `disturbance` beside them.
     parameters : mapping of str to float

@@ -9,8 +9,9 @@ G = (1 - H/T)/K,
     v[k+1] = a v[k] + K_u ((H - G) u[k] + G u[k+1]) + H e[k]         input linear between samples
 
 where e enters the velocity only when its route is the dynamics; it is held either way. In the equation
-only, e shifts the response and nothing else. Under control u = P d + I T sum(d), with d = reference less
-*measured* velocity and the present error in the sum, so that the noise of z' moves the vehicle.
+only, e shifts the response and nothing else. The altitude of a held acceleration is exact as well, see
+`eivor.models.sampled_vehicle`. Under control (`eivor.models.control`) the input answers what is measured,
+so that the noise of z', and of z under altitude control, moves the vehicle.
 
 Ratios refer to the motion without measurement noise: a disturbance is scaled, by the standard deviation
 of its own realisation, to a share of that of z'' in the undisturbed motion; the std of a noise is a
@@ -25,9 +26,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg.lapack import dtbtrs
 
 from eivor.errors import ParameterError
+from eivor.models.control import Feedback
+from eivor.models.sampled_loop import driven_loop, from_rest, sampled_loop
 from eivor.models.scenario import NOISY_CHANNELS, Intersample, Route, Scenario, SimulatedRecord
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
@@ -40,7 +42,7 @@ Series = Float[np.ndarray, " samples"]
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Input and velocity at the samples; motions add, since the model is linear.
+    """Input and motion at the samples; motions add, since the model is linear.
 
     Parameters
     ----------
@@ -48,13 +50,19 @@ class Motion:
         What the actuator got.
     velocity : ndarray, shape (samples,)
         z' [m/s].
+    altitude : ndarray, shape (samples,), or None
+        z [m], under altitude control.
     """
 
     input: Series
     velocity: Series
+    altitude: Series | None = None
 
     def __add__(self, other: Motion) -> Motion:
-        return Motion(self.input + other.input, self.velocity + other.velocity)
+        altitude = None
+        if self.altitude is not None and other.altitude is not None:
+            altitude = self.altitude + other.altitude
+        return Motion(self.input + other.input, self.velocity + other.velocity, altitude)
 
 
 def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
@@ -90,15 +98,16 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     if scenario.route is Route.DYNAMICS and scenario.disturbance is not None:
         motion += pushed_motion(scenario, disturbance)
     noise = declared_noise(scenario, _channels(scenario, motion, disturbance))
-    errors = {name: noise[name].sample(scenario.samples, streams[name]) for name in NOISY_CHANNELS}
-    if scenario.controlled:
-        motion += misled_motion(scenario, errors["velocity_z"])
+    errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        motion += misled_motion(scenario, feedback, errors)
     true = _channels(scenario, motion, disturbance)
-    references = {"reference_velocity_z": drive} if scenario.controlled else {}
+    references = dict.fromkeys(scenario.references, drive)
     return SimulatedRecord(
         Signals(
             scenario.rate_hz,
-            {name: true[name] + errors[name] for name in NOISY_CHANNELS} | references,
+            {name: true[name] + error for name, error in errors.items()} | references,
             noise=noise | {name: WhiteNoise(0.0) for name in references},
         ),
         Signals(scenario.rate_hz, true | references | {"disturbance": disturbance}),
@@ -108,33 +117,48 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
 
 def driven_motion(scenario: Scenario, drive: Series) -> Motion:
     """Motion under the excitation alone: as the input, or under control as the reference."""
-    if scenario.controlled:
-        return _controlled(scenario, drive, np.zeros_like(drive))
-    held, ramp = _gains(scenario)
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        return _controlled(scenario, feedback, feedback.reference_gain * drive, np.zeros_like(drive))
+    vehicle = scenario.vehicle
     if scenario.intersample is Intersample.LINEAR:
-        pushed = (held - ramp) * drive[:-1] + ramp * drive[1:]
+        pushed = (vehicle.held - vehicle.ramp) * drive[:-1] + vehicle.ramp * drive[1:]
     else:
-        pushed = held * drive[:-1]
+        pushed = vehicle.held * drive[:-1]
     return Motion(drive, _decaying(scenario, scenario.input_gain * pushed))
 
 
 def pushed_motion(scenario: Scenario, disturbance: Series) -> Motion:
     """Motion under a held acceleration [m/s^2] alone, with a controller when there is one."""
     rest = np.zeros_like(disturbance)
-    if scenario.controlled:
-        return _controlled(scenario, rest, disturbance)
-    return Motion(rest, _decaying(scenario, _gains(scenario)[0] * disturbance[:-1]))
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        return _controlled(scenario, feedback, rest, disturbance)
+    return Motion(rest, _decaying(scenario, scenario.vehicle.held * disturbance[:-1]))
 
 
-def misled_motion(scenario: Scenario, velocity_error: Series) -> Motion:
-    """Motion of a controlled vehicle under the error of its measured velocity [m/s] alone."""
-    return _controlled(scenario, -velocity_error, np.zeros_like(velocity_error))
+def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> Motion:
+    """Motion of a controlled vehicle under the errors of what its controller measures alone.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The vehicle.
+    feedback : Feedback
+        Its controller.
+    errors : mapping of str to ndarray, shape (samples,)
+        Of `velocity_z` [m/s], and of `position_z` [m] under altitude control.
+    """
+    error = errors["velocity_z"]
+    if feedback.altitude_gain != 0.0:
+        error = error + feedback.altitude_gain * errors["position_z"]
+    return _controlled(scenario, feedback, -error, np.zeros_like(error))
 
 
 def declared_noise(scenario: Scenario, channels: Mapping[str, Series]) -> dict[str, MeasurementNoise]:
     """Noise of each measured channel, with its std in the channel's unit."""
     noises: dict[str, MeasurementNoise] = {}
-    for name in NOISY_CHANNELS:
+    for name in scenario.measured:
         noise = scenario.noise.get(name, WhiteNoise(0.0))
         if name in scenario.noise_to_signal:
             noise = noise.with_std(scenario.noise_to_signal[name] * float(channels[name].std()))
@@ -145,11 +169,12 @@ def declared_noise(scenario: Scenario, channels: Mapping[str, Series]) -> dict[s
 def _channels(scenario: Scenario, motion: Motion, disturbance: Series) -> dict[str, Series]:
     """Channels without measurement noise; the response is z''."""
     K, K_u = scenario.viscous_friction, scenario.input_gain
-    return {
+    channels = {
         "velocity_z": motion.velocity,
         "specific_force_z": K_u * motion.input - K * motion.velocity + disturbance,
         "input": motion.input,
     }
+    return channels if motion.altitude is None else channels | {"position_z": motion.altitude}
 
 
 def _disturbance(scenario: Scenario, undisturbed: Motion, rng: np.random.Generator) -> Series:
@@ -170,47 +195,13 @@ def _disturbance(scenario: Scenario, undisturbed: Motion, rng: np.random.Generat
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
 
 
-def _gains(scenario: Scenario) -> tuple[float, float]:
-    """H and G of the module: of an acceleration that is held, and of one that grows from 0 to 1 [s].
-
-    T (1 - e^-x)/x and T (e^-x - 1 + x)/x^2 at x = K T, the second by its series where it would cancel.
-    """
-    T = scenario.step_s
-    x = scenario.viscous_friction * T
-    if x < 1e-2:
-        held = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
-        ramp = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
-        return T * held, T * ramp
-    return -T * float(np.expm1(-x)) / x, T * (float(np.expm1(-x)) + x) / x**2
-
-
 def _decaying(scenario: Scenario, steps: Float[np.ndarray, " steps"]) -> Series:
-    """v[k+1] = a v[k] + steps[k] from rest, as the bidiagonal triangular system that it is."""
-    band = np.empty((2, steps.size + 1))
-    band[0], band[1] = 1.0, -np.exp(-scenario.viscous_friction * scenario.step_s)
-    driven = np.concatenate([[0.0], steps])[:, None]
-    velocity: Series = dtbtrs(band, driven, uplo="L", diag="U")[0][:, 0]
+    """v[k+1] = decay v[k] + steps[k] from rest."""
+    velocity: Series = from_rest(np.array([[scenario.vehicle.decay]]), steps[:, None])[:, 0]
     return velocity
 
 
-def _controlled(scenario: Scenario, reference: Series, disturbance: Series) -> Motion:
-    """Motion under PI control of the velocity.
-
-    The unknowns v[0], s[0], v[1], s[1], ... (s the sum of the errors) make a triangular system with two
-    subdiagonals: s[k] - s[k-1] + v[k] = r[k] and v[k+1] - (a - H K_u P) v[k] - H K_u I T s[k] = known.
-    """
-    held = _gains(scenario)[0]
-    proportional = scenario.velocity_gain
-    integral = scenario.velocity_integral_gain * scenario.step_s
-    effect = held * scenario.input_gain
-    band = np.zeros((3, 2 * reference.size))
-    band[0] = 1.0
-    band[1, 0::2], band[1, 1::2] = 1.0, -effect * integral
-    band[2, 0::2] = effect * proportional - np.exp(-scenario.viscous_friction * scenario.step_s)
-    band[2, 1::2] = -1.0
-    known = np.zeros((2 * reference.size, 1))
-    known[1::2, 0] = reference
-    known[2::2, 0] = effect * proportional * reference[:-1] + held * disturbance[:-1]
-    unknown = dtbtrs(band, known, uplo="L", diag="U")[0][:, 0]
-    velocity, total = unknown[0::2], unknown[1::2]
-    return Motion(proportional * (reference - velocity) + integral * total, velocity)
+def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> Motion:
+    """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
+    commanded, states = driven_loop(sampled_loop(scenario.vehicle, feedback), additions, pushes)
+    return Motion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)

@@ -61,8 +61,7 @@ class VerticalExperiment(Experiment):
     @property
     def channels(self) -> tuple[str, ...]:
         """Measured channels, and under control the reference."""
-        measured = ("velocity_z", "specific_force_z", "input")
-        return (*measured, "reference_velocity_z") if self.scenario.controlled else measured
+        return (*self.scenario.measured, *self.scenario.references)
 
     def record(self, rng: np.random.Generator) -> Signals:
         """Simulate, see `eivor.models.simulation`."""

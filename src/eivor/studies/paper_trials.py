@@ -125,7 +125,8 @@ def scenario(reading: Reading, example: Example) -> Scenario:
     shape = FractionalNoise if reading.weights is Weights.SIGNED else AlternatingNoise
     noise: dict[str, MeasurementNoise] = {name: shape(1.0, order) for name, order in ORDERS.items()}
     return Scenario(
-        **TRUTH,
+        TRUTH["viscous_friction"],
+        TRUTH["input_gain"],
         rate_hz=RATE_HZ,
         samples=SAMPLES + (0 if exact else 2 * EDGE),
         excitation=_excitation(reading),

@@ -6,14 +6,19 @@
     samples = 4000
     route = "equation"              # or "dynamics": where the disturbance enters
     intersample = "hold"            # or "linear": the input between samples
-    velocity_gain = 0.0             # PI control of the velocity; the excitation is then its reference
-    velocity_integral_gain = 0.0
 
     [excitation]                    # default: the paper's
     kind = "paper"
     variance = 0.02
 
-    [noise.velocity_z]              # and specific_force_z, input; none where left out
+    [control]                       # open loop where left out; else the excitation is the reference
+    kind = "altitude"               # or "velocity", which has no altitude_gain
+    altitude_gain = 0.2             # velocity setpoint per metre [1/s]
+    velocity_gain = 15.0            # input per m/s
+    velocity_integral_gain = 4.0    # input per m
+
+    [noise.velocity_z]              # and specific_force_z, input, under altitude control position_z;
+                                    # none where left out
     kind = "fractional"
     order = -0.4
     std = 0.01                      # or ratio_to_signal = 0.1
@@ -33,15 +38,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from eivor.errors import EivorError, UsageError
+from eivor.models.control import Control
 from eivor.models.scenario import NOISY_CHANNELS, Scenario
 from eivor.signals.disturbance import Disturbance
 from eivor.signals.excitation import Excitation
-from eivor.signals.noise import MeasurementNoise
+from eivor.studies.noise_tables import noises, ratio_to_signal
 from eivor.studies.scenario_kinds import of_kind
 from eivor.studies.toml_table import TomlTable, read_toml
 
-#: Key of a noise or a disturbance whose size is a share of a signal's.
-RATIO = "ratio_to_signal"
 #: Most samples of a record that is simulated from a file.
 MOST_SAMPLES = 50_000_000
 
@@ -102,7 +106,7 @@ def scenario_from_table(table: TomlTable) -> Scenario:
     """
     if table.has("kind") and table.text("kind") != "vertical":
         raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
-    noise, ratios = _noises(table)
+    noise, ratios = noises(table, NOISY_CHANNELS)
     values: dict[str, Any] = {
         "viscous_friction": table.number("viscous_friction"),
         "input_gain": table.number("input_gain"),
@@ -110,58 +114,23 @@ def scenario_from_table(table: TomlTable) -> Scenario:
         "samples": _samples(table),
         "route": _choice(table, "route", Scenario.route),
         "intersample": _choice(table, "intersample", Scenario.intersample),
-        "velocity_gain": table.number("velocity_gain", Scenario.velocity_gain),
-        "velocity_integral_gain": table.number("velocity_integral_gain", Scenario.velocity_integral_gain),
         "noise": noise,
         "noise_to_signal": ratios,
     }
     if table.has("excitation"):
         values["excitation"] = of_kind(table.section("excitation"), Excitation)
+    if table.has("control"):
+        values["control"] = of_kind(table.section("control"), Control)
     if table.has("disturbance"):
         section = table.section("disturbance")
-        values["disturbance_to_signal"] = _ratio(section)
+        values["disturbance_to_signal"] = ratio_to_signal(section)
         values["disturbance"] = of_kind(section, Disturbance)
-    table.taken.update({"kind", "excitation", "disturbance", "noise"})
+    table.taken.update({"kind", "excitation", "control", "disturbance", "noise"})
     table.finish()
     try:
         return Scenario(**values)
     except EivorError as error:
         raise table.wrong("", error.expected, error.received, error.remedy) from error
-
-
-def _noises(table: TomlTable) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
-    """Noise of each channel, and the ratio of those that are measured by their signal."""
-    noise: dict[str, MeasurementNoise] = {}
-    ratios: dict[str, float] = {}
-    if not table.has("noise"):
-        return noise, ratios
-    sections = table.section("noise")
-    for name in NOISY_CHANNELS:
-        if not sections.has(name):
-            sections.taken.add(name)
-            continue
-        section = sections.section(name)
-        ratio = _ratio(section)
-        if (ratio is None) != section.has("std"):
-            given = "both" if section.has("std") else "neither"
-            raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
-        if ratio is None:
-            noise[name] = of_kind(section, MeasurementNoise)
-        else:
-            # Its std follows from the signal; until then any will do.
-            noise[name], ratios[name] = of_kind(section, MeasurementNoise, std=1.0), ratio
-    sections.finish()
-    return noise, ratios
-
-
-def _ratio(table: TomlTable) -> float | None:
-    table.taken.add(RATIO)
-    if not table.has(RATIO):
-        return None
-    ratio = table.number(RATIO)
-    if ratio < 0.0:
-        raise table.wrong(RATIO, "a ratio of zero or more", f"{ratio}")
-    return ratio
 
 
 def _samples(table: TomlTable) -> int:

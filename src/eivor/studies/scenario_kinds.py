@@ -1,6 +1,7 @@
-"""What a scenario file may call a noise, a disturbance or an excitation, and how each is built.
+"""What a scenario file may call a noise, a disturbance, an excitation or a control, and how each is built.
 
-The keys of a kind are the parameters of its class, with the same defaults; what they mean is said there.
+The keys of a kind are the parameters of its class, with the same defaults; what they mean is said there. A
+list of numbers may also stand in a table beside the scenario: { file = "mine.csv", column = "u" }.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from eivor.errors import EivorError
+from eivor.models.control import AltitudeControl, Control, VelocityControl
 from eivor.signals.band_excitation import Chirp, FilteredWhite, Multisine
 from eivor.signals.binary_excitation import PseudoRandomBinary
 from eivor.signals.deterministic_disturbance import (
@@ -40,6 +42,7 @@ from eivor.signals.linear_disturbance import (
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.nonlinear_disturbance import Bilinear, ThresholdMovingAverage
 from eivor.signals.volatility import Garch, VarianceSwitch
+from eivor.studies.number_file import numbers_in_file
 from eivor.studies.toml_table import TomlTable
 
 Maker = Callable[..., Any]
@@ -72,11 +75,13 @@ EXCITATIONS: Mapping[str, Maker] = {
     "series": GivenSeries,
     "scaled": ScaledExcitation,
 }
+CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
     Disturbance: DISTURBANCES,
     Excitation: EXCITATIONS,
+    Control: CONTROLS,
 }
 
 
@@ -88,7 +93,7 @@ def of_kind(table: TomlTable, family: type, **known: object) -> Any:
     table : TomlTable
         Its keys, apart from those taken already.
     family : type
-        MeasurementNoise, Disturbance or Excitation.
+        MeasurementNoise, Disturbance, Excitation or Control.
     **known
         Parameters that do not come from the table.
 
@@ -144,13 +149,20 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
     return tuple(built(section, item) for section in table.sections(name))
 
 
+def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
+    """A list of numbers, or a column of a file of numbers."""
+    if isinstance(table.values.get(name), dict):
+        return numbers_in_file(table.section(name))
+    return table.numbers(name)
+
+
 def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
     """A list of lists of numbers."""
     rows = table.values.get(name)
     if not isinstance(rows, list):
         raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
     path = ".".join(part for part in (table.path, name) if part)
-    numbered = TomlTable({f"{number + 1}": row for number, row in enumerate(rows)}, table.file, path)
+    numbered = table.part({f"{number + 1}": row for number, row in enumerate(rows)}, path)
     return tuple(numbered.numbers(key) for key in numbered.values)
 
 
@@ -158,6 +170,6 @@ def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
 _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
     float: TomlTable.number,
     int: TomlTable.whole,
-    tuple[float, ...]: TomlTable.numbers,
+    tuple[float, ...]: _numbers,
     tuple[tuple[float, ...], ...]: _rows,
 }

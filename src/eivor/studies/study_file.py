@@ -26,10 +26,10 @@ from pathlib import Path
 from eivor.errors import EivorError, InputError
 from eivor.signals.disturbance import Disturbance
 from eivor.signals.excitation import Excitation
-from eivor.signals.noise import MeasurementNoise
 from eivor.studies.difference_equation import INPUT, OUTPUT, DifferenceEquation
 from eivor.studies.experiment import Experiment, VerticalExperiment
-from eivor.studies.scenario_file import RATIO, scenario_from_table
+from eivor.studies.noise_tables import noises
+from eivor.studies.scenario_file import scenario_from_table
 from eivor.studies.scenario_kinds import of_kind
 from eivor.studies.study import MethodChoice, Study
 from eivor.studies.toml_table import TomlTable, read_toml
@@ -89,7 +89,7 @@ def _experiment(table: TomlTable) -> Experiment:
 
 
 def _difference_equation(table: TomlTable) -> DifferenceEquation:
-    noise, ratios = _noises(table)
+    noise, ratios = noises(table, (OUTPUT, INPUT))
     disturbance = None
     if table.has("disturbance"):
         disturbance = of_kind(table.section("disturbance"), Disturbance)
@@ -114,27 +114,6 @@ def _difference_equation(table: TomlTable) -> DifferenceEquation:
         )
     except EivorError as error:
         raise _placed(table, error) from error
-
-
-def _noises(table: TomlTable) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
-    """Noise of each channel, and the ratio of those that are measured by their signal."""
-    noise: dict[str, MeasurementNoise] = {}
-    ratios: dict[str, float] = {}
-    if not table.has("noise"):
-        return noise, ratios
-    sections = table.section("noise")
-    for name in (OUTPUT, INPUT):
-        sections.taken.add(name)
-        if not sections.has(name):
-            continue
-        section = sections.section(name)
-        if section.has(RATIO):
-            ratios[name] = section.number(RATIO)
-            noise[name] = of_kind(section, MeasurementNoise, std=1.0)  # its std follows from the signal
-        else:
-            noise[name] = of_kind(section, MeasurementNoise)
-    sections.finish()
-    return noise, ratios
 
 
 def _placed(table: TomlTable, error: EivorError) -> InputError:

@@ -32,12 +32,19 @@ class TomlTable:
         Of the table in the file, such as ``methods[2]``; empty for the top.
     taken : set of str
         Keys that were asked for.
+    folder : Path
+        Where the file is, and where it looks for files that it names.
     """
 
     values: Mapping[str, Any]
     file: str
     path: str = ""
     taken: set[str] = field(default_factory=set)
+    folder: Path = Path()
+
+    def part(self, values: Mapping[str, Any], path: str) -> TomlTable:
+        """Table of the same file, none of whose keys was asked for yet."""
+        return TomlTable(values, self.file, path, folder=self.folder)
 
     def wrong(self, key: str, expected: str, received: str, remedy: str = "Correct the file.") -> InputError:
         """Return the error for a key."""
@@ -124,21 +131,21 @@ class TomlTable:
         if not isinstance(value, list):
             raise self.wrong(key, "a list", repr(value))
         places = {f"{key}[{number + 1}]": item for number, item in enumerate(value)}
-        return TomlTable(places, self.file, self.path)
+        return self.part(places, self.path)
 
     def section(self, key: str) -> TomlTable:
         """A table in this one."""
         value = self._take(key, f"a table [{key}]", None)
         if not isinstance(value, dict):
             raise self.wrong(key, f"a table [{key}]", repr(value))
-        return TomlTable(value, self.file, ".".join(part for part in (self.path, key) if part))
+        return self.part(value, ".".join(part for part in (self.path, key) if part))
 
     def sections(self, key: str) -> tuple[TomlTable, ...]:
         """A list of tables."""
         value = self._take(key, f"tables [[{key}]]", None)
         if not isinstance(value, list) or not value or not all(isinstance(item, dict) for item in value):
             raise self.wrong(key, f"one table [[{key}]] or more", repr(value))
-        return tuple(TomlTable(item, self.file, f"{key}[{n + 1}]") for n, item in enumerate(value))
+        return tuple(self.part(item, f"{key}[{n + 1}]") for n, item in enumerate(value))
 
     def finish(self) -> None:
         """Refuse keys that nobody asked for.
@@ -183,7 +190,7 @@ def read_toml(path: Path, what: str) -> TomlTable:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(expected, f"'{path}', unreadable: {reason}", "Check the name.") from error
     try:
-        return TomlTable(tomllib.loads(text), path.name)
+        return TomlTable(tomllib.loads(text), path.name, folder=path.parent)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(expected, f"'{path}', which is not: {error}", "Correct the syntax.") from error
 
