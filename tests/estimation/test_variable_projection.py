@@ -52,7 +52,7 @@ def test_direct_search_is_joint_nonlinear_least_squares():
     # The white part of the joint covariance is that of nonlinear least squares.
     variance = float(joint.fun @ joint.fun) / (joint.fun.size - 3)
     wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
-    np.testing.assert_allclose(fit.best.covariance.white, wanted, rtol=2e-3)
+    np.testing.assert_allclose(fit.best.covariance.part("classical").matrix, wanted, rtol=2e-3)
 
 
 def test_instrumental_search_is_the_joint_minimum_of_its_equations():
@@ -72,7 +72,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     M = P.T @ G
     e = residual_at(flight, fit.best.values)
     wanted = float(e @ e) / (e.size - 3) * np.linalg.inv(M) @ P.T @ P @ np.linalg.inv(M).T
-    np.testing.assert_allclose(fit.best.covariance.white, wanted, rtol=5e-3)
+    np.testing.assert_allclose(fit.best.covariance.part("classical").matrix, wanted, rtol=5e-3)
     assert fit.best.inference.over_identification[0] == pytest.approx(
         float(np.sum((Q.T @ e) ** 2)) / (float(e @ e) / (e.size - 3)), rel=1e-3
     )
@@ -87,7 +87,7 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
     assert "actuator_lag" not in fixed.names
     for number, name in enumerate(("viscous_friction", "input_gain")):
         assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
-        both = [fit.best.covariance.white[number, number] for fit in (searched, fixed)]
+        both = [fit.best.covariance.part("classical").matrix[number, number] for fit in (searched, fixed)]
         assert both[1] < both[0]
     # The lag tells on the gain: an interval that took it for known would be much too narrow.
     assert both[1] < 0.9 * both[0]
@@ -194,7 +194,10 @@ def estimates_of_many():
 def test_estimates_scatter_by_their_joint_covariance(spread):
     """Squared distances in units of the white covariance add up to a chi-square variable."""
     values, covariances = spread
-    squared = [d @ np.linalg.solve(C.white, d) for d, C in zip(values - TRUTH, covariances, strict=True)]
+    squared = [
+        d @ np.linalg.solve(C.part("classical").matrix, d)
+        for d, C in zip(values - TRUTH, covariances, strict=True)
+    ]
     # The whitening is estimated from the same data: allow it a tenth of the variance.
     low, high = stats.chi2(3 * RUNS).ppf([1e-4, 1.0 - 1e-4])
     assert 0.9 * low < np.sum(squared) < 1.1 * high
@@ -202,7 +205,7 @@ def test_estimates_scatter_by_their_joint_covariance(spread):
 
 def test_estimates_correlate_as_they_say(spread):
     values, covariances = spread
-    mean = np.mean([C.white for C in covariances], axis=0)
+    mean = np.mean([C.part("classical").matrix for C in covariances], axis=0)
     scale = np.sqrt(np.diag(mean))
     wanted, found = mean / np.outer(scale, scale), np.corrcoef(values.T)
     # Fisher's z of a correlation has standard error 1 / sqrt(runs - 3).
@@ -218,6 +221,11 @@ def test_intervals_cover(spread, number):
     covered = int((np.abs(values[:, number] - TRUTH[number]) <= half).sum())
     # The wider of two intervals covers at least as often as either: only the lower bound is sharp.
     assert covered >= stats.binom.ppf(1e-4, RUNS, 0.95)
-    robust = np.array([stats.t(8).ppf(0.975) * np.sqrt(C.robust[number, number]) for C in covariances])
+    robust = np.array(
+        [
+            stats.t(8).ppf(0.975) * np.sqrt(C.part("equal_weighted_cosines").matrix[number, number])
+            for C in covariances
+        ]
+    )
     covered = int((np.abs(values[:, number] - TRUTH[number]) <= robust).sum())
     assert covered >= stats.binom.ppf(1e-4, RUNS, 0.92)

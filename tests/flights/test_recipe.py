@@ -243,7 +243,12 @@ def fleet():
 
 
 def half(result, name: str) -> float:
-    return result.estimate.best.covariance.white[result.names.index(name)][result.names.index(name)] ** 0.5
+    return (
+        result.estimate.best.covariance.part("classical").matrix[result.names.index(name)][
+            result.names.index(name)
+        ]
+        ** 0.5
+    )
 
 
 def test_pooled_flights_shrink_the_error_by_their_root(fleet):
@@ -261,10 +266,10 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet):
 
 
 def test_clusters_come_in_from_ten_flights_on(fleet):
-    assert identify_flight(fleet[:3]).estimate.best.covariance.clustered is None
+    parts = identify_flight(fleet[:3]).estimate.best.covariance.parts
+    assert [part.name for part in parts] == ["equal_weighted_cosines", "classical"]
     pool = identify_flight(fleet)
-    assert pool.estimate.best.covariance.clusters == 10
-    assert pool.estimate.best.covariance.clustered is not None
+    assert pool.estimate.best.covariance.part("clustered").degrees == 9
     low, high = pool.interval("viscous_friction")
     assert low < FRICTION < high
 

@@ -9,18 +9,25 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.signal import lfilter
 
-from eivor.inference.covariance import (
+from eivor.errors import UsageError
+from eivor.inference.bandwidth import newey_west_bandwidth
+from eivor.inference.covariance import CovariancePart, JointCovariance, sandwich
+from eivor.inference.covariance_estimators import FLIGHT_DEFAULT
+from eivor.inference.equal_weighted_cosines import (
     COSINE_AVERAGES,
-    JointCovariance,
-    joint_covariance,
     long_run_mean_variance,
     long_run_sum_covariance,
-    sandwich,
 )
-from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
+from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
+from eivor.inference.kernel import bartlett_covariance
 from eivor.inference.quantiles import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
 
 ONE_FLIGHT = np.zeros(400, dtype=np.int64)
+
+
+def least_squares_equation(G, e, flight_of_row):
+    rows = EquationRows(G, e, G * e[:, None], flight_of_row)
+    return EstimatingEquation(G.T @ G, e.size, lambda: [rows])
 
 
 def test_cosine_averages_are_their_formula():
@@ -54,16 +61,11 @@ def test_robust_covariance_agrees_with_the_white_one_on_white_noise():
     for _ in range(runs):
         G = rng.standard_normal((400, 2))
         e = rng.standard_normal(400)
-        made = joint_covariance(
-            sensitivity=G.T @ G,
-            test=G,
-            residual=e,
-            variance=1.0,
-            scores=G * e[:, None],
-            flight_of_row=ONE_FLIGHT,
-        )
-        np.testing.assert_allclose(made.white, np.linalg.inv(G.T @ G), rtol=1e-9)
-        ratios.append(np.diag(made.robust) / np.diag(made.white))
+        made = FLIGHT_DEFAULT.joint(least_squares_equation(G, e, ONE_FLIGHT))
+        assert [part.name for part in made.parts] == ["equal_weighted_cosines", "classical"]
+        robust, classical = (part.matrix for part in made.parts)
+        np.testing.assert_allclose(classical, np.linalg.inv(G.T @ G) * (e @ e) / 398, rtol=1e-9)
+        ratios.append(np.diag(robust) / np.diag(np.linalg.inv(G.T @ G)))
     error = np.sqrt(2.0 / COSINE_AVERAGES / runs)
     assert np.all(np.abs(np.mean(ratios, axis=0) - 1.0) < 4.5 * error)
 
@@ -107,29 +109,28 @@ def test_clusters_count_from_ten_flights_on(flights):
     G, flight_of_row = rng.standard_normal((rows, 2)), np.repeat(np.arange(flights), 20)
     # The whole of a flight shares its error: only the clustered covariance knows.
     e = np.repeat(rng.standard_normal(flights), 20) * G[:, 0] + 0.1 * rng.standard_normal(rows)
-    made = joint_covariance(
-        sensitivity=G.T @ G,
-        test=G,
-        residual=e,
-        variance=float(e @ e) / (rows - 2),
-        scores=G * e[:, None],
-        flight_of_row=flight_of_row,
-    )
-    assert made.clusters == flights
+    made = FLIGHT_DEFAULT.joint(least_squares_equation(G, e, flight_of_row))
     if flights < 10:
-        assert made.clustered is None
+        assert [part.name for part in made.parts] == ["equal_weighted_cosines", "classical"]
         return
+    clustered = made.part("clustered")
+    assert clustered.degrees == flights - 1
     sums = np.array([(G * e[:, None])[flight_of_row == f].sum(axis=0) for f in range(flights)])
     inverse = np.linalg.inv(G.T @ G)
     wanted = flights * inverse @ np.cov(sums.T) @ inverse
-    np.testing.assert_allclose(made.clustered, wanted, rtol=1e-9)
+    np.testing.assert_allclose(clustered.matrix, wanted, rtol=1e-9)
     direction = np.array([1.0, 0.0])
     assert made.half_width(direction) >= stats.t(flights - 1).ppf(0.975) * np.sqrt(wanted[0, 0]) * (1 - 1e-12)
 
 
 def test_widest_assumption_makes_the_interval():
     white, robust, clustered = np.diag([4.0, 1.0]), np.diag([1.0, 9.0]), np.diag([0.5, 0.1])
-    made = JointCovariance(white, robust, clustered, averages=8, clusters=12)
+    parts = (
+        CovariancePart("robust", robust, 8.0),
+        CovariancePart("white", white),
+        CovariancePart("clustered", clustered, 11.0),
+    )
+    made = JointCovariance(parts)
     first, second = np.eye(2)
     assert made.std_error(first) == 2.0
     assert made.std_error(second) == 3.0
@@ -140,7 +141,9 @@ def test_widest_assumption_makes_the_interval():
         max(stats.norm.ppf(0.975) * 3.0, stats.t(8).ppf(0.975) * np.sqrt(6.0))
     )
     np.testing.assert_allclose(np.diag(made.matrix), [4.0, 9.0])
-    tilted = JointCovariance(white, np.array([[1.0, 0.6], [0.6, 9.0]]))
+    tilted = JointCovariance((CovariancePart("robust", np.array([[1.0, 0.6], [0.6, 9.0]])), parts[1]))
+    with pytest.raises(UsageError, match="out of robust, white; received 'grey'"):
+        tilted.part("grey")
     np.testing.assert_allclose(tilted.matrix[0, 1] / np.sqrt(4.0 * 9.0), 0.6 / 3.0)
 
 

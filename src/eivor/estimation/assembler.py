@@ -16,7 +16,7 @@ from eivor.errors import InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.estimation.products import mean_cross_products, root_of_rows
 from eivor.linalg.system import LinearSystem
-from eivor.models.regression import LinearProblem, Regression
+from eivor.models.regression import LinearProblem, Regression, RowBlock
 
 
 class Assembler(ABC):
@@ -47,7 +47,7 @@ class Assembler(ABC):
         """
 
     @abstractmethod
-    def test_functions(self, rows: Regression) -> Float[np.ndarray, "rows p"]:
+    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """Functions psi whose products with the residual the equations are made of."""
 
     @abstractmethod
@@ -87,7 +87,7 @@ class Direct(Assembler):
             raise _other_kind("triangular moments", moments)
         return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise)
 
-    def test_functions(self, rows: Regression) -> Float[np.ndarray, "rows p"]:
+    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The regressors."""
         return rows.regressors
 
@@ -138,7 +138,7 @@ class Instrumental(Assembler):
         """Mean cross-products as equations."""
         return _instrumental_system(moments, compensated=False)
 
-    def test_functions(self, rows: Regression) -> Float[np.ndarray, "rows p"]:
+    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The instruments."""
         return rows.instruments
 
@@ -147,7 +147,7 @@ class Instrumental(Assembler):
     ) -> Float[np.ndarray, " p"]:
         """Zero."""
         del theta
-        return np.zeros(problem.rows().instruments.shape[1])
+        return np.zeros(problem.instrument_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +196,7 @@ class Compensated(Assembler):
         """Compensated mean cross-products as equations."""
         return _instrumental_system(moments, compensated=True)
 
-    def test_functions(self, rows: Regression) -> Float[np.ndarray, "rows p"]:
+    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The instruments, or the regressors."""
         return rows.instruments if self.by_instruments else rows.regressors
 

@@ -11,7 +11,8 @@ from jaxtyping import Float
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.moments import CrossMoments
 from eivor.estimation.weighting import EquationWeighting, UnweightedEquations, WeightedEquations
-from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
+from eivor.inference.bandwidth import newey_west_bandwidth
+from eivor.inference.kernel import bartlett_covariance
 from eivor.linalg.system import LinearSystem
 
 

@@ -8,116 +8,26 @@ has its candidate, and an interval is the union over the candidates that the dat
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import EstimationError, UsageError
-from eivor.estimation.inferred import Inference, Solved, infer
-from eivor.estimation.nuisance import LagProfile
-from eivor.inference.covariance import JointCovariance
+from eivor.errors import UsageError
+from eivor.estimation.candidate import Candidate
+from eivor.inference.covariance_estimators import CovarianceEstimator
+from eivor.inference.ellipse import Ellipse
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.linalg.system import Solution
 from eivor.models.parameter import Parameter
-from eivor.models.regression import Regression
 
 if TYPE_CHECKING:
     import polars as pl
 
 #: A scalar function of a candidate's joint vector: its value and its gradient.
-Quantity = Callable[["Candidate"], tuple[float, Float[np.ndarray, " n"]]]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """The estimate at one delay.
-
-    Parameters
-    ----------
-    delay_s : float
-        Delay [s]; zero when none is searched.
-    values : ndarray, shape (n,)
-        Joint vector.
-    solution : Solution
-        Linear parameters, and the condition of their equations.
-    profile : LagProfile
-        Objective over the lags; a single lag of zero when none was searched for.
-    solved : Solved or None
-        What inference needs; None for an estimate from moments, whose rows are gone.
-    """
-
-    delay_s: float
-    values: Float[np.ndarray, " n"]
-    solution: Solution
-    profile: LagProfile
-    solved: Solved | None
-
-    @property
-    def lag_s(self) -> float:
-        """Lag of the actuator [s]; zero when none was searched for."""
-        return self.profile.lag_s
-
-    @property
-    def theta(self) -> Float[np.ndarray, " m"]:
-        """Linear parameters."""
-        return self.solution.theta
-
-    @property
-    def rows(self) -> Regression:
-        """Weighted rows at the estimate.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        return self._solved().problem.rows()
-
-    @property
-    def residuals(self) -> Float[np.ndarray, " rows"]:
-        """Residuals of the weighted rows.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        rows = self.rows
-        return rows.response - rows.regressors @ self.theta
-
-    @cached_property
-    def inference(self) -> Inference:
-        """Covariance and tests, made by a second pass over the rows when they are first asked for.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        return infer(self._solved())
-
-    @property
-    def criterion(self) -> float:
-        """What delays are compared by, see `Inference.criterion`."""
-        return self.inference.criterion
-
-    @property
-    def covariance(self) -> JointCovariance:
-        """Of the joint vector."""
-        return self.inference.covariance
-
-    def _solved(self) -> Solved:
-        if self.solved is None:
-            raise EstimationError(
-                "an estimate with its rows at hand, for residuals and standard errors",
-                "an estimate from moments, which do not keep the rows",
-                "Identify a chunk that fits in memory, or the whole problem, to get them.",
-            )
-        return self.solved
+Quantity = Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]
 
 
 @dataclass(frozen=True)
@@ -202,6 +112,29 @@ class Estimate:
             raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
         return np.eye(len(self.names))[self.names.index(name)]
 
+    def with_covariance(self, estimator: CovarianceEstimator) -> Estimate:
+        """Same estimates, with intervals from another covariance.
+
+        Parameters
+        ----------
+        estimator : CovarianceEstimator
+            One of `eivor.covariances`.
+        """
+        candidates = tuple(replace(one, covariance_estimator=estimator) for one in self.candidates)
+        return replace(self, candidates=candidates)
+
+    def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
+        """Joint confidence region of two parameters at the best delay.
+
+        Raises
+        ------
+        UsageError
+            When a name is unknown, the two are one, or the level is not between 0 and 1.
+        """
+        both = np.stack([self.direction(name), self.direction(other)])
+        degrees = self.best.covariance.parts[0].degrees
+        return Ellipse(both @ self.best.values, both @ self.covariance @ both.T, level, degrees)
+
     def std_error(self, name: str) -> float:
         """Largest of the standard errors at the best delay."""
         return self.best.covariance.std_error(self.direction(name))
@@ -255,7 +188,7 @@ class Estimate:
             "value": [self.parameters[name] for name in self.names],
             "unit": list(self.units),
         }
-        if self.best.solved is not None:
+        if self.best.has_covariance:
             intervals = [self.interval(name) for name in self.names]
             columns["std_error"] = [self.std_error(name) for name in self.names]
             columns["low"] = [low for low, _ in intervals]
@@ -264,7 +197,7 @@ class Estimate:
 
     def summary(self) -> str:
         """Table of parameters as text, with standard errors and 95 % intervals when the rows are at hand."""
-        if self.best.solved is None:
+        if not self.best.has_covariance:
             lines = [f"{self.method} (from moments: no standard errors)"]
             return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])
         lines = [

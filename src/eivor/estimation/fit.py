@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from eivor.errors import InstrumentError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.inferred import Solved
 from eivor.estimation.method import Method
 from eivor.estimation.moments import Moments
@@ -19,6 +20,7 @@ from eivor.estimation.nuisance import (
 from eivor.estimation.solve import SolvedEquations, check_rank, solve, solve_moments
 from eivor.estimation.streaming import ProblemMoments
 from eivor.estimation.strength import weak_instruments
+from eivor.inference.covariance_estimators import FLIGHT_DEFAULT
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import ACTUATOR_LAG, SeparableProblem
 
@@ -66,6 +68,7 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
         solved.factor,
         solved.solution,
         np.empty((0, 0)),
+        moments.rows,
     )
     candidate = Candidate(0.0, solved.solution.theta, solved.solution, no_lag(solved.solution), source)
     return Estimate(method.name, problem.parameters, (candidate,), reasons)
@@ -106,8 +109,8 @@ def _candidate(problem: SeparableProblem, method: Method, delay_s: float) -> Can
         rows = weights.regression(problem, profile.lag_s, delay_s)
         columns = np.empty((rows.response.size, 0))
     solved = solve(method, rows)
-    source = Solved(rows, method, solved.system, solved.factor, solved.solution, columns)
-    return Candidate(delay_s, values, profile.solution, profile, source)
+    source = Solved(rows, method, solved.system, solved.factor, solved.solution, columns, rows.response.size)
+    return Candidate(delay_s, values, profile.solution, profile, source, FLIGHT_DEFAULT)
 
 
 def _check_instruments(rows: Regression, method: Method, nuisance: int) -> None:

@@ -2,51 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
 from eivor.estimation.method import Method
-from eivor.inference.covariance import JointCovariance, joint_covariance
+from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.instrument_tests import (
     conditional_first_stage,
     orthonormal_basis,
     over_identification,
 )
 from eivor.linalg.system import LinearSystem, Solution
-from eivor.models.regression import LinearProblem
-
-
-@dataclass(frozen=True)
-class Inference:
-    """What a second pass over the rows tells.
-
-    Parameters
-    ----------
-    covariance : JointCovariance
-        Of the joint vector.
-    criterion : float
-        What delays are compared by, in units of a chi-square on one degree of freedom: J with
-        instruments; without, rows times the logarithm of the objective, twice the negative log likelihood
-        of white residuals of unknown variance.
-    over_identification : tuple of float
-        J and its p-value; (0, 1) without instruments, NaN for compensated equations.
-    first_stage : ndarray, shape (n,)
-        Conditional first-stage F of each joint parameter; NaN without instruments.
-    residual_variance : float
-        s^2 of the weighted rows.
-    rank : int
-        Number of independent instruments; 0 without.
-    """
-
-    covariance: JointCovariance
-    criterion: float
-    over_identification: tuple[float, float]
-    first_stage: Float[np.ndarray, " n"]
-    residual_variance: float
-    rank: int
+from eivor.models.regression import LinearProblem, Regression, RowBlock, SampleRows
 
 
 @dataclass(frozen=True)
@@ -67,6 +39,8 @@ class Solved:
         What the solver found.
     nuisance_columns : ndarray, shape (rows, q)
         Derivatives of Phi theta by the nuisance parameters that were searched for; may have no columns.
+    count : int
+        Number of rows.
     """
 
     problem: LinearProblem
@@ -75,62 +49,174 @@ class Solved:
     factor: Float[np.ndarray, "p p"] | None
     solution: Solution
     nuisance_columns: Float[np.ndarray, "rows q"]
+    count: int
+
+    @cached_property
+    def inference(self) -> Inference:
+        """What a second pass over the rows tells, each part when it is asked for."""
+        return Inference(self)
 
 
-def infer(solved: Solved) -> Inference:
-    """Covariance of the joint vector and tests of the instruments. Linear in the rows."""
-    rows = solved.problem.rows()
-    theta = solved.solution.theta
-    jacobian = rows.regressors
-    if solved.nuisance_columns.size:
-        jacobian = np.column_stack([jacobian, solved.nuisance_columns])
-    residual = rows.response - rows.regressors @ theta
-    count, unknowns = jacobian.shape
-    variance = float(residual @ residual) / max(count - unknowns, 1)
-    test, sensitivity, constant = _estimating_equation(solved, jacobian, residual)
-    covariance = joint_covariance(
-        sensitivity=sensitivity,
-        test=test,
-        residual=residual,
-        variance=variance,
-        scores=rows.layout.scores(test, residual) + constant,
-        flight_of_row=rows.layout.flight_of_row,
-    )
-    if not solved.method.assembler.needs_instruments:
-        # Divided by its own variance the objective would be alike at every delay: the likelihood is not.
-        criterion = count * float(np.log(max(solved.solution.objective, np.finfo(np.float64).tiny)))
-        return Inference(covariance, criterion, (0.0, 1.0), np.full(unknowns, np.nan), variance, 0)
-    basis = orthonormal_basis(rows.instruments)
-    strength = conditional_first_stage(basis, jacobian)
-    if constant.any():
-        # J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well.
-        tested = (float("nan"), float("nan"))
-    else:
-        tested = over_identification(basis, residual, variance, unknowns)
-    return Inference(covariance, tested[0], tested, strength, variance, basis.shape[1])
+@dataclass(frozen=True)
+class Inference:
+    """What a second pass over the rows tells; every part is made when it is first asked for.
+
+    Parameters
+    ----------
+    solved : Solved
+        The solution.
+    """
+
+    solved: Solved
+
+    @cached_property
+    def equation(self) -> EstimatingEquation:
+        """The estimating equation that the solution meets."""
+        return estimating_equation(self.solved)
+
+    @property
+    def criterion(self) -> float:
+        """What delays are compared by, in units of a chi-square on one degree of freedom.
+
+        J with instruments; without, rows times the logarithm of the objective, twice the negative log
+        likelihood of white residuals of unknown variance. (Divided by its own variance the objective
+        would be alike at every delay: the likelihood is not.)
+        """
+        if self.solved.method.assembler.needs_instruments:
+            return self.over_identification[0]
+        least = np.finfo(np.float64).tiny
+        return self.solved.count * float(np.log(max(self.solved.solution.objective, least)))
+
+    @cached_property
+    def over_identification(self) -> tuple[float, float]:
+        """J and its p-value; (0, 1) without instruments, NaN for compensated equations.
+
+        J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well.
+        """
+        if not self.solved.method.assembler.needs_instruments:
+            return 0.0, 1.0
+        if self.constant.any():
+            return float("nan"), float("nan")
+        return over_identification(
+            self._basis, self.residual, self.residual_variance, self._jacobian.shape[1]
+        )
+
+    @cached_property
+    def first_stage(self) -> Float[np.ndarray, " n"]:
+        """Conditional first-stage F of each joint parameter; NaN without instruments."""
+        if not self.solved.method.assembler.needs_instruments:
+            return np.full(self._jacobian.shape[1], np.nan)
+        return conditional_first_stage(self._basis, self._jacobian)
+
+    @property
+    def residual_variance(self) -> float:
+        """s^2 of the weighted rows."""
+        return self.equation.variance
+
+    @property
+    def rank(self) -> int:
+        """Number of independent instruments; 0 without."""
+        return self._basis.shape[1] if self.solved.method.assembler.needs_instruments else 0
+
+    @property
+    def residual(self) -> Float[np.ndarray, " rows"]:
+        """Residual of the weighted rows."""
+        return self.equation.residual
+
+    @cached_property
+    def constant(self) -> Float[np.ndarray, " p"]:
+        """C theta - c, what measurement noises add to each of the method's products on average."""
+        return self.solved.method.assembler.score_constants(self.solved.problem, self.solved.solution.theta)
+
+    @cached_property
+    def _jacobian(self) -> Float[np.ndarray, "rows n"]:
+        rows = self.solved.problem.rows()
+        return np.column_stack([rows.regressors, *self.solved.nuisance_columns.T])
+
+    @cached_property
+    def _basis(self) -> Float[np.ndarray, "rows q"]:
+        return orthonormal_basis(self.solved.problem.rows().instruments)
 
 
-def _estimating_equation(
-    solved: Solved, jacobian: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-) -> tuple[Float[np.ndarray, "rows n"], Float[np.ndarray, "n n"], Float[np.ndarray, " n"]]:
-    """Test functions P, sensitivity M and the constant in each row's score.
+def estimating_equation(solved: Solved) -> EstimatingEquation:
+    """Estimating equation of a solution, whose rows are made block by block.
 
     A direct method's test functions are its regressors, corrected by its solver. An instrumental one's
     are psi' W A with A the equations' mean sensitivity to the joint vector and W = (L L')^-1.
     """
-    rows = solved.problem.rows()
+    assembler = solved.method.assembler
+    parts = _moment_parts if assembler.moment_equations else _direct_parts
+    sensitivity, rows_of = parts(solved)
+    layout = solved.problem.layout if isinstance(solved.problem, Regression) else None
+    if layout is None or isinstance(layout, SampleRows):
+
+        def blocks() -> Iterator[EquationRows]:
+            start = 0
+            for block in solved.problem.blocks():
+                if block.response.size:
+                    yield rows_of(block, start)
+                start += block.response.size
+
+        return EstimatingEquation(sensitivity, solved.count, blocks)
+    # Rows in frequency go back to time run by run, all at once.
+    whole = rows_of(next(iter(solved.problem.blocks(max(solved.count, 1)))), 0)
+    rows = EquationRows(
+        whole.test, whole.residual, layout.scores(whole.test, whole.residual), whole.flight_of_row
+    )
+    return EstimatingEquation(sensitivity, rows.scores.shape[0], lambda: [rows])
+
+
+RowsOf = Callable[[RowBlock, int], EquationRows]
+
+
+def _moment_parts(solved: Solved) -> tuple[Float[np.ndarray, "n n"], RowsOf]:
+    """Sensitivity, and rows of a block that begins at some row, of moment equations."""
     assembler, theta = solved.method.assembler, solved.solution.theta
-    linear, unknowns = theta.size, jacobian.shape[1]
-    if not assembler.moment_equations:
-        correction = solved.method.solver.score_correction(residual, theta, solved.system.error_covariance)
-        sensitivity = jacobian.T @ jacobian
-        sensitivity[:linear, :linear] += correction.sensitivity
-        test = jacobian + np.pad(correction.rows, ((0, 0), (0, unknowns - linear)))
-        return test, sensitivity, np.zeros(unknowns)
-    psi = assembler.test_functions(rows)
     A = solved.system.matrix
-    if solved.nuisance_columns.size:
-        A = np.column_stack([A, psi.T @ solved.nuisance_columns / residual.size])
+    nuisance = solved.nuisance_columns
+    if nuisance.size:
+        psi = assembler.test_functions(solved.problem.rows())
+        A = np.column_stack([A, psi.T @ nuisance / solved.count])
     WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
     constant = assembler.score_constants(solved.problem, theta) @ WA
-    return psi @ WA, residual.size * (A.T @ WA), constant
+
+    def rows_of(block: RowBlock, start: int) -> EquationRows:
+        del start
+        test = assembler.test_functions(block) @ WA
+        residual = block.response - block.regressors @ theta
+        return EquationRows(test, residual, test * residual[:, None] + constant, block.flights)
+
+    return solved.count * (A.T @ WA), rows_of
+
+
+def _direct_parts(solved: Solved) -> tuple[Float[np.ndarray, "n n"], RowsOf]:
+    """Sensitivity, and rows of a block that begins at some row, of a direct method."""
+    theta, covariance = solved.solution.theta, solved.system.error_covariance
+    nuisance = solved.nuisance_columns
+    linear, solver = theta.size, solved.method.solver
+
+    def jacobian_and_correction(
+        block: RowBlock, start: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        residual = block.response - block.regressors @ theta
+        jacobian = block.regressors
+        if nuisance.size:
+            jacobian = np.column_stack([jacobian, nuisance[start : start + residual.size]])
+        correction = solver.score_correction(residual, theta, covariance)
+        return residual, jacobian, correction.rows, correction.sensitivity
+
+    unknowns = linear + (nuisance.shape[1] if nuisance.size else 0)
+    sensitivity: Float[np.ndarray, "n n"] = np.zeros((unknowns, unknowns))
+    start = 0
+    for block in solved.problem.blocks():
+        residual, jacobian, _, added = jacobian_and_correction(block, start)
+        sensitivity += jacobian.T @ jacobian
+        sensitivity[:linear, :linear] += added
+        start += residual.size
+
+    def rows_of(block: RowBlock, start: int) -> EquationRows:
+        residual, jacobian, correction, _ = jacobian_and_correction(block, start)
+        test = jacobian + np.pad(correction, ((0, 0), (0, unknowns - linear)))
+        return EquationRows(test, residual, test * residual[:, None], block.flights)
+
+    return sensitivity, rows_of

@@ -227,13 +227,7 @@ def blocks(first: int, count: int, size: int = BLOCK_ROWS) -> Iterator[tuple[int
 
 def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> Float[np.ndarray, " rows"]:
     """Rows of a column without its constant gain: a view, unless it is multiplied or masked."""
-    signals = problem.signals
-    if not column.channel:
-        values = np.ones(stop - start)
-    else:
-        values = signals.channel(column.channel)[start - column.lag : stop - column.lag]
-    if column.gain_channel:
-        values = values * signals.channel(column.gain_channel)[start:stop]
+    values = problem.slice_of(column, start, stop)
     if problem.used is not None:
         values = values[problem.used[start - problem.first : stop - problem.first]]
     return values

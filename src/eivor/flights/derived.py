@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.estimation.estimate import Candidate, Estimate
-from eivor.inference.covariance import long_run_mean_variance
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.inference.equal_weighted_cosines import long_run_mean_variance
 from eivor.models.vertical import GRAVITY
 from eivor.models.vertical_flights import VerticalFlights
 

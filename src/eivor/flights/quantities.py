@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
 from eivor.flights.derived import (
     Balance,
     balance,

@@ -1,24 +1,177 @@
-"""Kernel estimates of the covariance of autocorrelated scores."""
+"""Kernels that weigh the autocovariances of scores, and the long-run covariance they make.
+
+A kernel k has k(0) = 1; at lag l it is taken at l over the *span* S. With a bandwidth m, in lags, S is
+m + 1 for kernels that end there (Bartlett, Parzen), so that lags up to m count, and m for the quadratic
+spectral one, which has no end: linearmodels counts alike. Scores are not centred; bandwidth 0 is the
+heteroskedasticity-robust covariance.
+"""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
+from scipy import fft
+
+from eivor.errors import UsageError
+
+#: Below this argument the quadratic spectral kernel is its series, 1 - z^2/10.
+SMALL_ARGUMENT = 1e-3
+
+
+class Kernel(ABC):
+    """Weights of autocovariances."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What results call it."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> bool:
+        """True when the kernel is zero from x = 1 on."""
+
+    @abstractmethod
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """k(x) at x >= 0."""
+
+    def span(self, bandwidth: float) -> float:
+        """S of a bandwidth in lags."""
+        return bandwidth + 1.0 if self.ends else bandwidth
+
+
+@dataclass(frozen=True, slots=True)
+class Bartlett(Kernel):
+    """1 - x (Newey and West 1987)."""
+
+    @property
+    def name(self) -> str:
+        """Bartlett."""
+        return "bartlett"
+
+    @property
+    def ends(self) -> bool:
+        """Yes."""
+        return True
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """1 - x, and zero beyond one."""
+        return np.maximum(1.0 - x, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Parzen(Kernel):
+    """1 - 6 x^2 + 6 x^3 up to 1/2, 2 (1 - x)^3 up to 1 (Gallant 1987)."""
+
+    @property
+    def name(self) -> str:
+        """Parzen."""
+        return "parzen"
+
+    @property
+    def ends(self) -> bool:
+        """Yes."""
+        return True
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Two cubics."""
+        near = 1.0 - 6.0 * x**2 * (1.0 - x)
+        return np.where(x <= 0.5, near, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticSpectral(Kernel):
+    """3/z^2 (sin z / z - cos z) with z = 6 pi x / 5 (Andrews 1991); it has no end."""
+
+    @property
+    def name(self) -> str:
+        """Quadratic spectral."""
+        return "quadratic_spectral"
+
+    @property
+    def ends(self) -> bool:
+        """No."""
+        return False
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Andrews' formula, by its series where it would cancel."""
+        z = 1.2 * np.pi * x
+        safe = np.where(z < SMALL_ARGUMENT, 1.0, z)
+        far = 3.0 / safe**2 * (np.sin(safe) / safe - np.cos(safe))
+        return np.where(z < SMALL_ARGUMENT, 1.0 - z**2 / 10.0, far)
+
+
+def kernel_sum_covariance(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], count: int, kernel: Kernel, bandwidth: float
+) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'.
+
+    Parameters
+    ----------
+    blocks : iterable of ndarray, shapes (samples, n)
+        Successive scores.
+    count : int
+        Number of scores in all of them.
+    kernel, bandwidth : Kernel, float
+        See this module; a bandwidth longer than the scores counts every lag.
+
+    Notes
+    -----
+    A kernel that ends keeps as many scores as its bandwidth; O(count n^2 bandwidth). One without an end
+    needs all scores at once, and takes their autocovariances by FFT; O(n^2 count log(count)).
+    """
+    if kernel.ends:
+        return _from_blocks(blocks, kernel, min(int(bandwidth), count - 1), kernel.span(bandwidth))
+    return _from_spectrum(np.concatenate(list(blocks)), kernel, kernel.span(bandwidth))
 
 
 def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Float[np.ndarray, "p p"]:
-    """Long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987).
-
-    Scores are not centred; bandwidth 0 is the heteroskedasticity-robust covariance. O(n p^2 bandwidth).
-    """
+    """Mean long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987)."""
     count = scores.shape[0]
-    covariance: Float[np.ndarray, "p p"] = scores.T @ scores / count
-    for lag in range(1, min(bandwidth, count - 1) + 1):
-        cross = scores[lag:].T @ scores[:-lag] / count
-        covariance += (1.0 - lag / (bandwidth + 1.0)) * (cross + cross.T)
-    return covariance
+    covariance: Float[np.ndarray, "p p"] = kernel_sum_covariance([scores], count, Bartlett(), float(bandwidth))
+    return covariance / count
 
 
-def newey_west_bandwidth(count: int) -> int:
-    """Rule of thumb for the number of lags, 4 (n/100)^(2/9)."""
-    return int(4.0 * (count / 100.0) ** (2.0 / 9.0))
+def _from_blocks(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], kernel: Kernel, lags: int, span: float
+) -> Float[np.ndarray, "n n"]:
+    weights = kernel.weights(np.arange(lags + 1) / span)
+    total, before = None, None
+    for block in blocks:
+        unknowns = block.shape[1]
+        if total is None or before is None:
+            total, before = np.zeros((unknowns, unknowns)), np.empty((0, unknowns))
+        joined = np.concatenate([before, block])
+        known = before.shape[0]
+        total += block.T @ block
+        for lag in range(1, lags + 1):
+            # Pairs whose later score is in this block and whose earlier one has been seen.
+            first = max(known, lag)
+            cross = joined[first:].T @ joined[first - lag : joined.shape[0] - lag]
+            total += weights[lag] * (cross + cross.T)
+        before = joined[max(joined.shape[0] - lags, 0) :]
+    if total is None:
+        raise UsageError("scores", "none", "Give a longer record.")
+    return total
+
+
+def _from_spectrum(
+    scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float
+) -> Float[np.ndarray, "n n"]:
+    """Autocovariances of all lags by FFT, padded so that they do not wrap around."""
+    count, unknowns = scores.shape
+    if span <= 0.0:
+        return scores.T @ scores
+    weights = kernel.weights(np.arange(count) / span)
+    spectrum = fft.rfft(scores, n=fft.next_fast_len(2 * count, real=True), axis=0)
+    total = np.empty((unknowns, unknowns))
+    for i in range(unknowns):
+        for j in range(i + 1):
+            products = fft.irfft(spectrum[:, i] * spectrum[:, j].conj(), n=2 * spectrum.shape[0] - 2)
+            later, earlier = products[1:count], products[-1:-count:-1]
+            total[i, j] = total[j, i] = products[0] + float(weights[1:] @ (later + earlier))
+    return total

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from scipy import special
 
 
@@ -10,9 +12,11 @@ def normal_quantile(level: float) -> float:
     return float(special.ndtri(0.5 + 0.5 * level))
 
 
-def t_quantile(level: float, degrees: int) -> float:
+def t_quantile(level: float, degrees: float | int) -> float:
     """Half-width, in standard errors, of a two-sided t interval; infinite without degrees of freedom."""
-    return float(special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else float("inf")
+    if math.isinf(degrees):
+        return normal_quantile(level)
+    return float(special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
 def chi_square_quantile(level: float, degrees: int = 1) -> float:

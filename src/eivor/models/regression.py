@@ -9,7 +9,7 @@ out of signals when they are asked for, so that no matrix of lags need ever be b
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +24,9 @@ from eivor.errors import (
     TooFewSamplesError,
 )
 from eivor.models.parameter import Parameter
+
+#: Rows in a block: its columns fit in a second-level cache.
+BLOCK_ROWS = 16_384
 
 
 class RowLayout(ABC):
@@ -65,6 +68,24 @@ class SampleRows(RowLayout):
         return test * residual[:, None]
 
 
+@dataclass(frozen=True, slots=True)
+class RowBlock:
+    """Successive rows of a problem. Performs no checks.
+
+    Parameters
+    ----------
+    response, regressors, instruments : ndarray, shapes (rows,), (rows, n) and (rows, p)
+        See `Regression`.
+    flights : ndarray of int, shape (rows,)
+        Flight of each row.
+    """
+
+    response: Float[np.ndarray, " rows"]
+    regressors: Float[np.ndarray, "rows n"]
+    instruments: Float[np.ndarray, "rows p"]
+    flights: Int[np.ndarray, " rows"]
+
+
 class LinearProblem(ABC):
     """Anything that has rows ``y = Phi theta + e``: arrays, or signals that rows can be cut from."""
 
@@ -73,6 +94,15 @@ class LinearProblem(ABC):
     @abstractmethod
     def rows(self) -> Regression:
         """Rows in arrays."""
+
+    @property
+    @abstractmethod
+    def instrument_count(self) -> int:
+        """Number of instruments, p."""
+
+    @abstractmethod
+    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+        """Rows in their order, block by block, without building them all."""
 
     @abstractmethod
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
@@ -155,6 +185,18 @@ class Regression(LinearProblem):
     def rows(self) -> Regression:
         """Return the regression itself."""
         return self
+
+    @property
+    def instrument_count(self) -> int:
+        """Number of instruments."""
+        return self.instruments.shape[1]
+
+    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+        """Views of successive rows."""
+        flights = self.layout.flight_of_row
+        for start in range(0, self.response.size, size):
+            here = slice(start, start + size)
+            yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Return the covariance that was given.

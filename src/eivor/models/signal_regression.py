@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -12,7 +13,7 @@ from eivor.errors import MissingNoiseError
 from eivor.models.column import Column
 from eivor.models.equation import Equation
 from eivor.models.parameter import Parameter
-from eivor.models.regression import LinearProblem, Regression
+from eivor.models.regression import BLOCK_ROWS, LinearProblem, Regression, RowBlock
 from eivor.models.shared_noise import shared_noise
 from eivor.signals.signals import Signals
 
@@ -52,6 +53,11 @@ class SignalRegression(LinearProblem):
     def names(self) -> tuple[str, ...]:
         """Name of each parameter."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @property
+    def instrument_count(self) -> int:
+        """Number of instruments."""
+        return len(self.instrument_columns)
 
     @property
     def first(self) -> int:
@@ -98,6 +104,40 @@ class SignalRegression(LinearProblem):
     def rows(self) -> Regression:
         """Rows in arrays, built once."""
         return self._rows
+
+    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+        """Rows of successive stretches of the signals; a stretch may have none where samples are invalid."""
+        for start in range(self.first, self.signals.sample_count, size):
+            stop = min(start + size, self.signals.sample_count)
+            response = self.columns_between([self.equation.response], start, stop)[:, 0]
+            yield RowBlock(
+                response,
+                self.columns_between(self.regressor_columns, start, stop),
+                self.columns_between(self.instrument_columns, start, stop),
+                np.zeros(response.size, dtype=np.int64),
+            )
+
+    def columns_between(
+        self, columns: Sequence[Column], start: int, stop: int
+    ) -> Float[np.ndarray, "rows columns"]:
+        """Columns of the rows from sample `start` to `stop`, each contiguous in memory."""
+        used = None if self.used is None else self.used[start - self.first : stop - self.first]
+        count = stop - start if used is None else int(used.sum())
+        block = np.empty((len(columns), count))
+        for row, column in zip(block, columns, strict=True):
+            values = self.slice_of(column, start, stop)
+            np.multiply(values if used is None else values[used], column.gain, out=row)
+        return block.T
+
+    def slice_of(self, column: Column, start: int, stop: int) -> Float[np.ndarray, " samples"]:
+        """Column from sample `start` to `stop` without its constant gain: a view, unless it is multiplied."""
+        if not column.channel:
+            values: Float[np.ndarray, " samples"] = np.ones(stop - start)
+        else:
+            values = self.signals.channel(column.channel)[start - column.lag : stop - column.lag]
+        if column.gain_channel:
+            values = values * self.signals.channel(column.gain_channel)[start:stop]
+        return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Noise covariance of [Phi y] from the columns' tags and the declared noises.

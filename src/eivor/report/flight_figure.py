@@ -20,7 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
-from eivor.estimation.estimate import Candidate
+from eivor.estimation.candidate import Candidate
 from eivor.flights.result import FlightEstimate
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.inference.verdict import Status

@@ -1,0 +1,53 @@
+"""Covariance of an estimate by a kernel over the autocovariances of its scores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.inference.bandwidth import Bandwidth, NeweyWestRule
+from eivor.inference.covariance import CovariancePart, sandwich
+from eivor.inference.covariance_estimators import CovarianceEstimator
+from eivor.inference.estimating_equation import EstimatingEquation
+from eivor.inference.fixed_b import FixedBReference, fixed_b_reference
+from eivor.inference.kernel import Bartlett, Kernel, kernel_sum_covariance
+
+
+@dataclass(frozen=True, slots=True)
+class KernelRobust(CovarianceEstimator):
+    """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Weights of the lags.
+    bandwidth : Bandwidth
+        How many lags.
+    fixed_b : bool
+        Take critical values that allow for the bandwidth (Kiefer and Vogelsang 2005); normal ones, which
+        are too short unless the bandwidth is a small share of the record, when False.
+    """
+
+    kernel: Kernel = field(default_factory=Bartlett)
+    bandwidth: Bandwidth = field(default_factory=NeweyWestRule)
+    fixed_b: bool = True
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; see `kernel_sum_covariance` for its cost."""
+
+        def blocks() -> Iterator[Float[np.ndarray, "_ n"]]:
+            return (rows.scores for rows in equation.blocks())
+
+        count = equation.sample_count
+        lags = self.bandwidth.lags(blocks, count, self.kernel)
+        meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
+        matrix = sandwich(equation.sensitivity, meat)
+        reference = FixedBReference(math.inf, 1.0)
+        span = self.kernel.span(lags)
+        if self.fixed_b and lags > 0.0:
+            reference = fixed_b_reference(self.kernel, min(span / count, 1.0))
+        return (CovariancePart(self.kernel.name, matrix, reference.degrees, reference.share),)
