@@ -49,6 +49,21 @@ def test_json_is_finite_and_complete(two_readings):
     assert document["readings"][0]["choices"]["lags"] == 2
 
 
+def test_weak_instruments_are_told(two_readings):
+    run = eivor(*SMALL, "--readings", "white-input")
+    said = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."
+    assert " ".join(run.output.split()).count(said) == 2
+    assert max(map(len, run.output.splitlines())) <= 80
+    assert said not in " ".join(eivor(*SMALL, "--readings", "ratios-of-variances").output.split())
+    document = paper_table.paper_document(two_readings, seconds=1.0)
+    counts = [
+        one["methods"]["extended_iv"]["weak"] for part in document["readings"] for one in part["examples"]
+    ]
+    assert counts == [0, 0, 3, 3]
+    page = paper_table.page_parts(two_readings)["example 1"]
+    assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
+
+
 def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("eivor.report.paper_figures.save_figure", lambda _, path: path.touch())
     run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.special import binom
 from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.fit import identify
+from eivor.inference.verdict import Status
 from eivor.models.column import lags
 from eivor.models.scenario import Intersample
 from eivor.models.vertical import VerticalMotion
@@ -83,6 +85,7 @@ def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
 def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
     result = run_example(reading("white-input"), EXAMPLES[0], 20)
     assert result.spreads("extended_iv")[1].mean > 10.0 * result.spreads("generalized_iv")[1].mean
+    assert [result.weak_runs(method) for method in METHODS] == [0, 0, 20, 20, 0, 0]
 
 
 @pytest.mark.parametrize("name", ["ratios-of-variances", "central-5-lags", "weights-as-printed"])
@@ -91,10 +94,22 @@ def test_shared_moments_give_what_identify_gives(name):
     signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
     model = VerticalMotion(intercept=False)
     instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
-    for method, found in zip(METHODS, estimates(chosen, signals), strict=True):
+    for method, found in zip(METHODS, estimates(chosen, signals).theta, strict=True):
         columns = instruments.get(method.partition("_iv")[0], ())
         expected = identify(model.regression(signals, columns), getattr(methods, method)())
         assert found == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
+
+
+@pytest.mark.parametrize("name", ["white-input", "ratios-of-variances"])
+def test_weak_is_what_identify_calls_weak(name):
+    chosen = reading(name)
+    signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
+    columns = lags("input", 1, chosen.lags)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = identify(VerticalMotion(intercept=False).regression(signals, columns), methods.extended_iv())
+    weak = estimates(chosen, signals).weak[METHODS.index("extended_iv")]
+    assert weak == (fit.status is Status.WEAK) == (name == "white-input")
 
 
 def test_too_few_instruments_for_total_least_squares_are_no_estimate():
@@ -250,13 +265,18 @@ def test_nearness_of_the_printed_tables_to_themselves():
             theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
                 1.0 + np.column_stack(columns) / 100.0
             )
-        found = nearness([PaperResult(READINGS[0], example, theta)])
+        found = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
         assert found.agreeing == found.printed == 6
         assert (found.means, found.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
 
 
 def test_no_estimate_is_infinitely_far():
-    result = PaperResult(READINGS[0], EXAMPLES[0], np.full((3, len(METHODS), 2), np.nan))
+    result = PaperResult(
+        READINGS[0],
+        EXAMPLES[0],
+        np.full((3, len(METHODS), 2), np.nan),
+        np.zeros((3, len(METHODS)), dtype=bool),
+    )
     assert nearness([result]).means == float("inf")
     assert np.isnan(result.spreads("least_squares")[0].std)
 

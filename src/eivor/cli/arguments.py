@@ -1,4 +1,4 @@
-"""From what is typed to what the library takes: logs with windows, names, files to write."""
+"""From what is typed to what the library takes: shared options, logs with windows, names, files."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from eivor.errors import EivorError, InputError, UsageError
 
@@ -17,6 +20,26 @@ FIGURE_FORMATS = (".png", ".svg", ".pdf")
 STANDARD_OUTPUT = "-"
 
 Window = tuple[float, float]
+
+#: Options that several commands have.
+MapOption = Annotated[
+    str,
+    typer.Option(
+        "--map",
+        metavar="FILE.toml",
+        help="Channel map of a table, or the name of a shipped one: nanobench, rotorpy.",
+        show_default=False,
+    ),
+]
+JsonOption = Annotated[
+    str,
+    typer.Option(
+        "--json",
+        metavar="FILE|-",
+        help="Write JSON; - prints it instead of the table.",
+        show_default=False,
+    ),
+]
 
 
 @dataclass(frozen=True, slots=True)

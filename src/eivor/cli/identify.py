@@ -104,21 +104,8 @@ def identify(
         typer.Option(metavar="NAME", help="reference_iv, least_squares, total_least_squares, extended_iv."),
     ] = "reference_iv",
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
-    channel_map: Annotated[
-        str,
-        typer.Option(
-            "--map",
-            metavar="FILE.toml",
-            help="Channel map of a table, or the name of a shipped one: nanobench, rotorpy.",
-            show_default=False,
-        ),
-    ] = "",
-    json: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE|-", help="Write JSON; - prints it instead of the table.", show_default=False
-        ),
-    ] = "",
+    channel_map: arguments.MapOption = "",
+    json: arguments.JsonOption = "",
     figure: Annotated[
         str,
         typer.Option(

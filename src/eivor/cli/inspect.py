@@ -34,21 +34,8 @@ def inspect(
             show_default=False,
         ),
     ] = "",
-    channel_map: Annotated[
-        str,
-        typer.Option(
-            "--map",
-            metavar="FILE.toml",
-            help="Channel map of a table, or the name of a shipped one: nanobench, rotorpy.",
-            show_default=False,
-        ),
-    ] = "",
-    json: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE|-", help="Write JSON; - prints it instead of the table.", show_default=False
-        ),
-    ] = "",
+    channel_map: arguments.MapOption = "",
+    json: arguments.JsonOption = "",
 ) -> ExitCode:
     """List what a log holds: channels, flight, references; and what identify would say."""
     given = arguments.log_argument(log)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, output_file, writing
+from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, output_file, writing
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.terminal import console, show, step, write
 from eivor.errors import InputError, UsageError
@@ -48,12 +48,7 @@ def paper(
     workers: Annotated[
         int, typer.Option(metavar="N", help="Processes; default: one for each core.", show_default=False)
     ] = 0,
-    json: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE|-", help="Write JSON; - prints it instead of the tables.", show_default=False
-        ),
-    ] = "",
+    json: JsonOption = "",
     page: Annotated[
         str,
         typer.Option(

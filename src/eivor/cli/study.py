@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, output_file, writing
+from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, output_file, writing
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.terminal import complain, console, show, write
 from eivor.errors import UsageError
@@ -64,12 +64,7 @@ def study(
             show_default=False,
         ),
     ] = "",
-    json: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE|-", help="Write JSON; - prints it instead of the table.", show_default=False
-        ),
-    ] = "",
+    json: JsonOption = "",
 ) -> ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
     if json not in ("", STANDARD_OUTPUT):

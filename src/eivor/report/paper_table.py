@@ -77,6 +77,16 @@ def reading_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
                 printed = map(printed_text, result.example.printed[method])
                 table.add_row(*(Text(cell, style="dim") for cell in ("    printed", *printed)))
         yield table
+        if sentence := weak_sentence(result):
+            yield Text(sentence)
+
+
+def weak_sentence(result: PaperResult) -> str:
+    """In how many runs the instruments of which method are weak; empty when none are."""
+    runs = len(result.weak)
+    counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in PRINTED_METHODS.values()}
+    told = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
+    return f"Weak instruments (first-stage F below 10): {', '.join(told)}." if told else ""
 
 
 def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
@@ -162,6 +172,7 @@ def _example(result: PaperResult) -> Json:
         "methods": {
             method: {
                 "failed": result.failed(method),
+                "weak": result.weak_runs(method),
                 "nrmse": _spreads(result.spreads(method)),
                 "printed": _spreads(result.example.printed.get(method, ())),
             }
@@ -233,7 +244,14 @@ def _example_table(results: Sequence[PaperResult], example: Example, method: str
     for result in results:
         both = (*result.spreads(method), *result.spreads(partner))
         lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
-    return markdown(header, lines)
+    return markdown(header, lines) + _weak_readings(results, method)
+
+
+def _weak_readings(results: Sequence[PaperResult], method: str) -> str:
+    """Readings under which the instruments of a method are weak, as a line below its table."""
+    counts = {result.reading.name: result.weak_runs(method) for result in results}
+    told = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(told)}." if told else ""
 
 
 def _figures(name: str) -> str:

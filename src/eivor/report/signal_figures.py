@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from eivor.errors import UsageError
-from eivor.report.plain_figure import DARK, GREY, RED, legend, page
+from eivor.report.plain_figure import DARK, GREY, RED, drawable, labelled, legend, page
 from eivor.report.wording import printable
 from eivor.signals.recording import CANONICAL_UNITS
 from eivor.signals.signals import Signals
@@ -51,8 +50,7 @@ def signals_figure(
         When a channel is absent.
     """
     names = channels or tuple(signals.channels)
-    if not names:
-        raise UsageError("channels to draw", "signals without any", "Name some of them.")
+    drawable(names, "channels", "Name some of them.")
     figure = page(WIDTH, PANEL_HEIGHT * len(names) + 0.7, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
     shared = None
@@ -68,13 +66,10 @@ def signals_figure(
             axes.plot(time, truth.channel(name), color=RED, lw=0.9, label="without noise")
             if place == 1:
                 legend(axes, place="upper right")
-        axes.set_ylabel(axis_label(name), parse_math=False)
+        last = place == len(names)
+        labelled(axes, x="time t [s]" if last else "", y=axis_label(name))
         axes.margins(x=0.005)
-        axes.grid(alpha=0.25)
-        if place < len(names):
-            axes.tick_params(labelbottom=False)
-        else:
-            axes.set_xlabel("time t [s]")
+        axes.tick_params(labelbottom=last)
     return figure
 
 

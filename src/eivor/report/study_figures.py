@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eivor.errors import UsageError
-from eivor.report.plain_figure import BLUE, DARK, RED, legend, page
+from eivor.report.plain_figure import BLUE, DARK, RED, drawable, labelled, legend, page
 from eivor.report.wording import QUANTITIES, printable
 from eivor.studies.metrics import TOGETHER, Spread, trial_nrmse
 from eivor.studies.run import StudyResult
@@ -52,16 +51,14 @@ def nrmse_figure(
         When there is nothing to draw.
     """
     columns = max((len(scores) for scores in rows.values()), default=0)
-    if not columns:
-        raise UsageError("scores to draw", "none", "Run the study first.")
+    drawable(range(columns), "scores", "Run the study first.")
     figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
     for row, (method, scores) in enumerate(rows.items()):
         for column, (name, values) in enumerate(scores.items()):
             axes = figure.add_subplot(len(rows), columns, row * columns + column + 1)
             _draw(axes, values, ((printed or {}).get(method) or {}).get(name))
-            axes.set_xlabel(f"NRMSE of {_words(name)} [%]", fontsize=9, parse_math=False)
-            if column == 0:
-                axes.set_ylabel(f"{printable(method)}\ntrials [count]", fontsize=9, parse_math=False)
+            beside = f"{printable(method)}\ntrials [count]" if column == 0 else ""
+            labelled(axes, x=f"NRMSE of {_words(name)} [%]", y=beside, size=9.0)
     return figure
 
 
@@ -112,7 +109,6 @@ def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | No
     # room for the legend above the bars
     axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(alpha=0.25)
     legend(axes, size=7)
 
 

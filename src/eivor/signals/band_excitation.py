@@ -34,8 +34,7 @@ class FilteredWhite(Excitation):
     high_hz: float
 
     def __post_init__(self) -> None:
-        non_negative("std", self.std)
-        _check_band(self.low_hz, self.high_hz)
+        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """One realisation."""
@@ -62,8 +61,7 @@ class Chirp(Excitation):
     high_hz: float
 
     def __post_init__(self) -> None:
-        non_negative("amplitude", self.amplitude)
-        _check_band(self.low_hz, self.high_hz)
+        _check_size_and_band("amplitude", self.amplitude, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
@@ -94,8 +92,7 @@ class Multisine(Excitation):
     high_hz: float
 
     def __post_init__(self) -> None:
-        non_negative("std", self.std)
-        _check_band(self.low_hz, self.high_hz)
+        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
@@ -108,7 +105,8 @@ class Multisine(Excitation):
         return self.std * count / np.sqrt(2.0 * lines) * np.fft.irfft(spectrum, count)
 
 
-def _check_band(low_hz: float, high_hz: float) -> None:
+def _check_size_and_band(name: str, size: float, low_hz: float, high_hz: float) -> None:
+    non_negative(name, size)
     non_negative("low_hz", low_hz)
     positive("high_hz", high_hz)
     require(low_hz <= high_hz, "a low_hz up to high_hz", f"low_hz={low_hz}, high_hz={high_hz}")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import UsageError
@@ -40,11 +40,14 @@ class PaperResult:
         The example.
     estimates : ndarray, shape (runs, methods, parameters)
         In the order of `METHODS`; NaN where a method gave none.
+    weak : ndarray, shape (runs, methods)
+        Whether a method's instruments were weak.
     """
 
     reading: Reading
     example: Example
     estimates: Float[np.ndarray, "runs methods parameters"]
+    weak: Bool[np.ndarray, "runs methods"]
 
     def nrmse(self, method: str) -> Float[np.ndarray, "runs scores"]:
         """NRMSE in percent of each run in which the method gave an estimate, in the order of `SCORES`."""
@@ -54,6 +57,10 @@ class PaperResult:
     def failed(self, method: str) -> int:
         """Runs in which the method gave no estimate."""
         return len(self.estimates) - len(self.nrmse(method))
+
+    def weak_runs(self, method: str) -> int:
+        """Runs in which the method's instruments were weak."""
+        return int(self.weak[:, METHODS.index(method)].sum())
 
     def spreads(self, method: str) -> tuple[Spread, ...]:
         """Mean and SD of each score; NaN where there are too few runs."""
@@ -103,13 +110,17 @@ def run_together(
     readings: Sequence[Reading], example: Example, runs: int, seed: int = SEED
 ) -> list[PaperResult]:
     """Results under readings that have their records in common, see `Reading.records`."""
-    found = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
+    theta = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
+    weak = np.empty((len(readings), runs, len(METHODS)), dtype=np.bool_)
     with threadpool_limits(limits=1):
         for index in range(runs):
             signals = record(readings[0], example, trial_generator(index, seed)).signals
             for place, reading in enumerate(readings):
-                found[place, index] = estimates(reading, signals)
-    return [PaperResult(reading, example, part) for reading, part in zip(readings, found, strict=True)]
+                found = estimates(reading, signals)
+                theta[place, index], weak[place, index] = found.theta, found.weak
+    return [
+        PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
+    ]
 
 
 def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:

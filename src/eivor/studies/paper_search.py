@@ -111,8 +111,9 @@ def try_simulation(reading: Reading, runs: int) -> list[Tried]:
         found: list[Tried] = []
         for lags, as_many in INSTRUMENTS:
             chosen = replace(reading, lags=lags, as_many=as_many)
-            theta = np.array([estimates(chosen, one) for one in signals])
-            found.extend(_tried(PaperResult(chosen, EXAMPLES[0], theta)))
+            each = [estimates(chosen, one) for one in signals]
+            theta, weak = np.array([one.theta for one in each]), np.array([one.weak for one in each])
+            found.extend(_tried(PaperResult(chosen, EXAMPLES[0], theta, weak)))
     return found
 
 

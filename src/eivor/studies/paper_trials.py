@@ -11,13 +11,15 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from eivor.errors import EivorError
 from eivor.estimation import methods
 from eivor.estimation.method import Method
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.estimation.solve import solve_moments
+from eivor.estimation.strength import STRONG_FIRST_STAGE
+from eivor.inference.instrument_tests import first_stage_of_products
 from eivor.models.column import lags
 from eivor.models.scenario import Intersample, Scenario, SimulatedRecord
 from eivor.models.simulation import simulate
@@ -228,8 +230,24 @@ _DIFFERENCES: Mapping[Motion, Callable[[Series, Series], tuple[Series, Series]]]
 }
 
 
-def estimates(reading: Reading, signals: Signals) -> Float[np.ndarray, "methods parameters"]:
-    """Estimates of theta by every method, in the order of `METHODS`; NaN where a method gives none."""
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """What every method says of one record, in the order of `METHODS`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (methods, parameters)
+        NaN where a method gives none.
+    weak : ndarray, shape (methods,)
+        Whether a first-stage F of its instruments is below ten; never for direct methods.
+    """
+
+    theta: Float[np.ndarray, "methods parameters"]
+    weak: Bool[np.ndarray, " methods"]
+
+
+def estimates(reading: Reading, signals: Signals) -> Estimates:
+    """Estimates of theta by every method, and whether their instruments are weak."""
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
     problems = (
@@ -250,11 +268,24 @@ def estimates(reading: Reading, signals: Signals) -> Float[np.ndarray, "methods 
         ),
     )
     found = np.full((len(METHODS), len(TRUTH)), np.nan)
+    weak = np.zeros(len(METHODS), dtype=np.bool_)
     for pair, (problem, *both) in enumerate(problems):
-        moments = _as_read(both[0].assembler.moments(problem), reading.compensation)
+        assembler = both[0].assembler
+        moments = assembler.moments(problem, instrument_products=assembler.needs_instruments)
+        weak[2 * pair : 2 * pair + 2] = _weak(moments)
+        as_read = _as_read(moments, reading.compensation)
         for place, method in enumerate(both):
-            found[2 * pair + place] = _theta(method, moments)
-    return found
+            found[2 * pair + place] = _theta(method, as_read)
+    return Estimates(found, weak)
+
+
+def _weak(moments: Moments) -> bool:
+    """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
+    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
+        return False
+    cross = moments.products[:, :-1]
+    strengths = first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count)
+    return bool(strengths.min() < STRONG_FIRST_STAGE)
 
 
 def _known_by_variance(signals: Signals) -> Signals:
