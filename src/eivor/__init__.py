@@ -14,10 +14,13 @@ if TYPE_CHECKING:
     from eivor.estimation import methods
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
+    from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
+    from eivor.estimation.streamed_covariance import streamed_covariance
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
     from eivor.flights.result import FlightEstimate
+    from eivor.inference import covariances
     from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
     from eivor.logs import read_log, recording_from_columns
     from eivor.logs.chunks import read_chunks
@@ -47,6 +50,8 @@ _HOMES = {
     "VerticalMotion": "eivor.models.vertical",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
+    "bootstrap": "eivor.estimation.resampling",
+    "covariances": "eivor.inference.covariances",
     "estimate_long_memory": "eivor.signals.long_memory",
     "identify": "eivor.estimation.fit",
     "identify_flight": "eivor.flights.recipe",
@@ -58,11 +63,12 @@ _HOMES = {
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
     "simulate": "eivor.models.simulation",
+    "streamed_covariance": "eivor.estimation.streamed_covariance",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
 #: Public names that are modules themselves.
-_MODULES = frozenset({"methods"})
+_MODULES = frozenset({"covariances", "methods"})
 
 __version__ = version("eivor")
 __all__ = [
@@ -80,6 +86,8 @@ __all__ = [
     "WeakInstrumentsWarning",
     "WhiteNoise",
     "__version__",
+    "bootstrap",
+    "covariances",
     "estimate_long_memory",
     "identify",
     "identify_flight",
@@ -91,6 +99,7 @@ __all__ = [
     "recording_from_columns",
     "regression",
     "simulate",
+    "streamed_covariance",
     "weighted_total_least_squares",
 ]
 

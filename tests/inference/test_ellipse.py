@@ -99,6 +99,8 @@ def test_a_pair_of_a_longer_vector_and_two_combinations_of_it() -> None:
     assert sums.covariance[0, 0] == pytest.approx(C[0, 0] + 2 * C[0, 1] + C[1, 1])
     with pytest.raises(ShapeError):
         joint_ellipse(values, C, np.eye(2))
+    with pytest.raises(ShapeError):
+        Ellipse(values, C)
 
 
 def test_means_of_autocorrelated_pairs_are_covered_as_often_as_promised() -> None:

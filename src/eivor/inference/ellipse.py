@@ -46,8 +46,8 @@ class Ellipse:
         of freedom.
     """
 
-    centre: Float[np.ndarray, "2"]
-    covariance: Float[np.ndarray, "2 2"]
+    centre: Float[np.ndarray, " pair"]
+    covariance: Float[np.ndarray, "pair pair"]
     level: float = 0.95
     degrees: float = math.inf
 
@@ -164,7 +164,7 @@ class Ellipse:
 def joint_ellipse(
     values: Float[np.ndarray, " n"],
     covariance: Float[np.ndarray, "n n"],
-    directions: Float[np.ndarray, "2 n"],
+    directions: Float[np.ndarray, "pair columns"],
     *,
     level: float = 0.95,
     degrees: float = math.inf,
