@@ -65,6 +65,22 @@ def test_white_input(scored):
     assert abs(gains[1].bias) < 4.0 * gains[1].estimate.std / math.sqrt(generalized.trials)
 
 
+def test_altitude_control(scored):
+    """Only the reference is an instrument that the controller's answers do not spoil."""
+    found = scored("altitude-control.toml", 100)
+    errors = {
+        label: [
+            (one.estimate.mean - truth) / (one.estimate.std / math.sqrt(score.trials))
+            for one, truth in zip(score.parameters, (0.293, 0.021), strict=True)
+        ]
+        for label, score in found.items()
+    }
+    assert max(errors["least_squares"]) < -20.0
+    assert errors["iv_of_input"][1] < -20.0
+    assert max(map(abs, errors["iv_of_reference"])) < 4.0
+    assert found["iv_of_reference"].weak == 0
+
+
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
 def test_every_example_can_be_read(path):
     study = read_study(path)

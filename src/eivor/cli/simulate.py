@@ -54,7 +54,8 @@ def simulate(
 ) -> ExitCode:
     """Simulate vertical motion with known parameters into a log.
 
-    The log has acceleration_z, velocity_z and input as measured, and reference_velocity_z under control.
+    The log has acceleration_z, velocity_z and input as measured. Under control it has the reference too:
+    reference_velocity_z, or reference_position_z beside the measured position_z.
     The input is a deviation from hover; with --hover it is the whole input, as a flight would log it.
     """
     if seed < 0:
