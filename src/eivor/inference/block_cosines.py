@@ -1,0 +1,54 @@
+"""Long-run covariance from block sums, and how many averages a joint test takes.
+
+The cosines are constant over each block: L_j = sqrt(2/K) sum_k S_k cos(pi j (k - 1/2) / K), j = 1..B, with
+S_k the sum of the scores in block k of K. They are orthonormal (a discrete cosine transform) and a
+constant drops out, as with the cosines of `long_run_sum_covariance`, which is their limit for many blocks.
+
+A quadratic form of q sums, weighted by the inverse of that covariance, is on B averages
+
+    (B - q + 1) / (B q) W ~ F(q, B - q + 1)
+
+whatever the autocorrelation (Hotelling; Sun 2014). It needs more averages than a single interval does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+from scipy import special
+
+from eivor.inference.quantiles import chi_square_tail
+
+#: Fewest averages, and how many there are for each equation that is tested.
+LEAST_AVERAGES = 8
+AVERAGES_PER_EQUATION = 3
+
+
+def joint_averages(equations: int, blocks: int) -> int:
+    """Averages for a joint test of `equations`: three for each and at least eight, as blocks permit."""
+    return min(max(LEAST_AVERAGES, AVERAGES_PER_EQUATION * equations), blocks // 2)
+
+
+def block_cosines(sums: Float[np.ndarray, "K *shape"], averages: int) -> Float[np.ndarray, "averages *shape"]:
+    """sqrt(K) L_j of each column of block sums: the mean of their squares is the variance of the total."""
+    blocks = sums.shape[0]
+    angles = np.pi / blocks * np.outer(np.arange(1, averages + 1), np.arange(blocks) + 0.5)
+    return np.sqrt(2.0) * np.tensordot(np.cos(angles), sums, axes=1)
+
+
+def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum over all blocks."""
+    L = block_cosines(sums, averages)
+    return L.T @ L / averages
+
+
+def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
+    """P-value of a quadratic form on `averages` cosine averages, or with a known weight when None."""
+    if equations < 1:
+        return 1.0
+    if averages is None:
+        return chi_square_tail(W, equations)
+    degrees = averages - equations + 1
+    if degrees < 1:
+        return float("nan")
+    return float(special.fdtrc(equations, degrees, W * degrees / (averages * equations)))

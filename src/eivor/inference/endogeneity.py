@@ -1,0 +1,117 @@
+"""Whether least squares would have done: Durbin, Wu and Hausman's test, robust to autocorrelation.
+
+Least squares is theta_LS = theta + gamma, gamma = (sum G G')^-1 sum G e. There the equations have the scores
+
+    h_t = P_t e_LS,t + k - M (sum G G')^-1 G_t e_LS,t,   sum_t h_t = M (theta - theta_LS)
+
+where P = psi W A, M = N A'W A, k what the compensation adds, and the last term is what the estimation of
+theta_LS does: h_t is M times the difference of both estimates' influence functions. When both are consistent
+its sum is zero but for chance, and its long-run covariance is that of the difference. For two-stage least
+squares and white errors the statistic is Durbin's (1954), from which Wu's F follows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy import special
+
+from eivor.inference.block_cosines import covariance_of_total, hotelling_p_value, joint_averages
+from eivor.inference.quantiles import chi_square_tail
+from eivor.inference.time_products import TimeProducts
+
+#: Directions in which P differs from its projection on the columns by less than this share are no test.
+NO_DIFFERENCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Endogeneity:
+    """Least squares against the estimate.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (n,)
+        Estimate minus least squares, to first order.
+    degrees : int
+        Endogenous directions that are tested.
+    statistic, p_value : float
+        Robust: the quadratic form of the difference, and its tail by Hotelling's F.
+    durbin, durbin_p_value : float
+        For white errors, chi-square.
+    wu, wu_p_value : float
+        The same as an F.
+    averages : int
+        Cosine averages of the long-run covariance.
+    """
+
+    difference: Float[np.ndarray, " n"]
+    degrees: int
+    statistic: float
+    p_value: float
+    durbin: float
+    durbin_p_value: float
+    wu: float
+    wu_p_value: float
+    averages: int
+
+
+def endogeneity(
+    products: TimeProducts, weights: Float[np.ndarray, "p n"], averages: int | None = None
+) -> Endogeneity | None:
+    """Test of least squares against an instrumental estimate. Performs no checks.
+
+    Parameters
+    ----------
+    products : TimeProducts
+        At the estimate.
+    weights : ndarray, shape (p, n)
+        W A: the combinations of the equations that the estimate solves.
+    averages : int, optional
+        Cosine averages. Default: three for each endogenous direction, at least eight.
+
+    Returns
+    -------
+    Endogeneity or None
+        None when the test functions are combinations of the columns: the estimate is least squares, or
+        differs from it by the compensation alone.
+    """
+    GG = np.asarray(products.regressors.sum(axis=0))
+    scale = 1.0 / np.sqrt(np.diag(GG))
+    GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
+    gamma = np.linalg.solve(GG, scale * products.regressor_residual.sum(axis=0))
+    weights = weights / np.sqrt(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
+    M = products.count * weights.T @ products.sensitivity * scale
+    D = np.linalg.solve(GG, M.T)
+    cross, shared = products.cross * scale, products.shared * scale
+    h = (products.residual - cross @ gamma) @ weights
+    h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
+    regressors = products.regressors * np.outer(scale, scale)
+    h -= (products.regressor_residual * scale - regressors @ gamma) @ D
+    PG = weights.T @ cross.sum(axis=0)
+    spread = weights.T @ products.instruments.sum(axis=0) @ weights - PG @ D - (PG @ D).T + D.T @ GG @ D
+    values, vectors = np.linalg.eigh(spread / products.count)
+    U = vectors[:, values > NO_DIFFERENCE]
+    degrees = U.shape[1]
+    if not degrees:
+        return None
+    B = joint_averages(degrees, products.counts.size) if averages is None else averages
+    h = h @ U
+    total = h.sum(axis=0)
+    statistic = float(total @ np.linalg.solve(covariance_of_total(h, B), total))
+    variance = (float(products.power.sum()) - float(gamma @ GG @ gamma)) / products.count
+    durbin = float(total @ np.linalg.solve(variance * (U.T @ spread @ U), total))
+    freedom = products.count - gamma.size - degrees
+    wu = durbin / (products.count - durbin) * freedom / degrees if durbin < products.count else float("inf")
+    return Endogeneity(
+        -scale * gamma,
+        degrees,
+        statistic,
+        hotelling_p_value(statistic, degrees, B),
+        durbin,
+        chi_square_tail(durbin, degrees),
+        wu,
+        float(special.fdtrc(degrees, freedom, wu)),
+        B,
+    )

@@ -1,0 +1,76 @@
+"""Whether the residual is white: autocorrelations with a band, Ljung and Box, Durbin and Watson."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.inference.quantiles import chi_square_tail, normal_quantile
+
+#: Lags that are tested, and samples that are multiplied while they are in the cache.
+LAGS = 20
+BLOCK_SAMPLES = 32_768
+
+
+@dataclass(frozen=True)
+class ResidualWhiteness:
+    """Whiteness of a residual.
+
+    Parameters
+    ----------
+    autocorrelation : ndarray, shape (L,)
+        At lags 1..L. The mean is not taken off: an equation with an intercept has none.
+    band : float
+        White noise stays within +- this at a given lag with probability .95.
+    ljung_box, p_value : float
+        N (N + 2) sum r_l^2 / (N - l) and its tail, chi-square on L degrees of freedom (Ljung and Box 1978).
+    durbin_watson : float
+        sum (e_t - e_t-1)^2 / sum e_t^2: 2 for white noise, near 0 for a drifting residual.
+    """
+
+    autocorrelation: Float[np.ndarray, " L"]
+    band: float
+    ljung_box: float
+    p_value: float
+    durbin_watson: float
+
+    @property
+    def outside(self) -> int:
+        """Lags whose autocorrelation is outside the band."""
+        return int((np.abs(self.autocorrelation) > self.band).sum())
+
+
+def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -> ResidualWhiteness:
+    """Whiteness of a residual in time order. Performs no checks; O(rows lags).
+
+    Parameters
+    ----------
+    residual : ndarray, shape (rows,)
+        e, in any unit.
+    lags : int
+        L; fewer when the record has less than four times as many samples.
+    """
+    count = residual.size
+    lags = max(min(lags, (count - 1) // 4), 1)
+    sums = _autoproducts(residual, lags)
+    if not sums[0] > 0.0:
+        return ResidualWhiteness(np.zeros(lags), normal_quantile(0.95) / np.sqrt(count), 0.0, 1.0, 2.0)
+    r = sums[1:] / sums[0]
+    Q = float(count * (count + 2.0) * np.sum(r**2 / (count - np.arange(1, lags + 1))))
+    ends = float(residual[0] ** 2 + residual[-1] ** 2)
+    watson = 2.0 - (2.0 * float(sums[1]) + ends) / float(sums[0])
+    return ResidualWhiteness(r, normal_quantile(0.95) / np.sqrt(count), Q, chi_square_tail(Q, lags), watson)
+
+
+def _autoproducts(e: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
+    """sum_t e_t e_t-l for l = 0..lags, all lags of a block while it is in the cache."""
+    sums = np.zeros(lags + 1)
+    for start in range(0, e.size, BLOCK_SAMPLES):
+        stop = min(start + BLOCK_SAMPLES, e.size)
+        for lag in range(lags + 1):
+            first = max(start, lag)
+            if first < stop:
+                sums[lag] += e[first:stop] @ e[first - lag : stop - lag]
+    return sums
