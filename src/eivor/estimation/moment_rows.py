@@ -1,0 +1,151 @@
+"""Rows of moment equations as the sets for weak instruments need them.
+
+A regressor that is its own instrument and free of measurement noise (an intercept, for example) may be
+*partialled out*: response, other regressors and other instruments are replaced by what is left of them
+after least squares on it. Its parameter then has dropped out of the equations, and its instrument with it,
+so that no search over it is needed and no degree of freedom is spent on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import InstrumentError, UsageError
+from eivor.estimation.method import Method
+from eivor.inference.anderson_rubin import LinearScores, averages_for, cosine_averages
+from eivor.inference.instrument_tests import SMALLEST_DIRECTION
+from eivor.models.parameter import Parameter
+from eivor.models.regression import LinearProblem, RowLayout
+
+
+@dataclass(frozen=True)
+class MomentRows:
+    """Test functions, columns and noises of ``mean psi_t (y_t - phi_t' theta) + C theta - c``.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        One for each column of Phi.
+    test : ndarray, shape (rows, p)
+        psi.
+    columns : ndarray, shape (rows, n + 1)
+        [y Phi].
+    noise : ndarray, shape (p, n + 1)
+        [c C].
+    layout : RowLayout
+        What the rows are.
+    partialled : int
+        Number of regressors that were partialled out.
+    """
+
+    parameters: tuple[Parameter, ...]
+    test: Float[np.ndarray, "rows p"]
+    columns: Float[np.ndarray, "rows n_plus_1"]
+    noise: Float[np.ndarray, "p n_plus_1"]
+    layout: RowLayout
+    partialled: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def own_instruments(self) -> dict[int, int]:
+        """Regressors that are instruments as well and share no noise: number of the column to that of psi."""
+        found = {}
+        for j in range(len(self.parameters)):
+            column = self.columns[:, j + 1]
+            for i in range(self.test.shape[1]):
+                exact = not (self.noise[i].any() or self.noise[:, j + 1].any())
+                if exact and np.array_equal(column, self.test[:, i]):
+                    found[j] = i
+                    break
+        return found
+
+    def without(self, regressors: Sequence[int]) -> MomentRows:
+        """The same equations with some of `own_instruments` partialled out."""
+        if not regressors:
+            return self
+        own = self.own_instruments()
+        W = self.columns[:, [j + 1 for j in regressors]]
+        Q = np.linalg.qr(W / np.linalg.norm(W, axis=0))[0]
+        psi = [i for i in range(self.test.shape[1]) if i not in {own[j] for j in regressors}]
+        left = [j for j in range(len(self.parameters)) if j not in regressors]
+        kept = [0, *(j + 1 for j in left)]
+        test, columns = self.test[:, psi], self.columns[:, kept]
+        for _ in range(2):  # once more, for what rounding leaves of a large mean
+            test, columns = test - Q @ (Q.T @ test), columns - Q @ (Q.T @ columns)
+        return MomentRows(
+            tuple(self.parameters[j] for j in left),
+            test,
+            columns,
+            self.noise[np.ix_(psi, kept)],
+            self.layout,
+            self.partialled + len(regressors),
+        )
+
+    def independent(self) -> MomentRows:
+        """Equations recombined into orthonormal ones, without directions that are others' combinations.
+
+        Raises
+        ------
+        InstrumentError
+            When fewer are left than there are parameters.
+        """
+        lengths = np.linalg.norm(self.test, axis=0)
+        moving = lengths > 0.0
+        unit = self.test[:, moving] / lengths[moving]
+        eigenvalues, vectors = np.linalg.eigh(unit.T @ unit)
+        kept = eigenvalues > SMALLEST_DIRECTION**2
+        unknowns = len(self.parameters)
+        if int(kept.sum()) < unknowns:
+            raise InstrumentError(
+                f"at least {unknowns} independent instruments for {unknowns} parameters",
+                f"{int(kept.sum())}",
+                "Add lags or exogenous columns.",
+            )
+        change = vectors[:, kept] / np.sqrt(eigenvalues[kept])
+        noise = change.T @ (self.noise[moving] / lengths[moving, None])
+        return MomentRows(self.parameters, unit @ change, self.columns, noise, self.layout, self.partialled)
+
+    def scores(self, averages: int | None) -> LinearScores:
+        """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""
+        total = self.test.T @ self.columns - self.columns.shape[0] * self.noise
+        cosines = []
+        for column in self.columns.T:
+            scores = self.layout.scores(self.test, column)
+            count = averages or averages_for(scores.shape[0], self.test.shape[1])
+            cosines.append(cosine_averages(scores, count))
+        return LinearScores(total, np.stack(cosines, axis=2))
+
+
+def moment_rows(problem: LinearProblem, method: Method) -> MomentRows:
+    """Rows of the moment equations that a method makes of a problem.
+
+    Raises
+    ------
+    UsageError
+        When the method's equations are no moment equations.
+    InstrumentError, MissingNoiseError
+        When the method refuses the problem.
+    """
+    if not method.assembler.moment_equations:
+        raise UsageError(
+            "a method with instruments",
+            method.name,
+            "Use extended_iv, generalized_iv or bias_compensated_least_squares.",
+        )
+    method.assembler.moments(problem)  # refuses what it cannot use
+    rows = problem.rows()
+    columns = np.column_stack([rows.response, rows.regressors])
+    constant = method.assembler.score_constants(problem, np.zeros(len(rows.parameters)))
+    slopes = [
+        method.assembler.score_constants(problem, direction) - constant
+        for direction in np.eye(len(rows.parameters))
+    ]
+    noise = np.column_stack([-constant, *slopes])
+    return MomentRows(rows.parameters, method.assembler.test_functions(rows), columns, noise, rows.layout)
