@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from eivor.errors import WeakInstrumentsWarning
     from eivor.estimation import methods
+    from eivor.estimation.chunked_fit import identify_chunks
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
     from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
-    from eivor.estimation.streamed_covariance import streamed_covariance
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
     from eivor.flights.result import FlightEstimate
@@ -54,6 +54,7 @@ _HOMES = {
     "covariances": "eivor.inference.covariances",
     "estimate_long_memory": "eivor.signals.long_memory",
     "identify": "eivor.estimation.fit",
+    "identify_chunks": "eivor.estimation.chunked_fit",
     "identify_flight": "eivor.flights.recipe",
     "lags": "eivor.models.column",
     "methods": "eivor.estimation.methods",
@@ -63,7 +64,6 @@ _HOMES = {
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
     "simulate": "eivor.models.simulation",
-    "streamed_covariance": "eivor.estimation.streamed_covariance",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
@@ -90,6 +90,7 @@ __all__ = [
     "covariances",
     "estimate_long_memory",
     "identify",
+    "identify_chunks",
     "identify_flight",
     "lags",
     "methods",
@@ -99,7 +100,6 @@ __all__ = [
     "recording_from_columns",
     "regression",
     "simulate",
-    "streamed_covariance",
     "weighted_total_least_squares",
 ]
 

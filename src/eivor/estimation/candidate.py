@@ -131,6 +131,6 @@ class Candidate:
             raise EstimationError(
                 "an estimate with its rows at hand, for residuals and standard errors",
                 "an estimate from moments, which do not keep the rows",
-                "Pass over the chunks again with eivor.streamed_covariance, or identify the whole problem.",
+                "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem.",
             )
         return self.solved

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from jaxtyping import Float
 
+from eivor.estimation.equation_rows import MethodEquations, estimating_equation
 from eivor.estimation.method import Method
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.inference.instrument_tests import (
@@ -18,7 +17,7 @@ from eivor.inference.instrument_tests import (
     over_identification,
 )
 from eivor.linalg.system import LinearSystem, Solution
-from eivor.models.regression import LinearProblem, Regression, RowBlock, SampleRows
+from eivor.models.regression import LinearProblem, Regression, SampleRows
 
 
 @dataclass(frozen=True)
@@ -51,6 +50,11 @@ class Solved:
     nuisance_columns: Float[np.ndarray, "rows q"]
     count: int
 
+    @property
+    def equations(self) -> MethodEquations:
+        """The method's equations, solved."""
+        return MethodEquations(self.method, self.system, self.factor, self.solution)
+
     @cached_property
     def inference(self) -> Inference:
         """What a second pass over the rows tells, each part when it is asked for."""
@@ -72,7 +76,7 @@ class Inference:
     @cached_property
     def equation(self) -> EstimatingEquation:
         """The estimating equation that the solution meets."""
-        return estimating_equation(self.solved)
+        return _equation(self.solved, self.constant)
 
     @property
     def criterion(self) -> float:
@@ -138,85 +142,16 @@ class Inference:
         return orthonormal_basis(self.solved.problem.rows().instruments)
 
 
-def estimating_equation(solved: Solved) -> EstimatingEquation:
-    """Estimating equation of a solution, whose rows are made block by block.
-
-    A direct method's test functions are its regressors, corrected by its solver. An instrumental one's
-    are psi' W A with A the equations' mean sensitivity to the joint vector and W = (L L')^-1.
-    """
-    assembler = solved.method.assembler
-    parts = _moment_parts if assembler.moment_equations else _direct_parts
-    sensitivity, rows_of = parts(solved)
-    layout = solved.problem.layout if isinstance(solved.problem, Regression) else None
+def _equation(solved: Solved, constant: Float[np.ndarray, " p"]) -> EstimatingEquation:
+    problem, nuisance = solved.problem, solved.nuisance_columns
+    layout = problem.layout if isinstance(problem, Regression) else None
     if layout is None or isinstance(layout, SampleRows):
-
-        def blocks() -> Iterator[EquationRows]:
-            start = 0
-            for block in solved.problem.blocks():
-                if block.response.size:
-                    yield rows_of(block, start)
-                start += block.response.size
-
-        return EstimatingEquation(sensitivity, solved.count, blocks)
+        return estimating_equation(solved.equations, constant, problem.blocks, solved.count, nuisance)
     # Rows in frequency go back to time run by run, all at once.
-    whole = rows_of(next(iter(solved.problem.blocks(max(solved.count, 1)))), 0)
-    rows = EquationRows(
-        whole.test, whole.residual, layout.scores(whole.test, whole.residual), whole.flight_of_row
+    equation = estimating_equation(
+        solved.equations, constant, lambda: problem.blocks(solved.count), solved.count, nuisance
     )
-    return EstimatingEquation(sensitivity, rows.scores.shape[0], lambda: [rows])
-
-
-RowsOf = Callable[[RowBlock, int], EquationRows]
-
-
-def _moment_parts(solved: Solved) -> tuple[Float[np.ndarray, "n n"], RowsOf]:
-    """Sensitivity, and rows of a block that begins at some row, of moment equations."""
-    assembler, theta = solved.method.assembler, solved.solution.theta
-    A = solved.system.matrix
-    nuisance = solved.nuisance_columns
-    if nuisance.size:
-        psi = assembler.test_functions(solved.problem.rows())
-        A = np.column_stack([A, psi.T @ nuisance / solved.count])
-    WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-    constant = assembler.score_constants(solved.problem, theta) @ WA
-
-    def rows_of(block: RowBlock, start: int) -> EquationRows:
-        del start
-        test = assembler.test_functions(block) @ WA
-        residual = block.response - block.regressors @ theta
-        return EquationRows(test, residual, test * residual[:, None] + constant, block.flights)
-
-    return solved.count * (A.T @ WA), rows_of
-
-
-def _direct_parts(solved: Solved) -> tuple[Float[np.ndarray, "n n"], RowsOf]:
-    """Sensitivity, and rows of a block that begins at some row, of a direct method."""
-    theta, covariance = solved.solution.theta, solved.system.error_covariance
-    nuisance = solved.nuisance_columns
-    linear, solver = theta.size, solved.method.solver
-
-    def jacobian_and_correction(
-        block: RowBlock, start: int
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        residual = block.response - block.regressors @ theta
-        jacobian = block.regressors
-        if nuisance.size:
-            jacobian = np.column_stack([jacobian, nuisance[start : start + residual.size]])
-        correction = solver.score_correction(residual, theta, covariance)
-        return residual, jacobian, correction.rows, correction.sensitivity
-
-    unknowns = linear + (nuisance.shape[1] if nuisance.size else 0)
-    sensitivity: Float[np.ndarray, "n n"] = np.zeros((unknowns, unknowns))
-    start = 0
-    for block in solved.problem.blocks():
-        residual, jacobian, _, added = jacobian_and_correction(block, start)
-        sensitivity += jacobian.T @ jacobian
-        sensitivity[:linear, :linear] += added
-        start += residual.size
-
-    def rows_of(block: RowBlock, start: int) -> EquationRows:
-        residual, jacobian, correction, _ = jacobian_and_correction(block, start)
-        test = jacobian + np.pad(correction, ((0, 0), (0, unknowns - linear)))
-        return EquationRows(test, residual, test * residual[:, None], block.flights)
-
-    return sensitivity, rows_of
+    whole = equation.rows
+    scores = layout.scores(whole.test, whole.residual)
+    rows = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row)
+    return EstimatingEquation(equation.sensitivity, scores.shape[0], lambda: [rows])

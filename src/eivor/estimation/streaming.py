@@ -90,11 +90,7 @@ def moments(
     total: Moments | None = None
     problem: SignalRegression | None = None
     own = method.weighting.needs_instrument_products
-    largest_lag = model.regression_lag(instruments)
-    for joined in overlapping(chunks, largest_lag):
-        problem = model.regression(joined, instruments)
-        if joined.sample_count <= problem.first or (problem.used is not None and not problem.used.any()):
-            continue
+    for problem in chunk_problems(chunks, model=model, instruments=instruments):
         found = method.assembler.moments(problem, instrument_products=own)
         total = found if total is None else total.merge(found)
     if total is None or problem is None:
@@ -102,6 +98,16 @@ def moments(
             "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
         )
     return ProblemMoments(problem.parameters, total)
+
+
+def chunk_problems(
+    chunks: Iterable[Signals], *, model: VerticalMotion, instruments: tuple[Column, ...]
+) -> Iterator[SignalRegression]:
+    """Problem of each chunk that has rows, see `moments`."""
+    for joined in overlapping(chunks, model.regression_lag(instruments)):
+        problem = model.regression(joined, instruments)
+        if joined.sample_count > problem.first and (problem.used is None or problem.used.any()):
+            yield problem
 
 
 def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:

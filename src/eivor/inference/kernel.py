@@ -132,7 +132,9 @@ def kernel_sum_covariance(
 def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Float[np.ndarray, "p p"]:
     """Mean long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987)."""
     count = scores.shape[0]
-    covariance: Float[np.ndarray, "p p"] = kernel_sum_covariance([scores], count, Bartlett(), float(bandwidth))
+    covariance: Float[np.ndarray, "p p"] = kernel_sum_covariance(
+        [scores], count, Bartlett(), float(bandwidth)
+    )
     return covariance / count
 
 
@@ -148,7 +150,7 @@ def _from_blocks(
         joined = np.concatenate([before, block])
         known = before.shape[0]
         total += block.T @ block
-        for lag in range(1, lags + 1):
+        for lag in range(1, min(lags, joined.shape[0] - 1) + 1):
             # Pairs whose later score is in this block and whose earlier one has been seen.
             first = max(known, lag)
             cross = joined[first:].T @ joined[first - lag : joined.shape[0] - lag]
@@ -167,11 +169,12 @@ def _from_spectrum(
     if span <= 0.0:
         return scores.T @ scores
     weights = kernel.weights(np.arange(count) / span)
-    spectrum = fft.rfft(scores, n=fft.next_fast_len(2 * count, real=True), axis=0)
+    length = fft.next_fast_len(2 * count, real=True)
+    spectrum = fft.rfft(scores, n=length, axis=0)
     total = np.empty((unknowns, unknowns))
     for i in range(unknowns):
         for j in range(i + 1):
-            products = fft.irfft(spectrum[:, i] * spectrum[:, j].conj(), n=2 * spectrum.shape[0] - 2)
+            products = fft.irfft(spectrum[:, i] * spectrum[:, j].conj(), n=length)
             later, earlier = products[1:count], products[-1:-count:-1]
             total[i, j] = total[j, i] = products[0] + float(weights[1:] @ (later + earlier))
     return total

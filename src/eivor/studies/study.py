@@ -16,8 +16,10 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation import methods
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method
 from eivor.estimation.weighting import Weighting
+from eivor.inference import covariances
 from eivor.models.column import Column, lags
 from eivor.studies.experiment import Experiment
 
@@ -63,6 +65,8 @@ class MethodChoice:
         Channel that the instruments are lags of.
     weighting : str
         Of the equations, one of `WEIGHTINGS`.
+    covariance : str
+        What intervals rest on: "default", or one of `eivor.inference.covariances.TABLE`.
     known_noise : tuple of str, optional
         Channels whose true noise the method is told; None for all of them.
     label : str
@@ -80,10 +84,12 @@ class MethodChoice:
     weighting: str = "unweighted"
     known_noise: tuple[str, ...] | None = None
     label: str = ""
+    covariance: str = "default"
 
     def __post_init__(self) -> None:
         check_among("a method", self.name, METHODS)
         check_among("a weighting", self.weighting, WEIGHTINGS)
+        check_among("a covariance", self.covariance, ("default", *covariances.TABLE))
         if not self.label:
             object.__setattr__(self, "label", self.name)
         if (self.lags is None) != (self.name in DIRECT):
@@ -107,6 +113,12 @@ class MethodChoice:
         if self.name in WEIGHTED:
             return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
         return (DIRECT | UNWEIGHTED)[self.name]()  # type: ignore[operator]
+
+    def with_covariance(self, estimate: Estimate) -> Estimate:
+        """Estimate whose intervals rest on the covariance chosen."""
+        if self.covariance == "default":
+            return estimate
+        return estimate.with_covariance(covariances.TABLE[self.covariance]())
 
     @property
     def instruments(self) -> tuple[Column, ...]:

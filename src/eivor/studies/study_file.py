@@ -11,6 +11,7 @@
     lags = [0, 10]                  # of instruments, both included; none for least squares and its kin
     channel = "input"               # optional: what the instruments are lags of
     weighting = "two_step_robust"   # optional
+    covariance = "newey_west"       # optional: what intervals rest on
     known_noise = ["input"]         # optional: all channels
     label = "giv"                   # optional: the name
 
@@ -74,10 +75,11 @@ def _choice(table: TomlTable) -> MethodChoice:
     weighting = table.text("weighting", "unweighted")
     known = table.texts("known_noise") if table.has("known_noise") else None
     label = table.text("label", name)
+    covariance = table.text("covariance", "default")
     table.taken.update(("lags", "known_noise"))
     table.finish()
     try:
-        return MethodChoice(name, lags, channel, weighting, known, label)
+        return MethodChoice(name, lags, channel, weighting, known, label, covariance)
     except EivorError as error:
         raise _placed(table, error) from error
 

@@ -113,6 +113,8 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> MethodRe
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
+    if study.intervals:
+        estimate = choice.with_covariance(estimate)
     found = []
     for name in study.parameters:
         value = estimate.parameters[name]
