@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -127,11 +128,16 @@ KINDS = [
 ]
 
 
+@pytest.mark.parametrize("route", [route.value for route in Route])
 @pytest.mark.parametrize(("section", "body"), KINDS, ids=[body.split('"')[1] for _, body in KINDS])
-def test_every_kind_simulates(read, section, body):
-    scenario = read(f"{TRUTH}samples = 100\n[{section}]\n{body}\n")
-    signals = simulate(scenario, np.random.default_rng(1)).signals
-    assert np.isfinite(signals.channel("specific_force_z")).all()
+def test_every_kind_simulates(read, section, body, route):
+    """A disturbance moves the vehicle by the dynamics, and by the equation only shifts its response."""
+    scenario = read(f'{TRUTH}samples = 100\nroute = "{route}"\n[{section}]\n{body}\n')
+    found = simulate(scenario, np.random.default_rng(1))
+    assert np.isfinite(found.signals.channel("specific_force_z")).all()
+    calm = simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
+    moved = np.any(found.truth.channel("velocity_z") != calm.channel("velocity_z"))
+    assert moved == (section == "disturbance" and route == "dynamics")
 
 
 def test_nested_values_arrive(read):
@@ -168,6 +174,7 @@ WRONG = [
     ),
     (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
     (TRUTH + "[noise.input]\nkind='fractional'\nstd=1", "finite number at noise.input.order.*nothing"),
+    (TRUTH + "[excitation]\nkind='paper'\nvariance=-0.02", "at excitation of.*received variance=-0.02"),
     (TRUTH + "[noise.input]\nkind='fractal'\nstd=1", "Did you mean 'fractional'"),
     (TRUTH + "[disturbance]\nkind='garsh'", "one of paper, white.*Did you mean 'garch'"),
     (TRUTH + "[disturbance]\nstd=1", "a text in quotes at disturbance.kind.*received nothing"),

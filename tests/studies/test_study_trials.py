@@ -13,6 +13,8 @@ from eivor.models.scenario import Scenario
 from eivor.signals.signals import Signals
 from eivor.studies.difference_equation import DifferenceEquation
 from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.metrics import scores
+from eivor.studies.run import run_study
 from eivor.studies.study import METHODS as METHOD_NAMES
 from eivor.studies.study import MethodChoice
 from eivor.studies.trial import failure, trial
@@ -83,6 +85,19 @@ def test_a_broken_record_is_a_result():
     found = [{one.error for one in trial(study, index).methods} for index in range(20)]
     assert {"ZeroDivisionError"} in found
     assert {""} in found
+
+
+def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
+    """The table has every trial; what broke is counted, named, and told when it is asked for."""
+    study = small_study(30, experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
+    result = run_study(study, tmp_path)
+    label = study.methods[0].label
+    broken = result.trials.filter(result.trials[f"{label}.error"] == "ZeroDivisionError")
+    assert result.trials.height == 30
+    assert 0 < broken.height < 30
+    found = scores(result)[0]
+    assert (found.failed, found.first_failure) == (broken.height, broken["trial"][0])
+    assert failure(study, broken["trial"][0], label).startswith("ZeroDivisionError: ")
 
 
 def test_weak_instruments_are_a_status():
