@@ -12,6 +12,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -22,12 +23,15 @@ from eivor.estimation.lagged_products import FOLD, folded_products, unfolded
 from eivor.estimation.products import successive_lags
 from eivor.inference.constancy import GROUPS
 from eivor.inference.time_products import TimeProducts, block_edges, products_of_columns, time_products
+from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
 BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
+#: Blocks that a thread multiplies before it hands them in.
+STRETCH_BLOCKS = 16
 #: Records of fewer samples are not worth folding.
 FOLDED_FROM = 50_000
 
@@ -162,9 +166,13 @@ def _of_lags(problem: SignalRegression, solved: Solved) -> RecordProducts:
     others = [np.ascontiguousarray(series) for series in (*values, residual)]
     whole = (last - first) // FOLD
     edges = first + FOLD * block_edges(whole, _block_count(whole, len(psi)))
-    own, cross = _lag_products(
-        problem.signals.channel(psi[0].channel), psi[0].lag, psi[-1].lag, others, edges, last
-    )
+    # a regressor that is one of the lags has its products among theirs
+    place = [_place(column, psi) for column in columns] + [None]
+    series = problem.signals.channel(psi[0].channel)
+    strangers = [other for other, found in zip(others, place, strict=True) if found is None]
+    own, rest = _lag_products(series, psi[0].lag, psi[-1].lag, strangers, edges, last)
+    remaining = iter(np.moveaxis(rest, 2, 0))
+    cross = np.stack([next(remaining) if at is None else own[:, :, at] for at in place], axis=2)
     edges[-1] = last
     squares = _squares(others, edges - first) * np.outer(gains, gains)
     cross = psi[0].gain * cross * gains
@@ -172,6 +180,12 @@ def _of_lags(problem: SignalRegression, solved: Solved) -> RecordProducts:
     found = products_of_columns(np.diff(edges), products, len(psi))
     step_s = problem.signals.step_s
     return RecordProducts(*_assembled(solved, found), residual, tuple(values), tuple(factors), step_s)
+
+
+def _place(column: Column, lags: Sequence[Column]) -> int | None:
+    """Which of successive lags of one channel a column is, but for its gain."""
+    alike = column.channel == lags[0].channel and not column.gain_channel
+    return column.lag - lags[0].lag if alike and lags[0].lag <= column.lag <= lags[-1].lag else None
 
 
 def _less(
@@ -216,12 +230,13 @@ def _lag_products(
     with_lagged = [lagged, *others]
     K, p = edges.size - 1, most - least + 1
 
-    def of_block(k: int) -> Float[np.ndarray, "p m_plus_1"]:
-        block = (int(edges[k]), int(edges[k + 1]))
-        return unfolded(folded_products(series, (least, most), with_lagged, [block], first))
+    def of_blocks(start: int) -> Float[np.ndarray, "blocks p m_plus_1"]:
+        some = pairwise(edges[start : start + STRETCH_BLOCKS + 1].tolist())
+        folded = (folded_products(series, (least, most), with_lagged, [block], first) for block in some)
+        return np.stack([unfolded(G) for G in folded])
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:  # every block by itself: threads change no sum
-        sums = np.stack(list(pool.map(of_block, range(K))))
+        sums = np.concatenate(list(pool.map(of_blocks, range(0, K, STRETCH_BLOCKS))))
     for sample in range(int(edges[-1]), last):
         now = series[sample - np.arange(least, most + 1)]
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])

@@ -16,7 +16,7 @@ from eivor.inference.time_products import TimeProducts
 
 #: Samples of a stretch whose spectrum is taken, how many stretches, and how many bands.
 STRETCH = 4096
-STRETCHES = 32
+STRETCHES = 16
 BANDS = 8
 
 
@@ -123,7 +123,7 @@ def band_power(
 
     Notes
     -----
-    Performs no checks. Hann windows over at most 32 stretches of at most 4096 samples, evenly spread over
+    Performs no checks. Hann windows over at most 16 stretches of at most 4096 samples, evenly spread over
     the record (Welch 1967), so that the cost does not grow with it. Frequencies below those of a stretch
     are not seen.
     """

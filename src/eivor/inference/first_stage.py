@@ -115,7 +115,7 @@ def _conditional(
     R: Float[np.ndarray, "n n"],
     residual: Float[np.ndarray, "n n"],
     L: Float[np.ndarray, "averages q n"],
-    count: float,
+    count: int,
 ) -> tuple[float, float, float, float]:
     """Effective F, its critical value, white F and partial R2 of column j given the others."""
     rank, unknowns = a.shape
@@ -141,7 +141,7 @@ def _smallest(
     residual: Float[np.ndarray, "n n"],
     L: Float[np.ndarray, "averages q n"],
     endogenous: np.ndarray,
-    count: float,
+    count: int,
 ) -> tuple[float, float, float]:
     """Cragg and Donald's F, its robust counterpart and the critical value of that."""
     if not endogenous.any():

@@ -48,7 +48,7 @@ def hansen_j(
     equations: Float[np.ndarray, " p"],
     sensitivity: Float[np.ndarray, "p n"],
     covariance: Float[np.ndarray, "p p"],
-    count: float,
+    count: int,
     averages: int | None = None,
 ) -> OverIdentification:
     """J of equations with any weight. Performs no checks.
@@ -61,7 +61,7 @@ def hansen_j(
         A, minus the derivative of g.
     covariance : ndarray, shape (p, p)
         S, long-run covariance of the scores of one sample.
-    count : float
+    count : int
         N.
     averages : int, optional
         Cosine averages behind S; None for a weight that is taken as known.

@@ -57,9 +57,9 @@ class TimeProducts:
     constant: Float[np.ndarray, " p"]
 
     @cached_property
-    def count(self) -> float:
+    def count(self) -> int:
         """Samples in all blocks, N."""
-        return float(self.counts.sum())
+        return round(float(self.counts.sum()))
 
     @cached_property
     def instrument_mean(self) -> Float[np.ndarray, "p p"]:

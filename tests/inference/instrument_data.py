@@ -1,0 +1,80 @@
+"""Data of the literature for tests of instruments, and their products."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from eivor.inference.time_products import TimeProducts, time_products
+
+GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
+GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")
+GRILICHES_YEARS = (67, 68, 69, 70, 71, 73)
+
+
+def housing() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Rents, house values (endogenous), exogenous columns, excluded instruments: Stata's own example."""
+    path = resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
+    table = pl.read_csv(path.read_bytes())
+    regions = sorted(set(table["region"]))[1:]
+    exogenous = np.column_stack([table["pcturban"], np.ones(table.height)])
+    excluded = [table["faminc"], *[(table["region"] == region).cast(int) for region in regions]]
+    return (
+        table["rent"].to_numpy().astype(float),
+        table["hsngval"].to_numpy().astype(float)[:, None],
+        exogenous,
+        np.column_stack(excluded),
+    )
+
+
+def griliches() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Wages, schooling and IQ (endogenous), exogenous, excluded; None when statsmodels is not installed.
+
+    linearmodels depends on statsmodels, which ships the file with ivreg2's example.
+    """
+    try:
+        import pandas as pd
+        import statsmodels
+    except ImportError:
+        return None
+    path = Path(statsmodels.__file__).parent / "sandbox" / "regression" / "tests" / "griliches76.dta"
+    if not path.is_file():
+        return None
+    table = pd.read_stata(path)
+    years = [(table["year"] == year).to_numpy().astype(float) for year in GRILICHES_YEARS]
+    exogenous = [table[name].to_numpy().astype(float) for name in GRILICHES_EXOGENOUS]
+    return (
+        table["lw"].to_numpy().astype(float),
+        np.column_stack([table["s"], table["iq"]]).astype(float),
+        np.column_stack([*exogenous, *years, np.ones(len(table))]),
+        np.column_stack([table[name] for name in GRILICHES_EXCLUDED]).astype(float),
+    )
+
+
+def two_stage(
+    y: np.ndarray, endogenous: np.ndarray, exogenous: np.ndarray, excluded: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Two-stage least squares from projections: theta, columns (endogenous first), instruments, residual."""
+    X, Z = np.column_stack([endogenous, exogenous]), np.column_stack([exogenous, excluded])
+    fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
+    theta = np.linalg.lstsq(fitted, y, rcond=None)[0]
+    return theta, X, Z, y - X @ theta
+
+
+def products_of(
+    y: np.ndarray, endogenous: np.ndarray, exogenous: np.ndarray, excluded: np.ndarray, blocks: int = 25
+) -> TimeProducts:
+    """Products at the two-stage estimate."""
+    _, X, Z, residual = two_stage(y, endogenous, exogenous, excluded)
+    return time_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
+
+
+def autoregression(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:
+    """Stationary autoregressions of unit variance along the first axis."""
+    from scipy.signal import lfilter
+
+    shocks = rng.standard_normal((shape[0] + 300, *shape[1:]))
+    return np.sqrt(1.0 - memory**2) * lfilter([1.0], [1.0, -memory], shocks, axis=0)[300:]
