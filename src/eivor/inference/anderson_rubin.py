@@ -235,7 +235,9 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         pivot = _weighted_solution(scores.total, root)
     frame = Frame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
-    shape = RobustShape(scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, averages))
+    shape = RobustShape(
+        scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, float(averages))
+    )
     return ConfidenceRegion(names, frame, shape)
 
 

@@ -32,6 +32,9 @@ from eivor.inference.confidence_set import ConfidenceSet
 SIGN_ROWS = 4096
 #: Points ranked at a time.
 RANKED_POINTS = 256
+#: Squared lengths count as equal within this share, and below what rounding leaves of cancelled sums.
+TIE_SHARE = 1e-10
+ROUNDING = 1e-13
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,11 @@ class SignPerturbedShape(RegionShape):
         forms = np.einsum("ipa,ipb->iab", self.sums, self.sums)
         return forms[0] - forms[1:]
 
+    @cached_property
+    def _largest(self) -> float:
+        """Largest squared length of a sum's columns."""
+        return float(np.einsum("ipa,ipa->ia", self.sums, self.sums).max())
+
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """|S_0|^2 over the q-th largest of the others, nudged off one where a tie decides."""
         found = np.empty(points.shape[0])
@@ -70,13 +78,17 @@ class SignPerturbedShape(RegionShape):
             here = slice(start, start + RANKED_POINTS)
             S = np.einsum("ipa,ka->kip", self.sums, points[here])
             lengths = np.einsum("kip,kip->ki", S, S)
-            found[here] = self._ratios(lengths)
+            size = np.einsum("ka,ka->k", points[here], points[here])
+            found[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
         return found
 
-    def _ratios(self, lengths: Float[np.ndarray, "k m"]) -> Float[np.ndarray, " k"]:
+    def _ratios(
+        self, lengths: Float[np.ndarray, "k m"], rounding: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, " k"]:
         own, others = lengths[:, :1], lengths[:, 1:]
         behind = self.order[1:] < self.order[0]
-        shorter = ((others < own) | ((others == own) & behind)).sum(axis=1)
+        tied = np.abs(others - own) <= TIE_SHARE * np.maximum(own, others) + rounding[:, None]
+        shorter = np.where(tied, behind, others < own).sum(axis=1)
         inside = shorter < lengths.shape[1] - self.excluded
         bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
         ratio = np.divide(own[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
