@@ -13,7 +13,7 @@ from eivor.errors import InputError
 from eivor.studies import flight_study
 from eivor.studies.flight_grid import FlightCase
 from eivor.studies.flight_metrics import Share, accepted, accepted_share, flown, score
-from eivor.studies.flight_page import BEGIN, END, page_with, study_tables
+from eivor.studies.flight_page import PART, study_tables
 from eivor.studies.flight_requirements import requirements
 from eivor.studies.flight_trials import (
     ESTIMATORS,
@@ -25,12 +25,15 @@ from eivor.studies.flight_trials import (
     FlightTrial,
     IntervalEstimate,
 )
+from eivor.studies.generated_page import marks, page_with
 from eivor.studies.trial_table import read_trial_table, trial_table
 from eivor.studies.vertical_flight_spec import VerticalFlightSpec
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "studies" / "flight-recipe.md"
 TRUTH = {"viscous_friction": 0.4, "input_gain": 40.0, "effective_lag": 0.05, "hover_input": 0.5}
+
+BEGIN, END = marks(PART)
 
 
 def trial(
@@ -182,9 +185,9 @@ def test_tables_have_a_row_for_every_class_and_estimator():
 
 def test_page_keeps_what_is_around_the_marks():
     page = f"a\n{BEGIN}\nold\n{END}\nb"
-    assert page_with(page, "new") == f"a\n{BEGIN}\n\nnew\n\n{END}\nb"
+    assert page_with(page, {PART: "new"}) == f"a\n{BEGIN}\n\nnew\n\n{END}\nb"
     with pytest.raises(InputError, match="a page with the marks"):
-        page_with("no marks", "new")
+        page_with("no marks", {PART: "new"})
 
 
 def test_accepted_is_identified():
@@ -201,7 +204,7 @@ def test_published_tables_are_made_from_the_published_trials():
     table = read_trial_table(PAGE.with_suffix(".parquet"))
     assert table.origin["size"] == "full"
     page = PAGE.read_text(encoding="utf-8")
-    assert page_with(page, study_tables(table)) == page
+    assert page_with(page, {PART: study_tables(table)}) == page
 
 
 def test_published_trials_are_those_of_the_grid():

@@ -18,14 +18,17 @@ from scipy.stats import binom
 
 from eivor.studies import flight_study
 from eivor.studies.flight_metrics import accepted, accepted_share, flown, score
-from eivor.studies.flight_page import BEGIN, END
+from eivor.studies.flight_page import PART
 from eivor.studies.flight_requirements import ERROR_BOUNDS, requirements
 from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR, QUANTITIES
+from eivor.studies.generated_page import marks
 from eivor.studies.trial_table import TrialTable, read_trial_table
 
 pytest.importorskip("rotorpy")
 
 CHANCE = 1e-3
+
+BEGIN, END = marks(PART)
 
 
 PAGE = f"# Study\n\nBefore.\n\n{BEGIN}\n{END}\n\nAfter.\n"

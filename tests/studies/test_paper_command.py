@@ -10,8 +10,8 @@ from typer.testing import CliRunner, Result
 
 from eivor.cli.main import app
 from eivor.report import paper_table
+from eivor.studies.generated_page import page_with
 from eivor.studies.paper import run_paper
-from eivor.studies.paper_page import page_with
 from eivor.studies.paper_readings import named_readings
 
 PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
@@ -74,7 +74,9 @@ def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
 
 def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
     page = (
-        "Before.\n" + "\n".join(f"<!-- paper: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS) + "\nAfter.\n"
+        "Before.\n"
+        + "\n".join(f"<!-- generated: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS)
+        + "\nAfter.\n"
     )
     filled = page_with(page, paper_table.page_parts(two_readings))
     assert filled.startswith("Before.\n")

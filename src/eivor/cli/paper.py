@@ -98,7 +98,7 @@ def _deliver(
         with step("Drawing the figures"), writing(folder):
             write_figures(shown, folder)
     if page:
-        from eivor.studies.paper_page import page_with
+        from eivor.studies.generated_page import page_with
 
         parts = paper_table.page_parts(results)
         with writing(Path(page)):

@@ -63,6 +63,11 @@ class VerticalExperiment(Experiment):
         """Measured channels, and under control the reference."""
         return (*self.scenario.measured, *self.scenario.references)
 
+    @property
+    def exogenous_channel(self) -> str:
+        """What the vehicle does not answer: the input in open loop, the reference under control."""
+        return self.scenario.control.reference
+
     def record(self, rng: np.random.Generator) -> Signals:
         """Simulate, see `eivor.models.simulation`."""
         return simulate(self.scenario, rng).signals

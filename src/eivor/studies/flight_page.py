@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
-
 import numpy as np
 import polars as pl
 
-from eivor.errors import InputError
 from eivor.flights.rule import J_P_VALUE, STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
 from eivor.studies.flight_metrics import Score, accepted, accepted_share, flown, score
 from eivor.studies.flight_requirements import error_text, requirements, share_text
 from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR, QUANTITIES, RECIPE
+from eivor.studies.generated_page import markdown
 from eivor.studies.trial_table import PACKAGES, TrialTable
 
-BEGIN = "<!-- generated: flight study -->"
-END = "<!-- end of what is generated -->"
+#: Name of the generated part of the page.
+PART = "flight study"
 COMMAND = "python -m eivor.studies.flight_study"
 ESTIMATOR_NAMES = {RECIPE: "the recipe", LAG_IGNORED: "lag ignored", NONLINEAR: "nonlinear least squares"}
 #: Lags that count as one group [s]; the grid of the recipe has steps of 10 ms.
@@ -63,7 +60,7 @@ def requirement_table(rows: pl.DataFrame, *, allow_chance: bool) -> str:
         (item.what, item.asked, item.measured, "yes" if item.met else "**no**")
         for item in requirements(rows, allow_chance=allow_chance)
     ]
-    return _table(("what", "asked", "measured", "met"), lines)
+    return markdown(("what", "asked", "measured", "met"), lines)
 
 
 def class_table(rows: pl.DataFrame) -> str:
@@ -85,7 +82,7 @@ def class_table(rows: pl.DataFrame) -> str:
                 _covered(hover),
             ]
         )
-    return _table(header, lines)
+    return markdown(header, lines)
 
 
 def verdict_table(rows: pl.DataFrame) -> str:
@@ -104,7 +101,7 @@ def verdict_table(rows: pl.DataFrame) -> str:
         weak = part.filter(pl.col("recipe.first_stage_F") < STRONG_FIRST_STAGE).height
         disagree = part.filter(pl.col("recipe.p_value") < J_P_VALUE).height
         lines.append([name, *(str(count) for count in (part.height, *counts, weak, disagree))])
-    return _table(header, lines)
+    return markdown(header, lines)
 
 
 def control_table(rows: pl.DataFrame) -> str:
@@ -126,7 +123,7 @@ def control_table(rows: pl.DataFrame) -> str:
                     share_text(found.coverage),
                 ]
             )
-    return _table(("flights", "estimator", "median error of K", "bias of K", "coverage of K"), lines)
+    return markdown(("flights", "estimator", "median error of K", "bias of K", "coverage of K"), lines)
 
 
 def group_table(rows: pl.DataFrame) -> str:
@@ -144,7 +141,7 @@ def group_table(rows: pl.DataFrame) -> str:
             part = banded.filter(pl.col(column) == value)
             shares = [f"{score(part, quantity).coverage.value:.3f}" for quantity in QUANTITIES]
             lines.append([column, value, str(part.height), *shares])
-    return _table(("group", "", "flights", "K", "K_u", "effective lag", "hover input"), lines)
+    return markdown(("group", "", "flights", "K", "K_u", "effective lag", "hover input"), lines)
 
 
 def lag_table(rows: pl.DataFrame) -> str:
@@ -159,30 +156,12 @@ def lag_table(rows: pl.DataFrame) -> str:
             if error.size > 1:
                 shown = f"{error.mean():.2f} +- {error.std(ddof=1) / np.sqrt(error.size):.2f} ms"
             lines.append([band, label, str(error.size), shown])
-    return _table(("lag", "gusts", "flights", "bias of the effective lag"), lines)
+    return markdown(("lag", "gusts", "flights", "bias of the effective lag"), lines)
 
 
 def _lag_bands(rows: pl.DataFrame) -> list[str]:
     lag = (rows["truth.effective_lag"] - rows["delay"]).to_numpy()
     return [LAG_BANDS[band] for band in np.digitize(lag, LAG_EDGES)]
-
-
-def page_with(page: str, tables: str) -> str:
-    """Page with the tables in place of what stood between its marks.
-
-    Raises
-    ------
-    InputError
-        When the page does not have both marks, once each and in order.
-    """
-    pattern = re.compile(f"{re.escape(BEGIN)}.*{re.escape(END)}", re.DOTALL)
-    if len(pattern.findall(page)) != 1 or page.count(BEGIN) != 1 or page.count(END) != 1:
-        raise InputError(
-            f"a page with the marks {BEGIN} and {END}",
-            "one without both of them",
-            "Put them where tables go.",
-        )
-    return pattern.sub(lambda _: f"{BEGIN}\n\n{tables}\n\n{END}", page)
 
 
 def _errors(quantity: str, found: Score, *, bias: bool = False) -> list[str]:
@@ -194,8 +173,3 @@ def _errors(quantity: str, found: Score, *, bias: bool = False) -> list[str]:
 
 def _covered(found: Score) -> str:
     return f"{found.coverage.value:.3f}" if found.coverage.count else "-"
-
-
-def _table(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
-    rows = [header, ["---"] * len(header), *lines]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)

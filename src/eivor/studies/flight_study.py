@@ -16,9 +16,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from eivor.studies.flight_grid import FlightGrid, published_grid
-from eivor.studies.flight_page import page_with, study_tables
+from eivor.studies.flight_page import PART, study_tables
 from eivor.studies.flight_requirements import requirements
 from eivor.studies.flight_trials import FlightTrial, run_trials
+from eivor.studies.generated_page import page_with
 from eivor.studies.trial_table import TrialTable, read_trial_table, trial_table
 
 SIZES = ("small", "full")
@@ -69,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         table.write(chosen.out)
     tables = study_tables(table)
     if chosen.page:
-        page = page_with(chosen.page.read_text(encoding="utf-8"), tables)
+        page = page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables})
         chosen.page.write_text(page, encoding="utf-8")
     sys.stdout.write(tables + "\n")
     small = table.origin["size"] != "full"

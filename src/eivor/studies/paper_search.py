@@ -24,8 +24,8 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from eivor.models.scenario import Intersample
+from eivor.studies.generated_page import markdown, page_with
 from eivor.studies.paper import PaperResult, trial_generator
-from eivor.studies.paper_page import markdown, page_with
 from eivor.studies.paper_readings import (
     EXAMPLES,
     PRINTED_METHODS,

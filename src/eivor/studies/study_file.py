@@ -60,7 +60,7 @@ def read_study(path: Path) -> Study:
         experiment = _experiment(read_toml(path.parent / top.text("scenario"), "a scenario"))
     else:
         experiment = _experiment(top.section("scenario"))
-    choices = tuple(_choice(table) for table in top.sections("methods"))
+    choices = tuple(method_choice(table) for table in top.sections("methods"))
     top.finish()
     try:
         return Study(name, experiment, choices, runs, seed, intervals, level)
@@ -68,10 +68,24 @@ def read_study(path: Path) -> Study:
         raise _placed(top, error) from error
 
 
-def _choice(table: TomlTable) -> MethodChoice:
+def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
+    """Method and its options, from a table all of whose keys it takes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        One of [[methods]].
+    channel : str
+        What instruments are lags of, when the table does not say.
+
+    Raises
+    ------
+    InputError
+        When a key is unknown or a value does not fit.
+    """
     name = table.text("name")
     lags = table.span("lags") if table.has("lags") else None
-    channel = table.text("channel", INPUT)
+    channel = table.text("channel", channel)
     weighting = table.text("weighting", "unweighted")
     known = table.texts("known_noise") if table.has("known_noise") else None
     label = table.text("label", name)

@@ -1,4 +1,4 @@
-"""The page of the paper's study: generated parts between marks, the rest written by hand."""
+"""Pages of studies: generated parts between marks, the rest written by hand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def markdown(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 
 def page_with(page: str, parts: Mapping[str, str]) -> str:
-    """Page with each part between its marks, ``<!-- paper: NAME -->`` and ``<!-- end: NAME -->``.
+    """Page with each part between its marks, ``<!-- generated: NAME -->`` and ``<!-- end: NAME -->``.
 
     Raises
     ------
@@ -22,7 +22,7 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
         When the marks of a part are not there, once each and in order.
     """
     for name, text in parts.items():
-        begin, end = f"<!-- paper: {name} -->", f"<!-- end: {name} -->"
+        begin, end = marks(name)
         if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
             raise InputError(
                 f"a page with the marks {begin} and {end}",
@@ -32,3 +32,8 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
         before, _, rest = page.partition(begin)
         page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page
+
+
+def marks(name: str) -> tuple[str, str]:
+    """Marks between which a part goes."""
+    return f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
