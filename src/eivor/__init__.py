@@ -13,12 +13,15 @@ if TYPE_CHECKING:
     from eivor.errors import WeakInstrumentsWarning
     from eivor.estimation import methods
     from eivor.estimation.chunked_fit import identify_chunks
+    from eivor.estimation.derived import derived, ratio
+    from eivor.estimation.diagnose import Diagnostics, diagnose
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
     from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
+    from eivor.flights.resampling import bootstrap_flights
     from eivor.flights.result import FlightEstimate
     from eivor.inference import covariances
     from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 #: Where each public name lives.
 _HOMES = {
     "Column": "eivor.models.column",
+    "Diagnostics": "eivor.estimation.diagnose",
     "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",
     "FlightOptions": "eivor.flights.options",
@@ -51,7 +55,10 @@ _HOMES = {
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
     "bootstrap": "eivor.estimation.resampling",
+    "bootstrap_flights": "eivor.flights.resampling",
     "covariances": "eivor.inference.covariances",
+    "diagnose": "eivor.estimation.diagnose",
+    "derived": "eivor.estimation.derived",
     "estimate_long_memory": "eivor.signals.long_memory",
     "identify": "eivor.estimation.fit",
     "identify_chunks": "eivor.estimation.chunked_fit",
@@ -59,6 +66,7 @@ _HOMES = {
     "lags": "eivor.models.column",
     "methods": "eivor.estimation.methods",
     "moments": "eivor.estimation.streaming",
+    "ratio": "eivor.estimation.derived",
     "read_chunks": "eivor.logs.chunks",
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
@@ -73,6 +81,7 @@ _MODULES = frozenset({"covariances", "methods"})
 __version__ = version("eivor")
 __all__ = [
     "Column",
+    "Diagnostics",
     "Estimate",
     "FlightEstimate",
     "FlightOptions",
@@ -87,7 +96,10 @@ __all__ = [
     "WhiteNoise",
     "__version__",
     "bootstrap",
+    "bootstrap_flights",
     "covariances",
+    "derived",
+    "diagnose",
     "estimate_long_memory",
     "identify",
     "identify_chunks",
@@ -95,6 +107,7 @@ __all__ = [
     "lags",
     "methods",
     "moments",
+    "ratio",
     "read_chunks",
     "read_log",
     "recording_from_columns",

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from eivor.errors import UsageError
 from eivor.estimation.candidate import Candidate
 from eivor.inference.covariance_estimators import CovarianceEstimator
-from eivor.inference.ellipse import Ellipse
+from eivor.inference.ellipse import Ellipse, joint_ellipse
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.parameter import Parameter
@@ -131,9 +131,12 @@ class Estimate:
         UsageError
             When a name is unknown, the two are one, or the level is not between 0 and 1.
         """
-        both = np.stack([self.direction(name), self.direction(other)])
+        check_level(level)
+        if name == other:
+            raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
+        pair = np.stack([self.direction(name), self.direction(other)])
         degrees = self.best.covariance.parts[0].degrees
-        return Ellipse(both @ self.best.values, both @ self.covariance @ both.T, level, degrees)
+        return joint_ellipse(self.best.values, self.covariance, pair, level=level, degrees=degrees)
 
     def std_error(self, name: str) -> float:
         """Largest of the standard errors at the best delay."""
@@ -163,8 +166,7 @@ class Estimate:
         UsageError
             When the level is not between 0 and 1.
         """
-        if not 0.0 < level < 1.0:
-            raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
+        check_level(level)
         ends: list[float] = []
         for candidate in self.tenable(level):
             value, gradient = quantity(candidate)
@@ -212,3 +214,15 @@ class Estimate:
             )
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
+
+
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is none.
+
+    Raises
+    ------
+    UsageError
+        With the range.
+    """
+    if not 0.0 < level < 1.0:
+        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")

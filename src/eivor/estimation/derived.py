@@ -1,0 +1,165 @@
+"""Quantities derived from an estimate, with intervals: ratios, and any smooth function of the parameters.
+
+The delta method takes a function for linear over the interval. `derived` measures how far it is from that
+and profiles it when it is not; `ratio` makes no such assumption about its denominator.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import UsageError
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate, check_level
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.covariance import CovariancePart
+from eivor.inference.fieller import fieller_set
+from eivor.inference.profile import gradient_of, profile_interval
+from eivor.inference.quantiles import t_quantile
+
+#: Share of the half-width by which a function may bend before it is profiled.
+LARGEST_BEND = 0.05
+
+Function = Callable[[Mapping[str, float]], float]
+
+
+@dataclass(frozen=True, slots=True)
+class DerivedQuantity:
+    """A function of the parameters.
+
+    Parameters
+    ----------
+    value : float
+        At the estimate.
+    std_error : float
+        By the delta method.
+    interval : tuple of float
+        Lowest and highest value.
+    bend : float
+        Largest departure from linear at the interval's ends, as a share of the half-width.
+    profiled : bool
+        Whether the interval follows the bend; by the delta method when not.
+    """
+
+    value: float
+    std_error: float
+    interval: tuple[float, float]
+    bend: float
+    profiled: bool
+
+
+def derived(estimate: Estimate, function: Function, level: float = 0.95) -> DerivedQuantity:
+    """A smooth function of the parameters, with its interval.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With its covariance at hand.
+    function : callable
+        From the mapping of names to values, such as ``lambda p: p["input_gain"] / p["viscous_friction"]``.
+        For a ratio whose denominator may be near zero use `ratio`.
+    level : float
+        Confidence level.
+
+    Raises
+    ------
+    UsageError
+        When the level is not between 0 and 1, or the function is not finite within the interval.
+    """
+    check_level(level)
+
+    def of_vector(values: Float[np.ndarray, " n"]) -> float:
+        return float(function(dict(zip(estimate.names, (float(value) for value in values), strict=True))))
+
+    pieces = [
+        _of_part(of_vector, candidate, part, level)
+        for candidate in estimate.tenable(level)
+        for part in candidate.covariance.parts
+    ]
+    found = [piece.interval for piece in pieces]
+    interval = min(low for low, _ in found), max(high for _, high in found)
+    best = estimate.best
+    scale = np.sqrt(np.diag(best.covariance.matrix))
+    error = best.covariance.std_error(gradient_of(of_vector, best.values, scale))
+    value, bend = of_vector(best.values), max(piece.bend for piece in pieces)
+    if not all(math.isfinite(number) for number in (value, error, bend, *interval)):
+        raise UsageError(
+            "a function that is finite within the interval",
+            f"{value} with the interval {interval}",
+            "For a ratio whose denominator may be zero use eivor.ratio.",
+        )
+    return DerivedQuantity(value, error, interval, bend, any(piece.profiled for piece in pieces))
+
+
+def ratio(
+    estimate: Estimate, numerator: str | float, denominator: str | float, level: float = 0.95
+) -> ConfidenceSet:
+    """Confidence set of a ratio of parameters, or of a number and a parameter, by Fieller's method.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With its covariance at hand.
+    numerator, denominator : str or float
+        Name of a parameter, or an exact number: ``ratio(fit, 1.0, "viscous_friction")`` is the time
+        constant 1/K [s].
+    level : float
+        Confidence level.
+
+    Returns
+    -------
+    ConfidenceSet
+        Without a bound when the denominator cannot be told from zero. A union over the delays that fit,
+        and over the assumptions of the covariance.
+
+    Raises
+    ------
+    UsageError
+        When a name is unknown, or the level is not between 0 and 1.
+    """
+    check_level(level)
+    size = len(estimate.names)
+    exact = np.array([0.0 if isinstance(one, str) else float(one) for one in (numerator, denominator)])
+    rows = np.stack(
+        [
+            estimate.direction(one) if isinstance(one, str) else np.zeros(size)
+            for one in (numerator, denominator)
+        ]
+    )
+    intervals: list[tuple[float, float]] = []
+    for candidate in estimate.tenable(level):
+        for part in candidate.covariance.parts:
+            pair, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
+            intervals.extend(fieller_set(pair, V, _half_widths(part, level)).intervals)
+    return ConfidenceSet.union(intervals)
+
+
+def _half_widths(part: CovariancePart, level: float) -> float:
+    return t_quantile(level, part.degrees) / math.sqrt(part.share)
+
+
+def _of_part(
+    function: Callable[[Float[np.ndarray, " n"]], float],
+    candidate: Candidate,
+    part: CovariancePart,
+    level: float,
+) -> DerivedQuantity:
+    """Quantity at one delay, under one assumption on the residual."""
+    values, t = candidate.values, _half_widths(part, level)
+    gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
+    error = math.sqrt(part.variance(gradient))
+    centre, half = function(values), t * error
+    if half == 0.0:
+        return DerivedQuantity(centre, 0.0, (centre, centre), 0.0, profiled=False)
+    furthest = t * part.matrix @ gradient / error
+    ends = function(values - furthest), function(values + furthest)
+    bend = max(abs(ends[0] - (centre - half)), abs(ends[1] - (centre + half))) / half
+    if bend <= LARGEST_BEND:
+        return DerivedQuantity(centre, error, (centre - half, centre + half), bend, profiled=False)
+    interval = profile_interval(function, values, part.matrix, t)
+    return DerivedQuantity(centre, error, interval, bend, profiled=True)
