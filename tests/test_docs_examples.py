@@ -9,7 +9,7 @@ import pytest
 
 PAGES = sorted((Path(__file__).parents[1] / "docs").rglob("*.md"))
 BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
-RUN = [page for page in PAGES if page.name == "estimators.md"]
+RUN = [page for page in PAGES if page.name in {"estimators.md", "weak-identification.md"}]
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
@@ -20,5 +20,9 @@ def test_blocks_run(page):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, page.name, "exec"), names)  # noqa: S102 - the project's own pages
-    assert set(names["fit"].parameters) == {"viscous_friction", "input_gain"}
-    assert names["problem"].instrument_noise_covariance()[0, 1] == pytest.approx(0.0025)
+    if page.name == "weak-identification.md":
+        assert all(found.is_bounded for found in names["known"].intervals.values())
+        assert not names["unknown"].interval("input_gain").is_bounded
+        assert names["sets"].region.contains([0.3, 0.5])
+        return
+    assert CHECKS[page.name](names)

@@ -19,11 +19,21 @@ if TYPE_CHECKING:
     from eivor.estimation.fit import identify
     from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
+    from eivor.estimation.weak_identification import (
+        AndersonRubinSet,
+        AutocorrelatedErrors,
+        HomoskedasticErrors,
+        SignPerturbedSet,
+        anderson_rubin_set,
+        sign_perturbed_set,
+    )
     from eivor.flights.options import FlightOptions
     from eivor.flights.recipe import identify_flight
     from eivor.flights.resampling import bootstrap_flights
     from eivor.flights.result import FlightEstimate
     from eivor.inference import covariances
+    from eivor.inference.confidence_region import ConfidenceRegion
+    from eivor.inference.confidence_set import ConfidenceSet
     from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
     from eivor.logs import read_log, recording_from_columns
     from eivor.logs.chunks import read_chunks
@@ -40,25 +50,32 @@ if TYPE_CHECKING:
 
 #: Where each public name lives.
 _HOMES = {
+    "AndersonRubinSet": "eivor.estimation.weak_identification",
+    "AutocorrelatedErrors": "eivor.estimation.weak_identification",
     "Column": "eivor.models.column",
+    "ConfidenceRegion": "eivor.inference.confidence_region",
+    "ConfidenceSet": "eivor.inference.confidence_set",
     "Diagnostics": "eivor.estimation.diagnose",
     "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",
     "FlightOptions": "eivor.flights.options",
     "FractionalNoise": "eivor.signals.noise",
+    "HomoskedasticErrors": "eivor.estimation.weak_identification",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
     "Scenario": "eivor.models.scenario",
+    "SignPerturbedSet": "eivor.estimation.weak_identification",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "VerticalMotion": "eivor.models.vertical",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
+    "anderson_rubin_set": "eivor.estimation.weak_identification",
     "bootstrap": "eivor.estimation.resampling",
     "bootstrap_flights": "eivor.flights.resampling",
     "covariances": "eivor.inference.covariances",
-    "diagnose": "eivor.estimation.diagnose",
     "derived": "eivor.estimation.derived",
+    "diagnose": "eivor.estimation.diagnose",
     "estimate_long_memory": "eivor.signals.long_memory",
     "identify": "eivor.estimation.fit",
     "identify_chunks": "eivor.estimation.chunked_fit",
@@ -71,6 +88,7 @@ _HOMES = {
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
+    "sign_perturbed_set": "eivor.estimation.weak_identification",
     "simulate": "eivor.models.simulation",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
@@ -80,21 +98,28 @@ _MODULES = frozenset({"covariances", "methods"})
 
 __version__ = version("eivor")
 __all__ = [
+    "AndersonRubinSet",
+    "AutocorrelatedErrors",
     "Column",
+    "ConfidenceRegion",
+    "ConfidenceSet",
     "Diagnostics",
     "Estimate",
     "FlightEstimate",
     "FlightOptions",
     "FractionalNoise",
+    "HomoskedasticErrors",
     "Recording",
     "Regression",
     "Scenario",
+    "SignPerturbedSet",
     "SignalRegression",
     "Signals",
     "VerticalMotion",
     "WeakInstrumentsWarning",
     "WhiteNoise",
     "__version__",
+    "anderson_rubin_set",
     "bootstrap",
     "bootstrap_flights",
     "covariances",
@@ -112,6 +137,7 @@ __all__ = [
     "read_log",
     "recording_from_columns",
     "regression",
+    "sign_perturbed_set",
     "simulate",
     "weighted_total_least_squares",
 ]

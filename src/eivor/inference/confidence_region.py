@@ -19,6 +19,7 @@ from math import inf
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.confidence_set import ConfidenceSet
@@ -109,7 +110,7 @@ class ConfidenceRegion:
     frame: Frame
     shape: RegionShape
 
-    def excess(self, theta: Float[np.ndarray, " n"]) -> float:
+    def excess(self, theta: ArrayLike) -> float:
         """Statistic over its critical value: at most one for a member.
 
         Raises
@@ -126,7 +127,7 @@ class ConfidenceRegion:
             )
         return float(self.shape.excess(self.frame.homogeneous(values)[None, :])[0])
 
-    def contains(self, theta: Float[np.ndarray, " n"]) -> bool:
+    def contains(self, theta: ArrayLike) -> bool:
         """Whether a parameter vector belongs to the region; this is exact.
 
         Raises
