@@ -108,7 +108,7 @@ def test_scores_of_zero_are_constant():
 
 
 def test_leverage_is_the_estimate_without_the_stretch():
-    scores, M, X, y = scores_of(4)
+    scores, _, X, y = scores_of(4)
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
     sums = scores.reshape(10, -1, 2).sum(axis=1)
     own = np.einsum("kti,ktj->kij", X.reshape(10, -1, 2), X.reshape(10, -1, 2))

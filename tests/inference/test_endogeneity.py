@@ -1,4 +1,4 @@
-"""Least squares against instruments: linearmodels' Durbin and Wu-Hausman, and the robust test's size and power."""
+"""LS against instruments: Durbin and Wu-Hausman of linearmodels; size and power of the robust test."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_covariance_is_that_of_the_difference_of_influence_functions():
     y, endogenous, exogenous, excluded = drawn(0, 0.3, 640)
     products = data.products_of(y, endogenous, exogenous, excluded, 128)
     found = endogeneity(products, two_stage_weights(products))
-    theta, X, Z, e = data.two_stage(y, endogenous, exogenous, excluded)
+    theta, X, Z, _ = data.two_stage(y, endogenous, exogenous, excluded)
     least_squares = np.linalg.lstsq(X, y, rcond=None)[0]
     fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
     e_ls = y - X @ least_squares
@@ -120,9 +120,7 @@ def test_least_squares_is_not_compared_with_itself():
 @pytest.mark.parametrize("units", [1e-6, 1e6])
 def test_units_do_not_count(units):
     y, endogenous, exogenous, excluded = drawn(4)
-    one, other = (
-        endogeneity_of((y, endogenous, exogenous, excluded)),
-        endogeneity_of((y / units, units * endogenous, exogenous, excluded)),
-    )
+    one = endogeneity_of((y, endogenous, exogenous, excluded))
+    other = endogeneity_of((y / units, units * endogenous, exogenous, excluded))
     assert one.statistic == pytest.approx(other.statistic, rel=1e-6)
     assert one.durbin == pytest.approx(other.durbin, rel=1e-6)

@@ -13,6 +13,7 @@ from eivor.errors import EstimationError
 from eivor.estimation.diagnosis_reasons import reasons_of
 from eivor.estimation.diagnosis_table import summary_of, table_of
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.inferred import Solved
 from eivor.estimation.record_products import RecordProducts, record_products
 from eivor.inference.constancy import GROUPS, Constancy, constancy
 from eivor.inference.endogeneity import Endogeneity, endogeneity
@@ -56,13 +57,14 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
     endogeneity, constancy and leverage follow; whiteness, memory and spectra read the residual.
     """
-    if estimate.best.solved is None:
+    solved = estimate.best.solved
+    if solved is None:
         raise EstimationError(
             "an estimate with its rows at hand, for diagnostics",
             "an estimate from moments, which do not keep the rows",
             "Identify a chunk that fits in memory, or the whole problem.",
         )
-    return Diagnostics(estimate)
+    return Diagnostics(estimate, solved)
 
 
 @dataclass(frozen=True)
@@ -73,9 +75,12 @@ class Diagnostics:
     ----------
     estimate : Estimate
         The estimate; everything is said of its best delay.
+    solved : Solved
+        How that was solved.
     """
 
     estimate: Estimate = field(repr=False)
+    solved: Solved = field(repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -189,8 +194,7 @@ class Diagnostics:
 
     @property
     def _instrumental(self) -> bool:
-        solved = self.estimate.best.solved
-        return solved is not None and solved.method.assembler.needs_instruments
+        return self.solved.method.assembler.needs_instruments
 
     @property
     def _too_short(self) -> bool:
@@ -200,4 +204,4 @@ class Diagnostics:
 
     @cached_property
     def _record(self) -> RecordProducts:
-        return record_products(self.estimate.best._solved())
+        return record_products(self.solved)

@@ -32,6 +32,8 @@ BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
 #: Blocks that a thread multiplies before it hands them in.
 STRETCH_BLOCKS = 16
+#: Shared noise below this share of a product is its rounding.
+ROUNDING = 1e-9
 #: Records of fewer samples are not worth folding.
 FOLDED_FROM = 50_000
 
@@ -119,14 +121,16 @@ def _assembled(solved: Solved, products: TimeProducts) -> tuple[TimeProducts, Fl
     """With what the compensation, or a direct method's correction, adds to the products; and W A."""
     total = np.asarray(products.cross.sum(axis=0))
     if solved.method.assembler.moment_equations:
-        A = solved.system.matrix
-        linear = A.shape[1]
-        shared = np.zeros(total.shape)
-        shared[:, :linear] = total[:, :linear] / products.count - A
-        shared[np.abs(shared) < 1e-12 * np.abs(total).max(initial=0.0) / products.count] = 0.0
-        A = total / products.count - shared
+        # the equations are means over rows; of rows in frequency there are not as many as samples
+        rows = solved.count / products.count
+        A = total / solved.count
+        linear = solved.system.matrix.shape[1]
+        noise = A[:, :linear] - solved.system.matrix
+        shared = np.zeros(A.shape)
+        shared[:, :linear] = rows * np.where(np.abs(noise) > ROUNDING * np.abs(A[:, :linear]), noise, 0.0)
+        A[:, :linear] = solved.system.matrix
         WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-        constant = solved.method.assembler.score_constants(solved.problem, solved.solution.theta)
+        constant = rows * solved.method.assembler.score_constants(solved.problem, solved.solution.theta)
     else:
         shared = (total - solved.inference.equation.sensitivity) / products.count
         WA, constant = np.eye(total.shape[0]), np.zeros(total.shape[0])

@@ -1,0 +1,311 @@
+"""Diagnostics of estimates: folded products against rows, every method, sizes, and what is said."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.signal import lfilter
+from vertical_flight_signals import Noise, flights
+from vertical_flight_signals import problem as flight_problem
+
+import eivor as ev
+from eivor.errors import EstimationError
+from eivor.estimation import methods
+from eivor.estimation.record_products import FOLDED_FROM, record_products
+from eivor.inference.verdict import Status
+
+NOISE = 0.3
+"""Standard deviation of the input's noise."""
+
+
+def autoregression(rng, count, memory):
+    shocks = rng.standard_normal(count + 300)
+    return np.sqrt(1.0 - memory**2) * lfilter([1.0], [1.0, -memory], shocks)[300:]
+
+
+def signals(seed, count=2000, *, memory=0.8, noise=NOISE, gain=None, valid=None):
+    """Vertical motion with an autocorrelated disturbance and a noisy input; `gain` may vary in time."""
+    rng = np.random.default_rng(seed)
+    u = autoregression(rng, count, 0.9)
+    v = lfilter([0.3], [1.0, -0.7], u)
+    s = (0.5 if gain is None else gain) * u - 0.8 * v + 0.3 * autoregression(rng, count, memory)
+    return ev.Signals(
+        rate_hz=5.0,
+        channels={"velocity_z": v, "specific_force_z": s, "input": u + noise * rng.standard_normal(count)},
+        noise={
+            "input": ev.WhiteNoise(std=noise),
+            "velocity_z": ev.WhiteNoise(std=0.0),
+            "specific_force_z": ev.WhiteNoise(std=0.3),
+        },
+        valid=valid,
+    )
+
+
+def problem(made, first=0, last=5):
+    return ev.VerticalMotion(intercept=False).regression(made, instruments=ev.lags("input", first, last))
+
+
+def diagnosed(made, method=None):
+    return ev.diagnose(ev.identify(problem(made), method or ev.methods.generalized_iv()))
+
+
+# -- one pass, two routes ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lags", [(0, 10), (2, 5)])
+def test_folded_products_are_those_of_rows(lags):
+    made = signals(0, FOLDED_FROM + 1237)
+    cut = problem(made, *lags)
+    rows, noise = cut.rows(), cut.instrument_noise_covariance()
+    method = ev.methods.generalized_iv(methods.TwoStage())
+    arrays = ev.regression(
+        response=rows.response,
+        regressors=rows.regressors,
+        instruments=rows.instruments,
+        instrument_noise_covariance=noise,
+    )
+    folded, plain = (record_products(ev.identify(each, method).best.solved) for each in (cut, arrays))
+    assert folded.products.counts.size == plain.products.counts.size == 128
+    assert folded.products.count == plain.products.count == rows.response.size
+    np.testing.assert_allclose(folded.residual, plain.residual, atol=1e-10)
+    # blocks differ by a few samples: their sums agree, and so does everything said of the whole
+    scale = np.abs(folded.products.instruments.sum(axis=0)).max()
+    for name in ("instruments", "cross", "residual", "regressors", "regressor_residual", "power"):
+        one, other = (np.sum(getattr(each.products, name), axis=0) for each in (folded, plain))
+        np.testing.assert_allclose(one, other, atol=1e-9 * scale)
+    np.testing.assert_allclose(folded.products.shared, noise[:, :-1], atol=1e-9)
+    np.testing.assert_allclose(plain.products.shared, noise[:, :-1], atol=1e-9)
+    np.testing.assert_allclose(folded.weights, plain.weights, rtol=1e-6)
+
+
+def test_blocks_of_folded_products_are_their_rows():
+    made = signals(1, FOLDED_FROM + 1237)
+    cut = problem(made)
+    solved = ev.identify(cut, ev.methods.generalized_iv()).best.solved
+    found = record_products(solved)
+    rows = cut.rows()
+    Z = np.column_stack(
+        [rows.instruments, rows.regressors, rows.response - rows.regressors @ solved.solution.theta]
+    )
+    edges = np.concatenate([[0], np.cumsum(found.products.counts)]).astype(int)
+    for k in (0, 1, 77, 127):
+        own = Z[edges[k] : edges[k + 1]].T @ Z[edges[k] : edges[k + 1]]
+        scale = np.abs(own).max()
+        np.testing.assert_allclose(found.products.instruments[k], own[:6, :6], atol=1e-10 * scale)
+        np.testing.assert_allclose(found.products.cross[k], own[:6, 6:8], atol=1e-10 * scale)
+        np.testing.assert_allclose(found.products.residual[k], own[:6, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(found.products.regressors[k], own[6:8, 6:8], atol=1e-10 * scale)
+        np.testing.assert_allclose(found.products.regressor_residual[k], own[6:8, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(found.products.power[k], own[8, 8], atol=1e-10 * scale)
+
+
+METHODS = {
+    "least_squares": ev.methods.least_squares(),
+    "total_least_squares": ev.methods.total_least_squares(),
+    "bias_compensated_least_squares": ev.methods.bias_compensated_least_squares(),
+    "generalized_iv": ev.methods.generalized_iv(),
+    "generalized_iv_tls": ev.methods.generalized_iv_tls(),
+    "two_step": ev.methods.generalized_iv(methods.TwoStepRobust(bandwidth=5)),
+    "extended_iv": ev.methods.extended_iv(),
+}
+
+
+def estimate_of(method, made):
+    return ev.identify(
+        problem(made, first=1 if METHODS[method].name == "extended_iv" else 0), METHODS[method]
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_s_scores_are_its_own(method):
+    """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
+    fit = estimate_of(method, signals(2))
+    found = record_products(fit.best.solved)
+    equation = fit.best.equation
+    edges = np.concatenate([[0], np.cumsum(found.products.counts)]).astype(int)
+    scale = np.abs(equation.scores).sum()
+    np.testing.assert_allclose(
+        found.score_sums, np.add.reduceat(equation.scores, edges[:-1], axis=0), atol=1e-9 * scale
+    )
+    np.testing.assert_allclose(
+        found.sensitivities.sum(axis=0),
+        equation.sensitivity,
+        rtol=1e-6,
+        atol=1e-9 * np.abs(equation.sensitivity).max(),
+    )
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_is_diagnosed(method):
+    found = ev.diagnose(estimate_of(method, signals(3)))
+    instrumental = METHODS[method].assembler.needs_instruments
+    assert (found.first_stage is not None) == instrumental
+    assert (found.over_identification is not None) == instrumental
+    assert (found.endogeneity is not None) == instrumental
+    assert found.constancy is not None
+    assert found.leverage is not None
+    assert found.whiteness.durbin_watson < 1.0
+    assert found.information.matrix.shape == (2, 2)
+    table = found.to_frame()
+    assert table.columns == ["diagnostic", "of", "value", "compare"]
+    assert ("effective_F" in set(table["diagnostic"])) == instrumental
+    text = found.summary()
+    assert "Durbin-Watson" in text
+    assert all(f"- {reason.sentence}" in text for reason in found.reasons)
+
+
+def test_leverage_of_a_direct_method_is_that_of_leaving_rows_out():
+    made = signals(4, 1280)
+    fit = ev.identify(problem(made), ev.methods.least_squares())
+    found = ev.diagnose(fit)
+    rows = fit.best.rows
+    for k, (first, end) in enumerate(found.segments):
+        rest = np.ones(rows.response.size, dtype=bool)
+        rest[first:end] = False
+        again = np.linalg.lstsq(rows.regressors[rest], rows.response[rest], rcond=None)[0]
+        np.testing.assert_allclose(found.leverage.shift[k], again - fit.best.theta, rtol=1e-6, atol=1e-12)
+
+
+def test_samples_without_history_are_left_out():
+    valid = np.ones(3000, dtype=bool)
+    valid[1000:1100] = False
+    found = diagnosed(signals(5, 3000, valid=valid))
+    assert found.segments[-1][1] == found.estimate.best.rows.response.size
+    assert found.over_identification.p_value > 1e-4
+
+
+def test_frequency_rows_are_diagnosed_in_time():
+    made = flight_problem(*flights(2, seconds=40.0, noise=Noise()))
+    fit = ev.identify(made, ev.methods.reference_iv())
+    found = ev.diagnose(fit)
+    assert found.names == fit.names
+    assert len(found.names) == 3
+    products = record_products(fit.best.solved)
+    equation = fit.best.equation
+    # by Parseval the products in time add up to those of the bins
+    np.testing.assert_allclose(
+        products.sensitivities.sum(axis=0),
+        equation.sensitivity,
+        rtol=1e-6,
+        atol=1e-9 * np.abs(equation.sensitivity).max(),
+    )
+    assert found.first_stage.effective.min() > 10.0
+    assert found.bands.high_hz[-1] == pytest.approx(50.0)
+    assert " s (sample" in found.when(0.5)
+
+
+# -- calibration ------------------------------------------------------------------------------------------
+
+
+def test_sizes_of_generalized_iv_in_autocorrelated_disturbances():
+    """J and constancy with compensated equations: shares of 5 % tests that reject a good estimate."""
+    runs = 300
+    found = [diagnosed(signals(seed, 1500)) for seed in range(runs)]
+    low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], runs, [0.04, 0.065])
+    assert low <= sum(one.over_identification.p_value < 0.05 for one in found) <= high
+    assert low <= sum(one.constancy.p_value < 0.05 for one in found) <= high
+    told = sum(any(reason.status is Status.WEAK for reason in one.reasons) for one in found)
+    assert told <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
+
+
+def test_a_gain_that_changes_is_told_with_its_time():
+    count = 4000
+    gain = np.where(np.arange(count) < 0.6 * count, 0.5, 1.0)
+    found = diagnosed(signals(6, count, gain=gain, memory=0.3))
+    sentence = next(r.sentence for r in found.reasons if "change during" in r.sentence)
+    assert "input_gain by +0.4" in sentence or "input_gain by +0.5" in sentence
+    assert found.constancy.break_at == pytest.approx(0.6, abs=0.05)
+
+
+def test_a_wrong_declared_noise_is_told():
+    made = signals(7, 20_000)
+    wrong = ev.Signals(
+        rate_hz=5.0, channels=dict(made.channels), noise={**made.noise, "input": ev.WhiteNoise(std=0.0)}
+    )
+    found = diagnosed(wrong)
+    assert any("disagree" in reason.sentence for reason in found.reasons)
+    assert not any("disagree" in reason.sentence for reason in diagnosed(made).reasons)
+
+
+def test_noise_in_the_input_makes_least_squares_biased_and_that_is_told():
+    found = diagnosed(signals(8, 20_000))
+    assert any("Least squares would be biased" in reason.sentence for reason in found.reasons)
+    fit = found.estimate
+    least_squares = ev.identify(problem(signals(8, 20_000)), ev.methods.least_squares())
+    np.testing.assert_allclose(
+        found.endogeneity.difference, fit.best.theta - least_squares.best.theta, rtol=1e-6
+    )
+
+
+def test_one_bad_stretch_is_told():
+    count = 4000
+    gain = np.full(count, 0.5)
+    gain[2000:2300] = 8.0
+    found = diagnosed(signals(9, count, gain=gain, memory=0.0))
+    assert found.leverage.most[1] == 5
+    assert found.segments[5][0] <= 2000 < found.segments[5][1]
+
+
+def test_a_drifting_residual_is_told():
+    made = signals(10, 4000)
+    drift = np.cumsum(np.random.default_rng(0).standard_normal(4000))
+    channels = dict(made.channels)
+    channels["specific_force_z"] = channels["specific_force_z"] + drift
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = diagnosed(ev.Signals(rate_hz=5.0, channels=channels, noise=made.noise))
+    assert found.memory.memory > 0.7
+    assert any("drifts" in reason.sentence for reason in found.reasons)
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_weak_instruments_are_told():
+    rng = np.random.default_rng(11)
+    u = rng.standard_normal(3000)
+    made = ev.Signals(
+        rate_hz=5.0,
+        channels={"velocity_z": rng.standard_normal(3000), "specific_force_z": 0.5 * u, "input": u},
+    )
+    found = ev.diagnose(ev.identify(problem(made, 1, 5), ev.methods.extended_iv()))
+    assert any("hardly move" in r.sentence and r.status is Status.WEAK and r.remedy for r in found.reasons)
+
+
+@pytest.mark.parametrize("units", [1e-5, 1e5])
+def test_units_do_not_count(units):
+    made = signals(12)
+    channels = dict(made.channels)
+    channels["input"] = units * channels["input"]
+    scaled = ev.Signals(
+        rate_hz=5.0, channels=channels, noise={**made.noise, "input": ev.WhiteNoise(std=units * NOISE)}
+    )
+    two_stage = ev.methods.generalized_iv(methods.TwoStage())
+    one, other = diagnosed(made, two_stage), diagnosed(scaled, two_stage)
+    np.testing.assert_allclose(one.first_stage.effective, other.first_stage.effective, rtol=1e-5)
+    assert pytest.approx(other.over_identification.J, rel=1e-5) == one.over_identification.J
+    assert one.endogeneity.statistic == pytest.approx(other.endogeneity.statistic, rel=1e-5)
+    assert one.constancy.statistic == pytest.approx(other.constancy.statistic, rel=1e-5)
+    assert one.information.condition == pytest.approx(other.information.condition, rel=1e-5)
+    np.testing.assert_allclose(one.bands.share_above, other.bands.share_above, rtol=1e-6)
+    np.testing.assert_allclose(one.leverage.in_std_errors, other.leverage.in_std_errors, rtol=1e-5)
+
+
+# -- what cannot be said ----------------------------------------------------------------------------------
+
+
+def test_short_records_say_less():
+    found = diagnosed(signals(13, 26, memory=0.0))
+    assert found.constancy is None
+    assert found.first_stage is None
+    assert found.over_identification is None
+    assert "whiteness" in found.summary()
+
+
+def test_moments_alone_cannot_be_diagnosed():
+    fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
+    without = replace(fit, candidates=(replace(fit.best, solved=None),))
+    with pytest.raises(EstimationError, match="Expected an estimate with its rows at hand, for diagnostics"):
+        ev.diagnose(without)
