@@ -97,7 +97,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
 
 
 def ratio(
-    estimate: Estimate, numerator: str | float, denominator: str | float, level: float = 0.95
+    estimate: Estimate, numerator: str | float | int, denominator: str | float | int, level: float = 0.95
 ) -> ConfidenceSet:
     """Confidence set of a ratio of parameters, or of a number and a parameter, by Fieller's method.
 

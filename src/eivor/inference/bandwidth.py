@@ -53,7 +53,7 @@ class FixedBandwidth(Bandwidth):
         When it is negative.
     """
 
-    bandwidth: float
+    bandwidth: float | int
 
     def __post_init__(self) -> None:
         if not self.bandwidth >= 0.0:
@@ -62,7 +62,7 @@ class FixedBandwidth(Bandwidth):
     def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
         """The number given."""
         del blocks, count, kernel
-        return self.bandwidth
+        return float(self.bandwidth)
 
 
 @dataclass(frozen=True, slots=True)
