@@ -1,0 +1,73 @@
+"""Intervals and diagnostics of generalized IV with ten lags, against the estimate they belong to.
+
+N = 1e6; target: together at most 3 times the estimate. Covariances by kernels beside them, for those who
+choose one, and the same work by linearmodels as a peer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from _shared import arguments, least_seconds, machine
+from generalized_iv import LAGS, METHOD, arrays, problem
+
+import eivor as ev
+
+
+def peer_intervals(v: np.ndarray, s: np.ndarray, u: np.ndarray) -> object:
+    """Two-stage least squares with a Bartlett covariance of the usual bandwidth, by linearmodels."""
+    from linearmodels.iv import IV2SLS
+
+    from eivor.inference.bandwidth import newey_west_bandwidth
+
+    rows = slice(LAGS, None)
+    instruments = np.column_stack([u[LAGS - lag : u.size - lag] for lag in range(LAGS + 1)])
+    regressors = np.column_stack([-v[rows], u[rows]])
+    model = IV2SLS(s[rows], None, regressors, instruments)
+    return model.fit(cov_type="kernel", bandwidth=newey_west_bandwidth(u.size)).std_errors
+
+
+def main() -> None:
+    small = arguments(__doc__).small
+    print(machine())
+    repeats = 1 if small else 7
+    data = arrays(50_000 if small else 1_000_000)
+    cut = problem(*data)
+    cov = ev.covariances
+
+    def fresh() -> ev.Estimate:
+        return ev.identify(cut, METHOD)
+
+    def timed(work: object, name: str) -> None:
+        """Ratios of turns of one run: the processor's speed changes from one turn to the next."""
+        assert callable(work)
+        pairs = []
+        for _ in range(repeats):
+            estimate = least_seconds(fresh, 3)
+            fit = fresh()
+            pairs.append((estimate, least_seconds(lambda fit=fit: work(fit), 1)))
+        ratios = [after / before for before, after in pairs]
+        estimate, after = (min(part) for part in zip(*pairs, strict=True))
+        print(
+            f"{name:<42}{1e3 * after:8.1f} ms   estimate {1e3 * estimate:6.1f} ms   "
+            f"ratio {np.median(ratios):5.2f}"
+        )
+
+    def intervals(fit: ev.Estimate) -> object:
+        return [fit.interval(name) for name in fit.names]
+
+    def everything(fit: ev.Estimate) -> object:
+        return intervals(fit), ev.diagnose(fit).summary()
+
+    timed(intervals, "intervals (equal-weighted cosines)")
+    timed(everything, "intervals and all diagnostics (target 3)")
+    for estimator in (cov.Classical(), cov.KernelRobust(), cov.KernelRobust(cov.QuadraticSpectral())):
+        timed(
+            lambda fit, estimator=estimator: intervals(fit.with_covariance(estimator)),
+            f"intervals, {type(estimator).__name__} {getattr(getattr(estimator, 'kernel', None), 'name', '')}",
+        )
+    peer = least_seconds(lambda: peer_intervals(*data), 1)
+    print(f"{'linearmodels, estimate and Bartlett':<42}{1e3 * peer:8.1f} ms")
+
+
+if __name__ == "__main__":
+    main()
