@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eivor.errors import NonFiniteError
@@ -50,14 +51,26 @@ def noise_spectrum_figure(
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise NonFiniteError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give samples per second.")
+    figure = page(8.0, 5.0, title)
+    draw_noise_spectrum(figure.add_subplot(), values, rate_hz=rate_hz, unit=unit, estimate=estimate)
+    return figure
+
+
+def draw_noise_spectrum(
+    axes: Axes,
+    values: Float[np.ndarray, " n"],
+    *,
+    rate_hz: float,
+    unit: str = "",
+    estimate: LongMemory | None = None,
+) -> None:
+    """Draw what `noise_spectrum_figure` shows into one panel."""
     found = estimate or estimate_long_memory(values)
     frequency = rate_hz * np.arange(1, (values.size + 1) // 2) / values.size
     spectrum = np.abs(np.fft.rfft(values - values.mean())[1 : frequency.size + 1]) ** 2
     amplitude = np.sqrt(2.0 * spectrum / (values.size * rate_hz))
     gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
     fitted = np.sqrt(2.0 / rate_hz) * found.std * gain**found.order
-    figure = page(8.0, 5.0, title)
-    axes = figure.add_subplot()
     axes.loglog(frequency, amplitude, color=GREY, lw=0.4, alpha=0.5, label="periodogram")
     axes.loglog(*_banded(frequency, amplitude), "o", color=BLUE, ms=4, label="mean power of bands")
     used = frequency <= rate_hz * found.bandwidth / values.size
@@ -71,7 +84,6 @@ def noise_spectrum_figure(
     axes.set_ylim(0.5 * max(floor, 1e-12 * top), 3.0 * top)
     axes.grid(alpha=0.25, which="both")
     legend(axes)
-    return figure
 
 
 def _banded(

@@ -1,0 +1,250 @@
+"""Figures of intervals, ellipses, residuals and coverage: their axes, and that all is on the page."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.figure import Figure
+from scipy.signal import lfilter
+
+import eivor as ev
+from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.inference.ellipse import Ellipse
+from eivor.models.scenario import Scenario
+from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
+from eivor.report.interval_figures import (
+    ShownInterval,
+    ellipse_figure,
+    estimates_figure,
+    interval_figure,
+    pair_figure,
+)
+from eivor.report.residual_figures import residual_figure, robust_band
+from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.run import StudyResult
+from eivor.studies.study import MethodChoice, Study
+
+TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
+
+
+def inside(figure: Figure) -> bool:
+    """Whether every text and mark lies on the page."""
+    figure.draw_without_rendering()
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    boxes += [legend.get_window_extent() for legend in figure.legends]
+    width, height = figure.bbox.width, figure.bbox.height
+    return all(b.x0 > -1 and b.y0 > -1 and b.x1 < width + 1 and b.y1 < height + 1 for b in boxes if b)
+
+
+def words(figure: Figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
+
+
+@pytest.fixture(scope="module")
+def estimate() -> Estimate:
+    random, count = np.random.default_rng(1), 600
+    u = lfilter([0.3], [1.0, -0.9], random.normal(size=count))
+    v = lfilter([0.2], [1.0, -0.95], u)
+    force = 0.8 * u - 0.3 * v + lfilter([0.1], [1.0, -0.7], random.normal(size=count))
+    channels = {"velocity_z": v, "specific_force_z": force, "input": u}
+    problem = ev.VerticalMotion(intercept=False).regression(ev.Signals(5.0, channels))
+    return ev.identify(problem, ev.methods.least_squares())
+
+
+# -- intervals ---------------------------------------------------------------------------------------
+
+
+def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estimate) -> None:
+    rows = estimate.best.rows
+    replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=30)
+    figure = estimates_figure({"least squares": estimate, "its bootstrap": replicates}, truth=TRUTH)
+    assert [axes.get_xlabel() for axes in figure.axes] == [
+        "viscous friction K [1/s]",
+        "input gain K_u [m/s²]",
+    ]
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [
+        "least squares",
+        "its bootstrap",
+    ]
+    assert figure.axes[1].lines[-1].get_xdata()[0] == 0.8
+    ends = {x for line in figure.axes[0].lines for x in line.get_xdata()}
+    assert set(estimate.interval("viscous_friction")) <= ends
+    assert set(replicates.interval("viscous_friction")) <= ends
+    assert inside(figure)
+
+
+def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
+    rows = [
+        ShownInterval("$both_", 0.3, ((-math.inf, 0.2), (0.4, math.inf))),
+        ShownInterval("none", math.nan, ()),
+    ]
+    figure = interval_figure({"a_b": rows}, units={"a_b": "m"})
+    markers = [line.get_marker() for line in figure.axes[0].lines]
+    assert markers.count("<") == 1
+    assert markers.count(">") == 1
+    assert [text.get_text() for text in figure.axes[0].texts] == ["empty set"]
+    assert figure.axes[0].get_xlabel() == "a_b [m]"
+    assert inside(figure)
+
+
+def test_a_single_exact_value_still_has_an_axis() -> None:
+    figure = interval_figure({"a": [ShownInterval("one", 2.0, ((2.0, 2.0),))]})
+    low, high = figure.axes[0].get_xlim()
+    assert low < 2.0 < high
+
+
+@pytest.mark.parametrize("panels", [{}, {"a": []}])
+def test_no_interval_is_no_figure(panels: dict[str, list[ShownInterval]]) -> None:
+    with pytest.raises(UsageError, match="intervals to draw"):
+        interval_figure(panels)
+
+
+# -- ellipses ----------------------------------------------------------------------------------------
+
+
+def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
+    replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=30)
+    figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
+    axes = figure.axes[0]
+    assert axes.get_xlabel() == "viscous friction K [1/s]"
+    assert axes.get_ylabel() == "input gain K_u [m/s²]"
+    assert words(figure) == ["30 replicates", "joint 95 % ellipse", "intervals one by one", "truth"]
+    outline = estimate.ellipse("viscous_friction", "input_gain").outline()
+    np.testing.assert_array_equal(axes.lines[1].get_xydata(), outline)
+    assert inside(figure)
+
+
+def test_any_polygon_may_stand_beside_an_ellipse() -> None:
+    corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 0.0]])
+    figure = ellipse_figure(
+        {"Wald": Ellipse(np.zeros(2), np.eye(2))}, names=("a", "b"), regions={"set": [corners, corners + 3.0]}
+    )
+    assert words(figure) == ["Wald", "set"]
+    assert figure.axes[0].get_xlim()[1] > 5.0
+    with pytest.raises(UsageError, match="an ellipse or a region"):
+        ellipse_figure({}, names=("a", "b"))
+
+
+# -- residuals ---------------------------------------------------------------------------------------
+
+
+def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
+    e = lfilter([1.0], [1.0, -0.6], np.random.default_rng(2).normal(size=1000))
+    figure = residual_figure(e, rate_hz=5.0, unit="m/s^2", start_s=10.0, lags=20, title="$a_b")
+    time, lags, spectrum = figure.axes
+    assert (time.get_xlabel(), time.get_ylabel()) == ("time t [s]", "residual [m/s²]")
+    assert time.lines[0].get_xdata()[0] == 10.0
+    assert lags.get_xlabel() == "lag [samples of 0.2 s]"
+    drawn = lags.lines[-2].get_ydata()
+    centred = e - e.mean()
+    assert drawn[0] == pytest.approx(float(centred[1:] @ centred[:-1] / (centred @ centred)))
+    assert drawn[0] > 1.96 / np.sqrt(1000)
+    assert spectrum.get_ylabel() == "amplitude density [m/s² per √Hz]"
+    assert any("fractional noise, order" in word for word in words(figure))
+    assert inside(figure)
+
+
+def test_long_residuals_are_drawn_by_their_range() -> None:
+    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
+    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
+    assert figure.axes[0].collections
+
+
+def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_and_holds_when_not() -> None:
+    random = np.random.default_rng(4)
+    assert robust_band(random.normal(size=20_000), 5) == pytest.approx(
+        np.full(5, 1.96 / np.sqrt(20_000)), rel=0.03
+    )
+    # strength in bursts: the white band is left far more often than it says, the robust one as often
+    left, robust = 0, 0
+    for _ in range(400):
+        e = random.normal(size=1000) * np.where(np.arange(1000) % 200 < 20, 5.0, 0.5)
+        e -= e.mean()
+        r = float(e[1:] @ e[:-1] / (e @ e))
+        left += abs(r) > 1.96 / np.sqrt(1000)
+        robust += abs(r) > robust_band(e, 1)[0]
+    assert left / 400 > 0.3
+    assert robust / 400 < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 400)
+
+
+def test_what_is_no_residual_is_refused() -> None:
+    with pytest.raises(NonFiniteError):
+        residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0)
+    with pytest.raises(NonFiniteError):
+        residual_figure(np.ones(100), rate_hz=0.0)
+    with pytest.raises(TooFewSamplesError):
+        residual_figure(np.ones(9), rate_hz=5.0)
+
+
+# -- coverage ----------------------------------------------------------------------------------------
+
+
+def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
+    rows = [
+        CoverageRow(label, group, hits, 1000)
+        for group in ("a: K", "b: K")
+        for label, hits in (("one", 950), ("two", 700))
+    ]
+    rows.append(CoverageRow("never run", "a: K", 0, 0))
+    figure = coverage_figure(rows, band=(0.92, 0.985), title="N = 500")
+    axes = figure.axes[0]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["a: K", "b: K"]
+    assert [text.get_text() for text in figure.legends[0].texts] == [
+        "asked for",
+        "nominal, 95 %",
+        "one",
+        "two",
+    ]
+    first, second = axes.containers
+    assert first.lines[0].get_xdata().tolist() == [95.0, 95.0]
+    assert second.lines[0].get_xdata().tolist() == [70.0, 70.0]
+    spans = second.lines[2][0].get_segments()
+    assert spans[0][:, 0] == pytest.approx([67.1, 72.8], abs=0.1)  # Wilson's
+    assert axes.get_xlim()[0] < 67.0
+    assert inside(figure)
+
+
+def test_no_count_is_no_figure() -> None:
+    with pytest.raises(UsageError, match="intervals that were counted"):
+        coverage_figure([CoverageRow("one", "a", 0, 0)])
+
+
+def finished(folder: Path, name: str, *, intervals: bool = True, level: float = 0.95) -> StudyResult:
+    experiment = VerticalExperiment(Scenario(0.3, 0.8))
+    choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
+    study = Study(name, experiment, choices, runs=3, intervals=intervals, level=level)
+    columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
+    for label in ("least_squares", "generalized_iv"):
+        columns[f"{label}.status"] = ["identified", "failed", "weak"]
+        for parameter, truth in TRUTH.items():
+            columns[f"{label}.{parameter}"] = [truth, math.nan, truth]
+            columns[f"{label}.{parameter}.low"] = [truth - 0.1, math.nan, truth + 0.1]
+            columns[f"{label}.{parameter}.high"] = [truth + 0.1, math.nan, truth + 0.2]
+    return StudyResult(study, folder, pl.DataFrame(columns))
+
+
+def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path: Path) -> None:
+    alone = study_coverage_figure([finished(tmp_path, "one", level=0.9)])
+    assert [text.get_text() for text in alone.axes[0].get_yticklabels()] == ["K", "K_u"]
+    assert next(text.get_text() for text in alone.legends[0].texts) == "nominal, 90 %"
+    assert alone.axes[0].containers[0].lines[0].get_xdata().tolist() == [50.0, 50.0]
+    both = study_coverage_figure([finished(tmp_path, "one"), finished(tmp_path, "two")])
+    assert [text.get_text() for text in both.axes[0].get_yticklabels()] == [
+        "one: K",
+        "one: K_u",
+        "two: K",
+        "two: K_u",
+    ]
+    assert inside(both)
+
+
+def test_studies_without_intervals_or_of_different_levels_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="none with intervals"):
+        study_coverage_figure([finished(tmp_path, "one", intervals=False)])
+    with pytest.raises(UsageError, match="intervals of one level"):
+        study_coverage_figure([finished(tmp_path, "one"), finished(tmp_path, "two", level=0.9)])
