@@ -104,7 +104,8 @@ def _moment_parts(
 
     def rows_of(block: RowBlock, start: int) -> EquationRows:
         del start
-        test = assembler.test_functions(block) @ WA
+        # Columns stay contiguous, as those of a block are.
+        test = (WA.T @ assembler.test_functions(block).T).T
         residual = block.response - block.regressors @ theta
         return EquationRows(test, residual, test * residual[:, None] + combined, block.flights)
 

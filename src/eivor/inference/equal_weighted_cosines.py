@@ -3,8 +3,9 @@
 L_j = sqrt(2/N) sum_t s_t cos(pi j (t - 1/2) / N), j = 1..B; the covariance of the sum of the scores is
 (N/B) sum_j L_j L_j' (Lazarus, Lewis, Stock and Watson 2018). A constant in the scores drops out.
 
-Within a block the cosine of a sum of angles splits into products, so that a block of m x r scores needs
-m + r cosines for each average instead of m r, and one matrix product.
+In a long record the cosines hardly change over a group of scores. Around the middle a of a group
+cos(a + x) = (1 - x^2/2 + x^4/24) cos a - (x - x^3/6 + x^5/120) sin a, to rounding when x is small enough, so
+that six moments of the group stand for all of its scores.
 """
 
 from __future__ import annotations
@@ -16,6 +17,12 @@ from jaxtyping import Float
 
 #: Number of cosine averages of the autocorrelation-robust covariance.
 COSINE_AVERAGES = 8
+#: Largest angle from the middle of a group: x^6/720 and x^7/5040 are below the rounding of sums.
+LARGEST_ANGLE = 1e-2
+#: Signs and factorials of the series, cosine and sine in turns.
+SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
+#: Groups of fewer scores save nothing.
+SHORTEST_GROUP = 8
 
 
 def cosine_covariance(
@@ -70,16 +77,23 @@ def long_run_mean_variance(series: Float[np.ndarray, " samples"], averages: int 
 def _block_sums(
     block: Float[np.ndarray, "samples n"], start: int, count: int, averages: int
 ) -> Float[np.ndarray, "averages n"]:
-    """Sum over a block that begins at sample `start`, as a grid of m rows of r samples and a rest."""
-    samples, unknowns = block.shape
+    """Sum over a block that begins at sample `start`: groups by their moments, the rest one by one."""
+    samples = block.shape[0]
     step = np.pi * np.arange(1, averages + 1)[:, None] / count
-    r = max(int(np.sqrt(samples)), 1)
-    m = samples // r
-    outer, inner = step * (start + 0.5 + r * np.arange(m)), step * np.arange(r)
-    grid = np.ascontiguousarray(block[: m * r]).reshape(m, r * unknowns)
-    both = (np.concatenate([np.cos(outer), np.sin(outer)]) @ grid).reshape(2, averages, r, unknowns)
-    sums: Float[np.ndarray, "averages n"] = np.einsum("jr,jrn->jn", np.cos(inner), both[0])
-    sums -= np.einsum("jr,jrn->jn", np.sin(inner), both[1])
-    if m * r < samples:
-        sums += np.cos(step * (start + 0.5 + np.arange(m * r, samples))) @ block[m * r :]
+    length = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+    groups = samples // length if length >= SHORTEST_GROUP else 0
+    grouped = groups * length
+    sums: Float[np.ndarray, "averages n"] = np.zeros((averages, block.shape[1]))
+    if groups:
+        offset = np.arange(length) - 0.5 * (length - 1)
+        powers = (step[0] * offset[:, None]) ** np.arange(6) / FACTORIALS
+        moments = block[:grouped].T.reshape(-1, groups, length) @ powers
+        centre = step * (start + 0.5 * length + length * np.arange(groups))
+        cosine, sine = np.cos(centre), np.sin(centre)
+        order = np.arange(1, averages + 1)[:, None]
+        for power, sign in enumerate(SIGNS):
+            turned = sine if power % 2 else cosine
+            sums += sign * order**power * (turned @ moments[:, :, power].T)
+    if grouped < samples:
+        sums += np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:]
     return sums
