@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, TooFewSamplesError, UsageError
 from eivor.inference.anderson_rubin import (
@@ -18,6 +21,13 @@ from eivor.inference.confidence_region import ConfidenceRegion, scanned_shadow
 from eivor.inference.equal_weighted_cosines import long_run_sum_covariance
 
 LEVEL = 0.95
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Thousands of tiny problems: threads would only wait for each other."""
+    with threadpool_limits(1):
+        yield
 
 
 def scores_of(psi: np.ndarray, columns: np.ndarray, averages: int) -> LinearScores:

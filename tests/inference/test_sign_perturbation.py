@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, ParameterError
 from eivor.inference.sign_perturbation import excluded_sums, sign_perturbed_region
 
-ROWS, RUNS = 50, 1500
+ROWS, RUNS = 50, 1000
 
 
 def switching(rng: np.random.Generator, rows: int) -> np.ndarray:
@@ -34,6 +37,13 @@ def record(error: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.
     return np.column_stack([reference, ones]), np.column_stack(
         [2.0 * regressor - 1.0 + error, regressor, ones]
     )
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Thousands of tiny problems: threads would only wait for each other."""
+    with threadpool_limits(1):
+        yield
 
 
 @pytest.mark.parametrize("kind", ERRORS)
