@@ -188,3 +188,50 @@ def test_each_ground_against_the_lag(fit, found, at, status, said):
     (reason,) = lag_reasons(estimate(**fit), quantities(**found), circumstances(**at))
     assert reason.status is status
     assert said in reason.sentence
+
+
+@pytest.mark.parametrize(
+    ("fit", "found"),
+    [
+        (estimate((4.0, 50.0, 50.0)), {}),
+        (estimate(), {"viscous_friction": quantity(-0.1, 0.05)}),
+        (estimate(), {"viscous_friction": quantity(0.4, 0.5)}),
+        (estimate(), {"viscous_friction": quantity(0.4, 0.3)}),
+    ],
+)
+def test_grounds_against_the_friction_say_how_much_the_flight_moved(fit, found):
+    at = circumstances(input_variation=0.0137, velocity_std=0.084)
+    (reason,) = friction_reasons(fit, quantities(**found), at)
+    assert reason.sentence.endswith(
+        "The input varied by 1.4% and the vertical speed by 0.084 m/s (standard deviations)."
+    )
+    assert "input varied" not in friction_reasons(fit, quantities(**found), circumstances())[0].sentence
+
+
+def test_every_ground_says_what_to_do():
+    bad = {
+        "viscous_friction": quantity(0.4, 0.3),
+        "input_gain": quantity(40.0, 10.0),
+        "effective_lag": quantity(0.1, 0.2),
+        "hover_input": quantity(0.5, 0.1),
+    }
+    fit = estimate((2.0, 2.0, 2.0), p_value=1e-6, lag_s=0.3)
+    for direct in (False, True):
+        at = circumstances(
+            direct=direct,
+            exogenous=False,
+            command_rate_hz=10.0,
+            response_rate_hz=10.0,
+            missing_reference="none",
+        )
+        found = quantities(**bad)
+        reasons = [
+            *friction_reasons(fit, found, at),
+            *gain_reasons(fit, found["input_gain"], at),
+            *gain_reasons(fit, quantity(-1.0, 0.1), at),
+            *hover_reasons(found["hover_input"], at),
+            *hover_reasons(quantity(-1.0, 0.1), at),
+            *lag_reasons(fit, found, at),
+        ]
+        assert len(reasons) >= 10
+        assert all(reason.remedy.endswith(".") and reason.sentence.endswith(".") for reason in reasons)

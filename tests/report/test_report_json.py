@@ -59,7 +59,7 @@ SCHEMA: dict[str, Any] = {
         "actuator_lag": QUANTITY,
         "delay": QUANTITY,
     },
-    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY},
+    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY, "time_constant": QUANTITY},
     "diagnostics": dict,
     "findings": [{"name": str, "message": str}],
     "flights": [{"log": str, **ROW}],

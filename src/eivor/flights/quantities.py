@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
 from eivor.flights.derived import (
     Balance,
@@ -46,6 +47,7 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Qu
     quantities["delay"] = _delay(estimate)
     quantities["effective_lag"] = _effective_lag(estimate) if searched else quantities["actuator_lag"]
     quantities["hover_input"] = _hover(problem, estimate, terms)
+    quantities["time_constant"] = _time_constant(estimate)
     return quantities
 
 
@@ -67,7 +69,7 @@ def judged(
     reasons["intercept"] = reasons["input_gain"]
     reasons["delay"] = reasons["effective_lag"] = reasons["actuator_lag"]
     statuses = {name: verdict(found).status for name, found in reasons.items()}
-    statuses["viscous_friction"] = overall.status
+    statuses["viscous_friction"] = statuses["time_constant"] = overall.status
     return overall, {name: replace(q, verdict=statuses[name]) for name, q in quantities.items()}
 
 
@@ -80,6 +82,7 @@ def nothing_estimated(input_unit: str, hover: float) -> dict[str, Quantity]:
         "actuator_lag": "s",
         "delay": "s",
         "effective_lag": "s",
+        "time_constant": "s",
     }
     empty = {name: Quantity(NAN, unit, NAN, NO_INTERVAL, Status.REFUSED) for name, unit in units.items()}
     empty["hover_input"] = Quantity(hover, input_unit, NAN, NO_INTERVAL, Status.REFUSED)
@@ -104,6 +107,14 @@ def _effective_lag(estimate: Estimate) -> Quantity:
     value, direction = effective_lag(estimate, estimate.best)
     interval = estimate.interval_of(lambda c: effective_lag(estimate, c))
     return Quantity(value, "s", estimate.best.covariance.std_error(direction), interval, Status.IDENTIFIED)
+
+
+def _time_constant(estimate: Estimate) -> Quantity:
+    """1/K: without a bound as soon as the friction cannot be told from zero."""
+    friction, error = estimate.parameters["viscous_friction"], estimate.std_error("viscous_friction")
+    value = 1.0 / friction if friction else NAN
+    interval = ratio(estimate, 1.0, "viscous_friction").hull
+    return Quantity(value, "s", error / friction**2 if friction else NAN, interval, Status.IDENTIFIED)
 
 
 def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Quantity:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
@@ -192,6 +193,7 @@ def _instruments(
         exogenous = not any(contains_feedback(flight) for flight in flying)
         if not shared:
             missing, constant = _why_no_reference(flying)
+    variation, speed = _excitation(flying)
     return rule, Circumstances(
         flights=len(flying),
         command_rate_hz=min(flight.rates_hz["command"] for flight in flying),
@@ -200,7 +202,24 @@ def _instruments(
         direct=not needed or isinstance(rule, NoInstruments),
         missing_reference=missing,
         constant_reference=constant,
+        input_variation=variation,
+        velocity_std=speed,
     )
+
+
+def _excitation(flying: tuple[PreparedFlight, ...]) -> tuple[float, float]:
+    """Relative standard deviation of the mapped input, and that of the vertical speed, over all runs."""
+    motion = VerticalMotion(input_map(flying[0].input_map))
+    inputs: list[Float[np.ndarray, " _"]] = []
+    speeds: list[Float[np.ndarray, " _"]] = []
+    for prepared in flying:
+        flight = prepared.flight
+        mapped = flight.mapped_input(motion, 0.0, 0.0)
+        inputs.extend(mapped[run] for run in flight.runs)
+        speeds.extend(flight.velocity[run] for run in flight.runs)
+    mapped, speed = np.concatenate(inputs), np.concatenate(speeds)
+    mean = abs(float(mapped.mean()))
+    return float(mapped.std()) / mean if mean > 0.0 else float("nan"), float(speed.std())
 
 
 def _serves_all(name: str, flying: tuple[PreparedFlight, ...]) -> bool:

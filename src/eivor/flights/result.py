@@ -92,7 +92,8 @@ class FlightEstimate:
     verdict : Verdict
         On the viscous friction, which is the overall one.
     quantities : mapping of str to Quantity
-        viscous_friction, input_gain, intercept, actuator_lag, delay, effective_lag, hover_input.
+        viscous_friction, input_gain, intercept, actuator_lag, delay, effective_lag, hover_input,
+        time_constant.
     by_segment : ndarray, shape (runs,)
         Intercept of each run [m/s^2].
     diagnostics : mapping of str to float

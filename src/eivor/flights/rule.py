@@ -38,6 +38,8 @@ LARGE_POOL = 10
 FLY = (
     "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
 )
+QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
+LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,10 @@ class Circumstances:
         Why there is no instrument; empty when there is one.
     constant_reference : bool
         A reference is logged, and constant.
+    input_variation : float
+        Standard deviation of the mapped input over its mean; NaN when it is not known.
+    velocity_std : float
+        Standard deviation of the vertical speed [m/s].
     """
 
     flights: int
@@ -67,6 +73,18 @@ class Circumstances:
     direct: bool
     missing_reference: str = ""
     constant_reference: bool = False
+    input_variation: float = float("nan")
+    velocity_std: float = float("nan")
+
+    @property
+    def excitation(self) -> str:
+        """How much the flight moved, as a sentence with a blank before it; empty when it is not known."""
+        if not np.isfinite(self.input_variation):
+            return ""
+        return (
+            f" The input varied by {self.input_variation:.1%} and the vertical speed by "
+            f"{self.velocity_std:.2g} m/s (standard deviations)."
+        )
 
 
 def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circumstances) -> list[Reason]:
@@ -78,7 +96,7 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
             Reason(
                 Status.REFUSED,
                 f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
-                "or a feedback moved the vehicle more than the reference did.",
+                f"or a feedback moved the vehicle more than the reference did.{at.excitation}",
                 FLY,
             )
         )
@@ -88,7 +106,7 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
             Reason(
                 Status.REFUSED,
                 f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] "
-                "1/s.",
+                f"1/s.{at.excitation}",
                 FLY,
             )
         )
@@ -97,7 +115,7 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
             Reason(
                 Status.WEAK,
                 f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide; "
-                f"identified asks for +-{FRICTION_SHARE:.0%}.",
+                f"identified asks for +-{FRICTION_SHARE:.0%}.{at.excitation}",
                 "Fly longer, faster climbs and descents, or pool several flights.",
             )
         )
@@ -126,7 +144,8 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
 
 def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
     if at.constant_reference:
-        return [Reason(Status.REFUSED, f"The reference never moved ({at.missing_reference}).", FLY)]
+        sentence = f"The reference never moved ({at.missing_reference}).{at.excitation}"
+        return [Reason(Status.REFUSED, sentence, FLY)]
     if at.direct:
         if at.missing_reference:
             return [
@@ -134,7 +153,7 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
                     Status.PROVISIONAL,
                     f"No reference can serve as an instrument ({at.missing_reference}), so the numbers "
                     "come from nonlinear least squares, which disturbances bias.",
-                    "Log the position setpoint, or the pilot's stick, at 50 Hz or more.",
+                    LOG_REFERENCE,
                 )
             ]
         return [
@@ -152,7 +171,8 @@ def _instrument_reasons(estimate: Estimate, at: Circumstances) -> list[Reason]:
             Reason(
                 Status.REFUSED,
                 f"The instruments tell too little about the {estimate.names[weakest].replace('_', ' ')}: "
-                f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed.",
+                f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
+                f"{at.excitation}",
                 FLY,
             )
         )
@@ -179,7 +199,7 @@ def _rough_lag_reasons(estimate: Estimate, quantities: dict[str, Quantity]) -> l
                 Status.WEAK,
                 f"The actuator's lag is known to +-{half_width * 1e3:.0f} ms only; "
                 f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
-                "Fly quicker steps, and log command and acceleration at 50 Hz or more.",
+                QUICKER,
             )
         )
     profile = estimate.best.profile
@@ -200,14 +220,20 @@ def gain_reasons(estimate: Estimate, gain: Quantity, at: Circumstances) -> list[
         return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
     reasons = []
     if at.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain."))
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
     else:
         strength = float(estimate.best.inference.first_stage[estimate.names.index("input_gain")])
         if strength < STRONG_FIRST_STAGE:
-            reasons.append(Reason(Status.WEAK, f"First-stage F of the input gain is {strength:.1f}."))
+            sentence = _too_low("input gain", strength)
+            reasons.append(Reason(Status.WEAK, sentence, FLY))
     if gain.half_width > GAIN_SHARE * gain.value:
         reasons.append(
-            Reason(Status.WEAK, f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide.")
+            Reason(
+                Status.WEAK,
+                f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
+                f"for +-{GAIN_SHARE:.0%}.{at.excitation}",
+                "Fly quicker and larger steps, which change the thrust more.",
+            )
         )
     if at.response_rate_hz < GAIN_RATE_HZ:
         reasons.append(
@@ -223,13 +249,18 @@ def gain_reasons(estimate: Estimate, gain: Quantity, at: Circumstances) -> list[
 def hover_reasons(hover: Quantity, at: Circumstances) -> list[Reason]:
     """Grounds against the hover input."""
     if not (np.isfinite(hover.value) and hover.value > 0.0):
-        return [Reason(Status.REFUSED, "The hover input is not positive.")]
+        return [Reason(Status.REFUSED, "The hover input is not positive.", "Check the input's sign and map.")]
     reasons = []
     if at.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input."))
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
     if not hover.half_width <= HOVER_SHARE * hover.value:
         reasons.append(
-            Reason(Status.WEAK, f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide.")
+            Reason(
+                Status.WEAK,
+                f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide; identified asks "
+                f"for +-{HOVER_SHARE:.0%}.",
+                "Fly longer, and come to rest between the climbs.",
+            )
         )
     return reasons
 
@@ -239,11 +270,17 @@ def lag_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Circums
     reasons = _rough_lag_reasons(estimate, quantities)
     lag = quantities["effective_lag"]
     if lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
-        reasons.append(Reason(Status.WEAK, f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."))
+        sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
+        reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     if at.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag."))
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
     elif "actuator_lag" in estimate.names:
         strength = float(estimate.best.inference.first_stage[estimate.names.index("actuator_lag")])
         if strength < STRONG_FIRST_STAGE:
-            reasons.append(Reason(Status.WEAK, f"First-stage F of the lag is {strength:.1f}."))
+            sentence = _too_low("lag", strength)
+            reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     return reasons
+
+
+def _too_low(name: str, strength: float) -> str:
+    return f"First-stage F of the {name} is {strength:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."

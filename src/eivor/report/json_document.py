@@ -19,9 +19,10 @@ from eivor.signals.recording import Finding
 
 SCHEMA = "eivor.identify/1"
 PARAMETERS = ("viscous_friction", "input_gain", "intercept", "actuator_lag", "delay")
-DERIVED = ("effective_lag", "hover_input")
+DERIVED = ("effective_lag", "hover_input", "time_constant")
 #: What a row of `flights` or `comparisons` has.
 ROW_PARAMETERS = ("viscous_friction", "input_gain")
+ROW_DERIVED = ("effective_lag", "hover_input")
 EQUATION = "z'' + g = K_u U - K z' + b; U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)"
 
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
@@ -138,7 +139,7 @@ def _row(key: str, row: FlightRow) -> Json:
         "verdict": row.verdict.value,
         "reasons": list(row.reasons),
         "parameters": _quantities(quantities, ROW_PARAMETERS),
-        "derived": _quantities(quantities, DERIVED),
+        "derived": _quantities(quantities, ROW_DERIVED),
     }
 
 

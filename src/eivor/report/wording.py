@@ -46,6 +46,7 @@ class Wording:
 #: Every quantity, in the order of reports.
 QUANTITIES = {
     "viscous_friction": Wording("viscous friction", "K", "1/s"),
+    "time_constant": Wording("time constant", "1/K", "s"),
     "input_gain": Wording("input gain", "K_u", "m/s²"),
     "hover_input": Wording("hover input", "u_h", ""),
     "effective_lag": Wording("effective lag", "τ + d", "ms", 1e3),
