@@ -110,13 +110,16 @@ class Diagnostics:
 
     @cached_property
     def whiteness(self) -> ResidualWhiteness:
-        """Autocorrelation of the residual in time (of the whitened one when the method whitens)."""
-        return residual_whiteness(self._record.residual)
+        """Autocorrelation of the residual in time; of rows in frequency, of the residual in their band."""
+        return residual_whiteness(np.ascontiguousarray(self._record.residual[:: self._record.thinning]))
 
     @cached_property
     def memory(self) -> LongMemory | None:
-        """Long memory of the residual; None for a record that is too short or a residual of zero."""
-        return residual_memory(self._record.residual)
+        """Long memory of the residual.
+
+        None for a record that is too short, a residual of zero, or rows in frequency, which lack the lowest.
+        """
+        return None if self._record.thinning is not None else residual_memory(self._record.residual)
 
     @cached_property
     def information(self) -> Information:

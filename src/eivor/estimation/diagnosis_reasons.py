@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Level of the tests.
 SIGNIFICANT = 0.01
+#: Bias of least squares, in standard errors of the estimate, that is worth a word.
+NOTABLE_BIAS = 0.5
 #: Memory from which a residual is not stationary, and its long-run variance not finite.
 NOT_STATIONARY = 0.5
 #: Condition of the scaled information from which a combination is called badly determined.
@@ -68,10 +70,16 @@ def _equations(found: Diagnostics) -> Iterator[Reason]:
             "Leave out the most recent lags, check the declared noise, or add the term.",
         )
     against = found.endogeneity
-    if against is not None and against.p_value < SIGNIFICANT:
+    if against is None or not against.p_value < SIGNIFICANT:
+        return
+    errors = np.array([found.estimate.std_error(name) for name in found.names])
+    apart = -against.difference / errors
+    j = int(np.argmax(np.abs(apart)))
+    if abs(apart[j]) > NOTABLE_BIAS:
         yield Reason(
             Status.IDENTIFIED,
-            f"Least squares would be biased here (p-value {against.p_value:.1g}).",
+            f"Least squares would be biased here: {found.names[j]} by {apart[j]:+.1f} standard errors "
+            f"(p-value {against.p_value:.1g}).",
             "Keep the instruments.",
         )
 

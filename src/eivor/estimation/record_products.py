@@ -56,6 +56,9 @@ class RecordProducts:
         Parameters, times those gains.
     step_s : float or None
         Time between samples [s]; None when it is not known.
+    thinning : int or None
+        For rows in frequency: every so many samples of the residual fill its band. In time it is smooth,
+        however white in the band.
     """
 
     products: TimeProducts
@@ -64,6 +67,7 @@ class RecordProducts:
     columns: tuple[Float[np.ndarray, " samples"], ...]
     factors: tuple[float, ...]
     step_s: float | None
+    thinning: int | None = None
 
     @property
     def score_sums(self) -> Float[np.ndarray, "K n"]:
@@ -98,11 +102,12 @@ def _of_rows(solved: Solved) -> RecordProducts:
     else:
         correction = solved.method.solver.score_correction(residual, theta, solved.system.error_covariance)
         psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
-    step_s = None
+    step_s, thinning = None, None
     if isinstance(rows.layout, BinRows):
         columns = rows.layout.series(np.column_stack([psi, jacobian, residual])) / np.sqrt(2.0)
         psi, jacobian, residual = columns[:, : psi.shape[1]], columns[:, psi.shape[1] : -1], columns[:, -1]
         step_s = rows.layout.runs[0].step_s
+        thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in rows.layout.runs))), 1)
     elif isinstance(solved.problem, SignalRegression):
         step_s = solved.problem.signals.step_s
     residual = np.ascontiguousarray(residual)
@@ -114,7 +119,7 @@ def _of_rows(solved: Solved) -> RecordProducts:
     )
     whole, weights = _assembled(solved, products)
     columns = tuple(jacobian[:, j] for j in range(theta.size))
-    return RecordProducts(whole, weights, residual, columns, tuple(theta.tolist()), step_s)
+    return RecordProducts(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
 
 
 def _assembled(solved: Solved, products: TimeProducts) -> tuple[TimeProducts, Float[np.ndarray, "p n"]]:

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
+from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.flights.prepare import PreparedFlight
+from eivor.inference.leverage import SegmentLeverage, segment_leverage
+from eivor.inference.residual_memory import residual_memory
+from eivor.models.spectral import BinRows
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding
 
@@ -15,6 +21,8 @@ HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
 HOVER_DISAGREEMENT = 0.15
 #: Share of a flight with a saturated actuator that deserves a finding.
 SATURATED_SHARE = 0.01
+#: Runs from which each is left out by itself; fewer are cut into tenths.
+FEWEST_RUNS = 3
 
 
 def diagnostics(
@@ -64,7 +72,60 @@ def _of_estimate(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
     centred = rows.response - rows.response.mean()
     power = float(centred @ centred)
     found["r_squared"] = 1.0 - float(residual @ residual) / power if power > 0.0 else float("nan")
+    memory = residual_memory(residual)
+    found["residual_memory"] = memory.memory if memory is not None else float("nan")
+    found["residual_memory_std_error"] = memory.order_error if memory is not None else float("nan")
+    return found | _of_record(estimate)
+
+
+def _of_record(estimate: Estimate) -> dict[str, float]:
+    """Least squares beside the estimate, constancy over the record, leverage of single runs."""
+    record, nothing = diagnose(estimate), float("nan")
+    against, constant, leverage = record.endogeneity, record.constancy, run_leverage(record)
+    friction = estimate.names.index("viscous_friction")
+    found = {
+        "least_squares_viscous_friction": nothing,
+        "least_squares_p_value": nothing,
+        "constancy_p_value": nothing,
+        "constancy_break": nothing,
+        "constancy_change_viscous_friction": nothing,
+        "leverage_viscous_friction": nothing,
+        "leverage_segment": nothing,
+        "leverage_segments": 0.0,
+    }
+    if against is not None:
+        value = estimate.parameters["viscous_friction"] - against.difference[friction]
+        found |= {"least_squares_viscous_friction": float(value), "least_squares_p_value": against.p_value}
+    if constant is not None:
+        found |= {
+            "constancy_p_value": constant.p_value,
+            "constancy_break": constant.break_at,
+            "constancy_change_viscous_friction": float(constant.change[friction]),
+        }
+    if leverage is not None:
+        found |= {
+            "leverage_viscous_friction": float(leverage.largest[friction]),
+            "leverage_segment": float(leverage.most[friction] + 1),
+            "leverage_segments": float(leverage.shift.shape[0]),
+        }
     return found
+
+
+def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
+    """Leverage of every run of a record with three or more; else of its tenths."""
+    solved = record.solved
+    rows = solved.problem.rows()
+    if not isinstance(rows.layout, BinRows) or len(rows.layout.runs) < FEWEST_RUNS:
+        return record.leverage
+    equation = solved.inference.equation
+    jacobian = np.column_stack([rows.regressors, *solved.nuisance_columns.T])
+    starts = np.cumsum([0, *(2 * run.count for run in rows.layout.runs)])
+    runs = [slice(*ends) for ends in pairwise(starts.tolist())]
+    return segment_leverage(
+        np.stack([equation.test[run].T @ equation.residual[run] for run in runs]),
+        np.stack([equation.test[run].T @ jacobian[run] for run in runs]),
+        np.array([record.estimate.std_error(name) for name in record.names]),
+    )
 
 
 def findings(prepared: tuple[PreparedFlight, ...], hover: float) -> tuple[Finding, ...]:

@@ -42,6 +42,18 @@ def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[
     return L.T @ L / averages
 
 
+def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
+    """Total' covariance^-1 total, without the directions in which a singular covariance says nothing."""
+    scale = unit_scale(np.diag(covariance))
+    correlation = np.outer(scale, scale) * covariance
+    return float((scale * total) @ np.linalg.lstsq(correlation, scale * total, rcond=None)[0])
+
+
+def unit_scale(squares: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
+    return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+
+
 def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
     """P-value of a quadratic form on `averages` cosine averages, or with a known weight when None."""
     if equations < 1:

@@ -23,6 +23,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
+from eivor.inference.block_cosines import unit_scale
 from eivor.inference.constancy_quantiles import QUANTILES, TAILS
 
 #: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
@@ -66,8 +67,9 @@ def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n 
     sensitivity : ndarray, shape (n, n)
         M, of the whole record.
     """
-    scale = 1.0 / np.sqrt(np.abs(np.diag(sensitivity)))
-    influence = scale * np.linalg.solve(np.outer(scale, scale) * sensitivity, scale[:, None] * sums.T).T
+    scale = unit_scale(np.abs(np.diag(sensitivity)))
+    scaled = np.outer(scale, scale) * sensitivity
+    influence = scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
     unknowns = groups.shape[1]
     each = [wald_path(groups[:, [j]]) for j in range(unknowns)]

@@ -18,7 +18,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from eivor.inference.block_cosines import covariance_of_total, hotelling_p_value, joint_averages
+from eivor.inference.block_cosines import (
+    covariance_of_total,
+    hotelling_p_value,
+    joint_averages,
+    quadratic_form,
+    unit_scale,
+)
 from eivor.inference.quantiles import chi_square_tail
 from eivor.inference.time_products import TimeProducts
 
@@ -78,12 +84,12 @@ def endogeneity(
         differs from it by the compensation alone.
     """
     GG = np.asarray(products.regressors.sum(axis=0))
-    scale = 1.0 / np.sqrt(np.diag(GG))
+    scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
-    gamma = np.linalg.solve(GG, scale * products.regressor_residual.sum(axis=0))
-    weights = weights / np.sqrt(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
+    gamma = np.linalg.lstsq(GG, scale * products.regressor_residual.sum(axis=0), rcond=None)[0]
+    weights = weights * unit_scale(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
     M = products.count * weights.T @ products.sensitivity * scale
-    D = np.linalg.solve(GG, M.T)
+    D = np.linalg.lstsq(GG, M.T, rcond=None)[0]
     cross, shared = products.cross * scale, products.shared * scale
     h = (products.residual - cross @ gamma) @ weights
     h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
@@ -99,9 +105,9 @@ def endogeneity(
     B = joint_averages(degrees, products.counts.size) if averages is None else averages
     h = h @ U
     total = h.sum(axis=0)
-    statistic = float(total @ np.linalg.solve(covariance_of_total(h, B), total))
+    statistic = quadratic_form(total, covariance_of_total(h, B))
     variance = (float(products.power.sum()) - float(gamma @ GG @ gamma)) / products.count
-    durbin = float(total @ np.linalg.solve(variance * (U.T @ spread @ U), total))
+    durbin = quadratic_form(total, variance * (U.T @ spread @ U))
     freedom = products.count - gamma.size - degrees
     wu = durbin / (products.count - durbin) * freedom / degrees if durbin < products.count else float("inf")
     return Endogeneity(

@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from eivor.inference.block_cosines import block_cosines, joint_averages
+from eivor.inference.block_cosines import block_cosines, joint_averages, unit_scale
 from eivor.inference.time_products import TimeProducts
 
 #: Bias, as a share of its worst case, that critical values are for, and the size of their test.
@@ -84,7 +84,7 @@ def first_stage(products: TimeProducts, averages: int | None = None) -> FirstSta
     """
     T = products.whitening
     # columns in units of their own rms, so that units cannot pass for strength or collinearity
-    scale = 1.0 / np.sqrt(np.diag(products.regressor_mean))
+    scale = unit_scale(np.diag(products.regressor_mean))
     a, shared = T.T @ products.sensitivity * scale, T.T @ products.shared * scale
     R = np.outer(scale, scale) * products.regressor_mean
     rank, count = a.shape

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from eivor.inference.block_cosines import unit_scale
+
 
 @dataclass(frozen=True)
 class SegmentLeverage:
@@ -60,7 +62,7 @@ def segment_leverage(
         Of the estimate.
     """
     M = sensitivities.sum(axis=0)
-    scale = 1.0 / np.sqrt(np.abs(np.diag(M)))
+    scale = unit_scale(np.abs(np.diag(M)))
     shift = np.full(sums.shape, np.nan)
     for k, (own, score) in enumerate(zip(sensitivities, sums, strict=True)):
         rest = np.outer(scale, scale) * (M - own)

@@ -17,7 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.block_cosines import covariance_of_total, hotelling_p_value, joint_averages
+from eivor.inference.block_cosines import (
+    covariance_of_total,
+    hotelling_p_value,
+    joint_averages,
+    quadratic_form,
+    unit_scale,
+)
 from eivor.inference.time_products import TimeProducts
 
 
@@ -66,8 +72,7 @@ def hansen_j(
     averages : int, optional
         Cosine averages behind S; None for a weight that is taken as known.
     """
-    scale = np.sqrt(np.diag(covariance))
-    scale = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    scale = unit_scale(np.diag(covariance))
     unknowns = sensitivity.shape[1]
     free = np.linalg.qr(scale[:, None] * sensitivity, mode="complete")[0][:, unknowns:]
     degrees = free.shape[1]
@@ -75,7 +80,7 @@ def hansen_j(
         return OverIdentification(0.0, 0, 1.0, averages)
     left = free.T @ (scale * equations)
     S = free.T @ (np.outer(scale, scale) * covariance) @ free
-    J = count * float(left @ np.linalg.lstsq(S, left, rcond=None)[0])
+    J = count * quadratic_form(left, S)
     return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages), averages)
 
 

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from eivor.inference.quantiles import chi_square_tail, normal_quantile
 
-#: Lags that are tested, and samples that are multiplied while they are in the cache.
+#: Lags that are tested.
 LAGS = 20
-BLOCK_SAMPLES = 32_768
+#: Rows of folded samples that are multiplied at a time: too few for the BLAS to start threads for.
+FOLDED_ROWS = 512
 
 
 @dataclass(frozen=True)
@@ -65,12 +66,20 @@ def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -
 
 
 def _autoproducts(e: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
-    """sum_t e_t e_t-l for l = 0..lags, all lags of a block while it is in the cache."""
-    sums = np.zeros(lags + 1)
-    for start in range(0, e.size, BLOCK_SAMPLES):
-        stop = min(start + BLOCK_SAMPLES, e.size)
-        for lag in range(lags + 1):
-            first = max(start, lag)
-            if first < stop:
-                sums[lag] += e[first:stop] @ e[first - lag : stop - lag]
+    """sum_t e_t e_t-l for l = 0..lags, with time folded into rows of `lags` samples.
+
+    R'R holds the products within rows and R_k'R_(k+1) those with the next row: lag l is a diagonal of each.
+    """
+    rows = e.size // lags
+    R = e[: rows * lags].reshape(rows, lags)
+    within, across = np.zeros((lags, lags)), np.zeros((lags, lags))
+    for start in range(0, rows, FOLDED_ROWS):
+        block = R[start : start + FOLDED_ROWS]
+        within += block.T @ block
+        following = R[start + 1 : start + 1 + FOLDED_ROWS]
+        across += block[: following.shape[0]].T @ following
+    sums = np.array([np.trace(within, lag) + np.trace(across, lag - lags) for lag in range(lags + 1)])
+    for t in range(rows * lags, e.size):
+        reach = min(lags, t)
+        sums[: reach + 1] += e[t] * e[t - np.arange(reach + 1)]
     return sums

@@ -17,6 +17,7 @@ from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.flights.rule import FLY
 from eivor.inference.verdict import Status
 from eivor.report.card import CardSection, flight_card
+from eivor.report.checks import Check, checks
 from eivor.report.wording import NO_NUMBER, QUANTITIES, equation, instruments, numbers, printable, used
 from eivor.signals.recording import Finding
 
@@ -61,6 +62,7 @@ def _parts(result: FlightEstimate) -> Iterator[RenderableType]:
         yield row_table(result.comparisons, "method")
     yield from reasons(result)
     yield from findings(_worth_telling(result), several=len(result.prepared) > 1)
+    yield from _checks(checks(result))
     yield from _card(flight_card(result))
 
 
@@ -191,6 +193,18 @@ def _worth_telling(result: FlightEstimate) -> tuple[Finding, ...]:
         prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
         told.append(Finding(name, prefix + message))
     return tuple(told)
+
+
+def _checks(found: tuple[Check, ...]) -> Iterator[RenderableType]:
+    if not found:
+        return
+    yield heading("Checks")
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for title, sentence in found:
+        grid.add_row(Text(title), Text(sentence))
+    yield grid
 
 
 def _card(sections: tuple[CardSection, ...]) -> Iterator[RenderableType]:
