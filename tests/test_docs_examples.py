@@ -30,10 +30,18 @@ def check_weak_identification(names: dict[str, Any]) -> None:
     assert names["sets"].region.contains([0.3, 0.5])
 
 
+def check_resampling(names: dict[str, Any]) -> None:
+    assert names["found"].replicates.shape == (199, 2)
+    low, high = names["flights"].interval("hover_input")
+    assert low < names["pool"].quantities["hover_input"].value < high
+    assert [len(names[figure].axes) for figure in ("beside", "joint", "residual")] == [2, 1, 3]
+
+
 #: What the blocks of each page must leave behind.
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "estimators.md": check_estimators,
     "intervals.md": check_intervals,
+    "resampling.md": check_resampling,
     "weak-identification.md": check_weak_identification,
 }
 

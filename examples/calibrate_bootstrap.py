@@ -1,0 +1,106 @@
+"""How well the bootstrap is calibrated: the tables of docs/resampling.md.
+
+    python examples/calibrate_bootstrap.py [--small]
+
+Time: coverage of 95 % intervals of a regression with an intercept, an AR(1) input of memory 0.7 and AR(1)
+errors. Flights: width of the bootstrap's 95 % intervals over that of the recipe's, for pools of ten
+simulated flights, and how often each holds the truth. Every seed is a number below.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import lfilter
+
+import eivor as ev
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import reference_iv
+from eivor.flights.prepare import prepare
+from eivor.flights.quantities import all_quantities
+from eivor.flights.result import FlightEstimate
+from eivor.inference.replicates import IntervalKind
+from eivor.models.regression import Regression
+from eivor.signals.recording import Recording
+from eivor.studies.vertical_flight import simulate_vertical_flights
+from eivor.studies.vertical_flight_spec import VerticalFlightSpec
+
+QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
+
+
+def autocorrelated(seed: int, rows: int, memory: float) -> Regression:
+    """Response 1 + x / 2 + e."""
+    random = np.random.default_rng(seed)
+    x, e = (lfilter([1.0], [1.0, -m], random.normal(size=rows + 200))[200:] for m in (0.7, memory))
+    return ev.regression(response=1.0 + 0.5 * x + e, regressors=np.column_stack([np.ones(rows), x]))
+
+
+def coverage(rows: int, memory: float, trials: int, runs: int) -> None:
+    """Print the coverage of intercept and slope by every kind of interval."""
+    held = {kind: np.zeros(2) for kind in IntervalKind}
+    lengths = []
+    for trial in range(trials):
+        problem = autocorrelated(trial, rows, memory)
+        found = ev.bootstrap(problem, ev.methods.least_squares(), runs=runs, seed=trial)
+        lengths.append(found.block_length)
+        for kind in IntervalKind:
+            for place, truth in enumerate((1.0, 0.5)):
+                low, high = found.interval(found.names[place], kind=kind)
+                held[kind][place] += low <= truth <= high
+    shares = "  ".join(f"{kind} {a / trials:.3f} {b / trials:.3f}" for kind, (a, b) in held.items())
+    print(
+        f"rows {rows}, memory {memory}, blocks of {np.median(lengths):.0f}, {trials} trials: {shares}",
+        flush=True,
+    )
+
+
+def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
+    """What `identify_flight` makes of a pool, without each flight's own result."""
+    prepared = tuple(prepare(log, fit.options) for log in recordings)
+    problem = replace(fit.problem, flights=tuple(one.flight for one in prepared))
+    estimate = identify(problem, reference_iv())
+    return replace(fit, problem=problem, estimate=estimate, quantities=all_quantities(problem, estimate))
+
+
+def flights(pools: int, runs: int) -> None:
+    """Print the ratio of widths for each pool, their quartiles, and the coverage of both intervals."""
+    first: FlightEstimate | None = None
+    ratios, ours, theirs = [], np.zeros(4), np.zeros(4)
+    for number in range(pools):
+        gusts, delay = (0.3, 1.0)[number % 2], (0.0, 0.01)[number // 2 % 2]
+        specs = [
+            VerticalFlightSpec(gust_rms=gusts, delay=delay, seed=1000 * (number + 1) + k) for k in range(10)
+        ]
+        recordings = [flight.recording for flight in simulate_vertical_flights(specs)]
+        first = first or ev.identify_flight(recordings[:2])
+        fit, spec = pool(first, recordings), specs[0]
+        found = ev.bootstrap_flights(fit, runs=runs, seed=number)
+        truth = (spec.viscous_friction, spec.input_gain, spec.actuator_lag + spec.delay, spec.hover_input)
+        row = []
+        for place, name in enumerate(QUANTITIES):
+            (low, high), (lower, upper) = found.interval(name), fit.quantities[name].interval
+            row.append((high - low) / (upper - lower))
+            ours[place] += low <= truth[place] <= high
+            theirs[place] += lower <= truth[place] <= upper
+        ratios.append(row)
+        print(number, gusts, delay, np.round(row, 2), flush=True)
+    for share in (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
+        print(f"quantile {share:.2f} of the ratio:", np.round(np.quantile(ratios, share, axis=0), 2))
+    print("coverage, bootstrap:", ours / pools, " recipe:", theirs / pools, f" {pools} pools")
+
+
+def main() -> None:
+    small = "--small" in sys.argv[1:]
+    begun = time.perf_counter()
+    flights(1 if small else 40, 50 if small else 400)
+    for rows in (200,) if small else (500, 4000):
+        for memory in (0.5,) if small else (0.0, 0.5, 0.9):
+            coverage(rows, memory, 3 if small else 400, 49 if small else 199)
+    print(f"{time.perf_counter() - begun:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
