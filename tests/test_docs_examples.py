@@ -24,6 +24,14 @@ def check_intervals(names: dict[str, Any]) -> None:
     assert names["chunked"].interval("input_gain") == pytest.approx(names["fit"].interval("input_gain"))
 
 
+def check_diagnostics(names: dict[str, Any]) -> None:
+    found = names["found"]
+    assert found.constancy.break_at == pytest.approx(0.6, abs=0.02)
+    assert any("input_gain by +0.5" in reason.sentence for reason in found.reasons)
+    page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
+    assert all(line in page for line in found.summary().splitlines() if not line.startswith("- "))
+
+
 def check_weak_identification(names: dict[str, Any]) -> None:
     assert all(found.is_bounded for found in names["known"].intervals.values())
     assert not names["unknown"].interval("input_gain").is_bounded
@@ -39,6 +47,7 @@ def check_resampling(names: dict[str, Any]) -> None:
 
 #: What the blocks of each page must leave behind.
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "diagnostics.md": check_diagnostics,
     "estimators.md": check_estimators,
     "intervals.md": check_intervals,
     "resampling.md": check_resampling,

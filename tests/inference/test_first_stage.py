@@ -8,7 +8,11 @@ import pytest
 from scipy import optimize, stats
 
 from eivor.inference.first_stage import critical_value, first_stage
-from eivor.inference.instrument_tests import conditional_first_stage, orthonormal_basis
+from eivor.inference.instrument_tests import (
+    conditional_first_stage,
+    first_stage_of_products,
+    orthonormal_basis,
+)
 from eivor.inference.time_products import time_products
 
 linearmodels = pytest.importorskip("linearmodels")
@@ -160,6 +164,24 @@ def test_shared_noise_is_not_strength():
     Z = np.column_stack([seen[3:], seen[2:-1], seen[1:-2], seen[:-3]])
     kept = strength_of(Z, Z[:, :1], shared=shared, constant=np.zeros(4))
     assert kept.effective[0] > kept.critical[0]
+
+
+def test_moments_are_compensated_alike():
+    """Identify's own check, from moments: with C the same F as here, without it that of the rows."""
+    rng = np.random.default_rng(9)
+    seen = data.autoregression(rng, (2003,), 0.9) + rng.standard_normal(2003)
+    Z = np.column_stack([seen[3:], seen[2:-1], seen[1:-2], seen[:-3]])
+    X = np.column_stack([Z[:, 0], Z[:, 1] + data.autoregression(rng, (2000,), 0.5)])
+    shared = np.zeros((4, 2))
+    shared[0, 0] = shared[1, 1] = 1.0
+    moments = (Z.T @ Z / 2000, Z.T @ X / 2000, X.T @ X / 2000, 2000)
+    compensated = strength_of(Z, X, shared=shared, constant=np.zeros(4)).white
+    np.testing.assert_allclose(first_stage_of_products(*moments, shared), compensated, rtol=1e-6)
+    np.testing.assert_allclose(
+        first_stage_of_products(*moments)[1], conditional_first_stage(orthonormal_basis(Z), X)[1], rtol=1e-6
+    )
+    # what the noise itself contributes is no longer counted
+    assert (compensated < 0.5 * first_stage_of_products(*moments)).all()
 
 
 def test_column_that_is_its_own_instrument_is_not_weak():

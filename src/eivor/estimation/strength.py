@@ -30,7 +30,8 @@ def weak_instruments(
     if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
         return ()
     cross = moments.products[:, :-1]
-    strengths = first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count)
+    shared = None if moments.noise is None else moments.noise[:, :-1]
+    strengths = first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count, shared)
     weakest = int(np.argmin(strengths))
     if strengths[weakest] >= STRONG_FIRST_STAGE:
         return ()
@@ -42,7 +43,7 @@ def weak_instruments(
         f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
         f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
         "A white input is no instrument for itself once delayed: use generalized_iv with lag 0, other "
-        "instruments, or an input with memory.",
+        "instruments, or an input with memory. The sets of eivor.anderson_rubin_set hold all the same.",
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=4)
     return (reason,)

@@ -61,8 +61,13 @@ def first_stage_of_products(
     cross: Float[np.ndarray, "p n"],
     regressors: Float[np.ndarray, "n n"],
     rows: int,
+    shared: Float[np.ndarray, "p n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
     """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi').
+
+    Of compensated equations `shared` is C, what the measurement noises add to mean(psi phi'). Noise that
+    instruments and regressors share moves both and would pass for strength: what is explained is that
+    by mean(psi phi') - C, and the rest is the variance of phi less that.
 
     The same statistic as `conditional_first_stage`, from moments alone: rounding limits it to about
     half the digits, which is enough to compare it with ten. Zero when the instruments are collinear.
@@ -74,7 +79,9 @@ def first_stage_of_products(
         return np.zeros(count)
     eigenvalues, vectors = np.linalg.eigh(instruments / np.outer(scale, scale))
     kept = eigenvalues > SMALLEST_DIRECTION**2
-    basis_products = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T @ (cross / scale[:, None])
+    to_basis = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T / scale
+    noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
+    basis_products = to_basis @ cross - noise_products
     projected = basis_products.T @ basis_products
     strengths = np.zeros(count)
     for j in range(count):
@@ -84,7 +91,9 @@ def first_stage_of_products(
         direction[j], direction[others] = 1.0, -delta
         explained = float(direction @ projected @ direction)
         total = float(direction @ regressors @ direction)
-        unexplained = total - explained
+        unexplained = (
+            total - explained - 2.0 * float((basis_products @ direction) @ (noise_products @ direction))
+        )
         negligible = unexplained <= 1e-12 * float(regressors[j, j])
         strengths[j] = np.inf if negligible else explained / degrees / (unexplained / (rows - available))
     return strengths

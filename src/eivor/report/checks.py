@@ -84,4 +84,4 @@ def _leverage(numbers: Mapping[str, float]) -> Iterator[Check]:
 def _told(p_value: float, rejected: str, kept: str) -> str:
     """Word for the outcome of a test, with its p-value."""
     word = rejected if p_value < SIGNIFICANT else kept
-    return f"{word} (p {'<=' if p_value <= 0.001 else ''}{max(p_value, 0.001):.2g})"
+    return f"{word} (p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
