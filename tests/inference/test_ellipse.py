@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import ShapeError, UsageError
-from eivor.inference.covariance import COSINE_AVERAGES, long_run_sum_covariance
+from eivor.inference.equal_weighted_cosines import COSINE_AVERAGES, long_run_sum_covariance
 from eivor.inference.ellipse import Ellipse, hotelling_quantile, joint_ellipse
 from eivor.inference.quantiles import chi_square_quantile, t_quantile
 

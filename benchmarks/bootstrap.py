@@ -1,6 +1,6 @@
 """How well the bootstrap is calibrated: the tables of docs/resampling.md.
 
-    python examples/calibrate_bootstrap.py [--small]
+    python benchmarks/bootstrap.py [--small]
 
 Time: coverage of 95 % intervals of a regression with an intercept, an AR(1) input of memory 0.7 and AR(1)
 errors. Flights: width of the bootstrap's 95 % intervals over that of the recipe's, for pools of ten
@@ -9,11 +9,11 @@ simulated flights, and how often each holds the truth. Every seed is a number be
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 
 import numpy as np
+from _shared import arguments
 from scipy.signal import lfilter
 
 import eivor as ev
@@ -93,7 +93,7 @@ def flights(pools: int, runs: int) -> None:
 
 
 def main() -> None:
-    small = "--small" in sys.argv[1:]
+    small = arguments(__doc__).small
     begun = time.perf_counter()
     flights(1 if small else 40, 50 if small else 400)
     for rows in (200,) if small else (500, 4000):
