@@ -78,7 +78,7 @@ def _leverage(numbers: Mapping[str, float]) -> Iterator[Check]:
     if isfinite(by):
         look = ": look at it" if abs(by) > LARGE_LEVERAGE else ""
         which = f"part {numbers['leverage_segment']:.0f} of {numbers['leverage_segments']:.0f}"
-        yield "leverage", f"without {which} K moves by {by:+.1f} standard errors{look}"
+        yield "leverage", f"without {which}, K moves by {by:+.1f} standard errors{look}"
 
 
 def _told(p_value: float, rejected: str, kept: str) -> str:
