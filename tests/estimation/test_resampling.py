@@ -148,13 +148,13 @@ def test_the_spread_of_independent_rows_is_the_robust_standard_error() -> None:
 def test_intervals_of_every_kind_are_their_formulas() -> None:
     found = bootstrap(rows_of(np.arange(ROWS), compensated=True), methods.generalized_iv(), runs=199, seed=2)
     value, column = found.values[0], found.replicates[:, 0]
-    low, high = np.quantile(column, [0.05, 0.95])
+    low, high = np.quantile(column, [0.05, 0.95], method="weibull")
     kinds = IntervalKind
     assert found.interval("theta_1", 0.9, kinds.PERCENTILE) == pytest.approx((low, high))
     assert found.interval("theta_1", 0.9, kinds.BASIC) == pytest.approx((2 * value - high, 2 * value - low))
     assert found.studentised is not None
     assert found.std_errors is not None
-    t_low, t_high = np.quantile(found.studentised[:, 0], [0.05, 0.95])
+    t_low, t_high = np.quantile(found.studentised[:, 0], [0.05, 0.95], method="weibull")
     error = found.std_errors[0]
     wanted = (value - t_high * error, value - t_low * error)
     assert found.interval("theta_1", 0.9, kinds.STUDENTISED) == pytest.approx(wanted)
@@ -171,15 +171,15 @@ def autocorrelated(trial: int, rows: int, memory: float) -> Regression:
 
 
 def test_intervals_of_autocorrelated_errors_cover() -> None:
-    """Within binomial error of 90 %, and of the three percent that blocks of finite length lose."""
-    trials, held = 40, 0
+    """Within binomial error of 90 %, and of the four percent that blocks of finite length lose."""
+    trials, held = 150, 0
     for trial in range(trials):
         problem = autocorrelated(trial, 1000, 0.6)
         found = bootstrap(problem, methods.least_squares(), runs=99, seed=trial)
         low, high = found.interval("theta_1", 0.9)
         held += low <= 0.5 <= high
     error = 3.0 * np.sqrt(0.9 * 0.1 / trials)
-    assert 0.87 - error < held / trials < 0.9 + error
+    assert 0.86 - error < held / trials < 0.9 + error
 
 
 def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not() -> None:

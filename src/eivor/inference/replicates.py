@@ -145,7 +145,8 @@ class Bootstrap:
 
 
 def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:
-    low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p."""
+    low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
     return float(low), float(high)
 
 
