@@ -190,3 +190,10 @@ def test_column_that_is_its_own_instrument_is_not_weak():
     assert np.isinf(found.effective).all()
     assert np.isinf(found.cragg_donald)
     assert np.isinf(found.smallest_eigenvalue)
+
+
+def test_fewer_independent_instruments_than_columns_have_no_strength():
+    Z, X = drawn(10)
+    found = strength_of(np.column_stack([Z[:, 0], 2.0 * Z[:, 0]]), X)
+    assert (found.effective == 0.0).all()
+    assert found.smallest_eigenvalue == found.cragg_donald == 0.0

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from eivor.estimation.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 
 if TYPE_CHECKING:
@@ -41,12 +42,13 @@ def _instruments(found: Diagnostics) -> Iterator[Reason]:
     if strength is None:
         return
     remedy = "Use stronger or more recent instruments, a longer record, or an input that moves more."
-    weak = np.flatnonzero(strength.effective < strength.critical)
+    needed = np.where(np.isfinite(strength.critical), strength.critical, STRONG_FIRST_STAGE)
+    weak = np.flatnonzero(strength.effective < needed)
     for j in weak:
         yield Reason(
             Status.WEAK,
             f"The instruments hardly move the regressor of {found.names[j]} once the others are accounted "
-            f"for: effective F is {strength.effective[j]:.3g}, and {strength.critical[j]:.3g} is needed for "
+            f"for: effective F is {strength.effective[j]:.3g}, and {needed[j]:.3g} is needed for "
             "a bias below a tenth of its worst.",
             remedy,
         )

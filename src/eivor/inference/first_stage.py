@@ -58,7 +58,8 @@ class FirstStage:
     smallest_eigenvalue, smallest_critical : float
         The robust one, and the critical value of the effective F in its direction.
     averages : int
-        Cosine averages of the long-run covariance.
+        Cosine averages of the long-run covariance; 0 when there are fewer instruments than columns, which
+        have no strength then.
     """
 
     effective: Float[np.ndarray, " n"]
@@ -88,6 +89,9 @@ def first_stage(products: TimeProducts, averages: int | None = None) -> FirstSta
     a, shared = T.T @ products.sensitivity * scale, T.T @ products.shared * scale
     R = np.outer(scale, scale) * products.regressor_mean
     rank, count = a.shape
+    if rank < count:  # some combination of the columns is not moved at all
+        nothing, unknown = np.zeros(count), np.full(count, np.nan)
+        return FirstStage(nothing, unknown, nothing, nothing, nothing, 0.0, 0.0, float("nan"), 0)
     B = joint_averages(rank, products.counts.size) if averages is None else averages
     scores = T.T @ (products.cross * scale - products.instruments @ (T @ a))
     scores = scores - products.counts[:, None, None] * shared
