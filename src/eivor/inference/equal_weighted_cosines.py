@@ -80,13 +80,14 @@ def _block_sums(
     """Sum over a block that begins at sample `start`: groups by their moments, the rest one by one."""
     samples = block.shape[0]
     step = np.pi * np.arange(1, averages + 1)[:, None] / count
-    length = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+    longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+    length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
     groups = samples // length if length >= SHORTEST_GROUP else 0
     grouped = groups * length
     sums: Float[np.ndarray, "averages n"] = np.zeros((averages, block.shape[1]))
     if groups:
         offset = np.arange(length) - 0.5 * (length - 1)
-        powers = (step[0] * offset[:, None]) ** np.arange(6) / FACTORIALS
+        powers = np.vander(step[0, 0] * offset, len(SIGNS), increasing=True) / FACTORIALS
         moments = block[:grouped].T.reshape(-1, groups, length) @ powers
         centre = step * (start + 0.5 * length + length * np.arange(groups))
         cosine, sine = np.cos(centre), np.sin(centre)
