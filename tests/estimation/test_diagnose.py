@@ -15,7 +15,8 @@ from vertical_flight_signals import problem as flight_problem
 import eivor as ev
 from eivor.errors import EstimationError
 from eivor.estimation import methods
-from eivor.estimation.record_products import FOLDED_FROM, record_products
+from eivor.estimation.block_products import FOLDED_FROM
+from eivor.estimation.record_products import record_products
 from eivor.inference.verdict import Status
 
 NOISE = 0.3

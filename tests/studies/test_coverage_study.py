@@ -167,7 +167,10 @@ def test_instruments_are_what_the_vehicle_does_not_answer():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (SUITE.replace("rich-high", "rich-hihg"), "names out of arch, .*, or files at scenarios .*; received 'rich-hihg'"),
+        (
+            SUITE.replace("rich-high", "rich-hihg"),
+            "names out of arch, .*, or files at scenarios .*; received 'rich-hihg'",
+        ),
         (SUITE.replace("[500]", "[500.5]"), "whole numbers at samples of suite.toml; received 500.5"),
         (SUITE.replace('"classical"', '"clasical"'), "Did you mean 'classical'"),
         (SUITE + "\nextra = 1\n", "extra"),

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from eivor.errors import InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
-from eivor.estimation.products import mean_cross_products, root_of_rows
+from eivor.estimation.products import MeanProducts, mean_cross_products, root_of_rows
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression, RowBlock
 
@@ -132,7 +132,7 @@ class Instrumental(Assembler):
                 "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
             )
         found = mean_cross_products(problem, instruments=True, own=instrument_products)
-        return CrossMoments(found.count, found.cross, None, found.instruments, found.regressors)
+        return _cross_moments(found, None)
 
     def system(self, moments: Moments) -> LinearSystem:
         """Mean cross-products as equations."""
@@ -190,7 +190,9 @@ class Compensated(Assembler):
         """
         noise = self._noise(problem)
         found = mean_cross_products(problem, instruments=self.by_instruments, own=instrument_products)
-        return CrossMoments(found.count, found.cross, noise, found.instruments, found.regressors)
+        return CrossMoments(
+            found.count, found.cross, noise, found.instruments, found.regressors, found.blocks
+        )
 
     def system(self, moments: Moments) -> LinearSystem:
         """Compensated mean cross-products as equations."""
@@ -206,6 +208,12 @@ class Compensated(Assembler):
         """C theta - c."""
         noise = self._noise(problem)
         return noise[:, :-1] @ theta - noise[:, -1]
+
+
+def _cross_moments(found: MeanProducts, noise: Float[np.ndarray, "p n_plus_1"] | None) -> CrossMoments:
+    return CrossMoments(
+        found.count, found.cross, noise, found.instruments, found.regressors, blocks=found.blocks
+    )
 
 
 def _instrumental_system(moments: Moments, *, compensated: bool) -> LinearSystem:

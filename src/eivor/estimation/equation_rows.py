@@ -107,7 +107,9 @@ def _moment_parts(
         # Columns stay contiguous, as those of a block are.
         test = (WA.T @ assembler.test_functions(block).T).T
         residual = block.response - block.regressors @ theta
-        return EquationRows(test, residual, test * residual[:, None] + combined, block.flights)
+        scores = test * residual[:, None]
+        scores += combined
+        return EquationRows(test, residual, scores, block.flights)
 
     return count * (A.T @ WA), rows_of
 

@@ -9,7 +9,7 @@ from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.inferred import Solved
 from eivor.estimation.method import Method
-from eivor.estimation.moments import Moments
+from eivor.estimation.moments import CrossMoments, Moments
 from eivor.estimation.nuisance import (
     COARSE_TOLERANCE_S,
     LAG_TOLERANCE_S,
@@ -69,6 +69,7 @@ def identify(problem: LinearProblem | SeparableProblem | ProblemMoments, method:
         solved.solution,
         np.empty((0, 0)),
         moments.rows,
+        moments.blocks if isinstance(moments, CrossMoments) else None,
     )
     candidate = Candidate(0.0, solved.solution.theta, solved.solution, no_lag(solved.solution), source)
     return Estimate(method.name, problem.parameters, (candidate,), reasons)

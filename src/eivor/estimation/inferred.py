@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from eivor.estimation.block_products import BlockProducts
 from eivor.estimation.equation_rows import MethodEquations, estimating_equation
 from eivor.estimation.method import Method
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
@@ -40,6 +41,8 @@ class Solved:
         Derivatives of Phi theta by the nuisance parameters that were searched for; may have no columns.
     count : int
         Number of rows.
+    blocks : BlockProducts, optional
+        Products of the rows' columns over blocks of time, where they were made with the moments.
     """
 
     problem: LinearProblem
@@ -49,6 +52,7 @@ class Solved:
     solution: Solution
     nuisance_columns: Float[np.ndarray, "rows q"]
     count: int
+    blocks: BlockProducts | None = None
 
     @property
     def equations(self) -> MethodEquations:

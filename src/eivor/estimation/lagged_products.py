@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.lib.stride_tricks import as_strided
 
+from eivor.models.column import Column
+
 #: Samples folded into one row.
 FOLD = 8
 
@@ -55,8 +57,17 @@ def folded_products(
     return total
 
 
-def unfolded(G: Float[np.ndarray, "others width fold"]) -> Float[np.ndarray, "lags others"]:
+def unfolded(G: Float[np.ndarray, "*blocks others width fold"]) -> Float[np.ndarray, "*blocks lags others"]:
     """Sum at each lag, from the first to the last, of each other series."""
-    count = G.shape[1] - FOLD + 1
+    count = G.shape[-2] - FOLD + 1
     p = np.arange(FOLD)
-    return np.stack([G[:, p + count - 1 - lag, p].sum(axis=1) for lag in range(count)])
+    return np.stack([G[..., p + count - 1 - lag, p].sum(axis=-1) for lag in range(count)], axis=-2)
+
+
+def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
+    """First and last lag of columns that are successive lags of one channel with a constant gain."""
+    lags = [column.lag for column in columns]
+    alike = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
+    if len(lags) < 2 or not alike or not columns[0].channel or columns[0].gain_channel:
+        return None
+    return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import UsageError
+from eivor.estimation.block_products import BlockProducts
 from eivor.linalg.triangular import merged_roots
 
 
@@ -85,6 +86,8 @@ class CrossMoments(Moments):
         mean(psi psi'), for two-stage weighting.
     regressors : ndarray, shape (n, n), optional
         mean(phi phi'), for the strength of the instruments.
+    blocks : BlockProducts, optional
+        The sums that they were made of, for diagnostics; they do not merge.
     """
 
     count: int
@@ -92,6 +95,7 @@ class CrossMoments(Moments):
     noise: Float[np.ndarray, "p n_plus_1"] | None = None
     instruments: Float[np.ndarray, "p p"] | None = None
     regressors: Float[np.ndarray, "n n"] | None = None
+    blocks: BlockProducts | None = None
 
     @property
     def rows(self) -> int:
@@ -102,11 +106,16 @@ class CrossMoments(Moments):
         """Count-weighted means."""
         if not isinstance(other, CrossMoments) or self.products.shape != other.products.shape:
             raise _unlike(self, other)
-        parts = ("noise", "instruments", "regressors")
-        pairs = [(getattr(self, part), getattr(other, part)) for part in parts]
-        means = [None if a is None or b is None else _mean(self.count, a, other.count, b) for a, b in pairs]
         products = _mean(self.count, self.products, other.count, other.products)
-        return CrossMoments(self.count + other.count, products, *means)
+        noise, instruments, regressors = (
+            None if one is None or two is None else _mean(self.count, one, other.count, two)
+            for one, two in (
+                (self.noise, other.noise),
+                (self.instruments, other.instruments),
+                (self.regressors, other.regressors),
+            )
+        )
+        return CrossMoments(self.count + other.count, products, noise, instruments, regressors)
 
 
 def _mean(

@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import NonFiniteError, TooFewSamplesError
-from eivor.estimation.lagged_products import FOLD, folded_products, unfolded
+from eivor.estimation.block_products import BlockProducts, block_products
+from eivor.estimation.lagged_products import FOLD, folded_products, successive_lags, unfolded
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.column import Column
 from eivor.models.regression import LinearProblem, Regression
@@ -41,12 +42,15 @@ class MeanProducts:
         mean(psi [phi' y]).
     instruments, regressors : ndarray, shapes (p, p) and (n, n), optional
         mean(psi psi') and mean(phi phi').
+    blocks : BlockProducts, optional
+        The sums that they were made of, block by block in time.
     """
 
     count: int
     cross: Float[np.ndarray, "p n_plus_1"]
     instruments: Float[np.ndarray, "p p"] | None = None
     regressors: Float[np.ndarray, "n n"] | None = None
+    blocks: BlockProducts | None = None
 
 
 def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool) -> MeanProducts:
@@ -89,19 +93,28 @@ def _of_arrays(rows: Regression, *, instruments: bool, own: bool) -> MeanProduct
         cross[:, -1] += Psi[here].T @ y[here]
         for place, A in enumerate((Psi, Phi) if own else ()):
             squares[place] += A[here].T @ A[here]
-    means = [square / count for square in squares]
-    return MeanProducts(count, cross / count, *means)
+    instrument_mean, regressor_mean = (square / count for square in squares) if own else (None, None)
+    return MeanProducts(count, cross / count, instrument_mean, regressor_mean)
 
 
 def _of_signals(problem: SignalRegression, *, instruments: bool, own: bool) -> MeanProducts:
+    blocks = block_products(problem) if instruments and own else None
+    if blocks is not None:
+        return _of_blocks(problem, blocks)
     regressors = problem.regressor_columns
     left = problem.instrument_columns if instruments else regressors
     count = row_count(problem)
     cross = _sums(problem, left, (*regressors, problem.equation.response))
-    own_products = []
-    if own:
-        own_products = [_own_sums(problem, columns) / count for columns in (left, regressors)]
-    return MeanProducts(count, cross / count, *own_products)
+    if not own:
+        return MeanProducts(count, cross / count)
+    return MeanProducts(
+        count, cross / count, _own_sums(problem, left) / count, _own_sums(problem, regressors) / count
+    )
+
+
+def _of_blocks(problem: SignalRegression, blocks: BlockProducts) -> MeanProducts:
+    p, means = len(problem.instrument_columns), blocks.means
+    return MeanProducts(row_count(problem), means[:p, p:], means[:p, :p], means[p:-1, p:-1], blocks)
 
 
 def _sums(
@@ -176,15 +189,6 @@ def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.
             leaving = values[last - 1 - lags[i]] * values[last - 1 - lags[j]]
             sums[i + 1, j + 1] = sums[j + 1, i + 1] = sums[i, j] + entering - leaving
     return sums * columns[0].gain ** 2
-
-
-def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
-    """First and last lag of columns that are successive lags of one channel with a constant gain."""
-    lags = [column.lag for column in columns]
-    alike = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
-    if len(lags) < 2 or not alike or not columns[0].channel or columns[0].gain_channel:
-        return None
-    return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None
 
 
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:

@@ -11,6 +11,7 @@ that six moments of the group stand for all of its scores.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -86,9 +87,7 @@ def _block_sums(
     grouped = groups * length
     sums: Float[np.ndarray, "averages n"] = np.zeros((averages, block.shape[1]))
     if groups:
-        offset = np.arange(length) - 0.5 * (length - 1)
-        powers = np.vander(step[0, 0] * offset, len(SIGNS), increasing=True) / FACTORIALS
-        moments = block[:grouped].T.reshape(-1, groups, length) @ powers
+        moments = block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length)
         centre = step * (start + 0.5 * length + length * np.arange(groups))
         cosine, sine = np.cos(centre), np.sin(centre)
         order = np.arange(1, averages + 1)[:, None]
@@ -98,3 +97,10 @@ def _block_sums(
     if grouped < samples:
         sums += np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:]
     return sums
+
+
+@lru_cache(maxsize=8)
+def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
+    """x^k / k! at the samples of a group, for angles x from its middle."""
+    offset = np.arange(length) - 0.5 * (length - 1)
+    return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS

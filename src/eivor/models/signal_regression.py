@@ -124,9 +124,11 @@ class SignalRegression(LinearProblem):
         used = None if self.used is None else self.used[start - self.first : stop - self.first]
         count = stop - start if used is None else int(used.sum())
         block = np.empty((len(columns), count))
-        for row, column in zip(block, columns, strict=True):
+        for place, column in enumerate(columns):
             values = self.slice_of(column, start, stop)
-            np.multiply(values if used is None else values[used], column.gain, out=row)
+            block[place] = values if used is None else values[used]
+            if column.gain != 1.0:
+                block[place] *= column.gain
         return block.T
 
     def slice_of(self, column: Column, start: int, stop: int) -> Float[np.ndarray, " samples"]:
