@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import polars as pl
 
 from eivor.inference.quantiles import normal_quantile
 from eivor.studies.metrics import Coverage
+from eivor.studies.requirement import Requirement
 
 #: Method whose intervals are judged: the one with default settings.
 JUDGED = "default"
@@ -18,24 +17,6 @@ MEAN_BOUNDS = {4000: (0.94, 0.97)}
 OVER_COVERED = ("trend", 500)
 #: Confidence with which a share from few runs is compared with a bound.
 CHANCE_LEVEL = 0.999
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """One thing that must hold.
-
-    Parameters
-    ----------
-    what, asked, measured : str
-        In words and numbers.
-    met : bool
-        Whether it holds.
-    """
-
-    what: str
-    asked: str
-    measured: str
-    met: bool
 
 
 def requirements(rows: pl.DataFrame) -> tuple[Requirement, ...]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import polars as pl
 
 from eivor.studies.flight_metrics import Score, Share, accepted, accepted_share, score
 from eivor.studies.flight_trials import LAG_IGNORED, NONLINEAR
+from eivor.studies.requirement import Requirement
 
 #: Largest median and 90th percentile of the errors on calm accepted flights: relative, and [s] for the lag.
 ERROR_BOUNDS = {
@@ -30,24 +29,6 @@ NAMES = {
     "effective_lag": "effective lag",
     "hover_input": "hover input",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """One thing that must hold.
-
-    Parameters
-    ----------
-    what, asked, measured : str
-        In words and numbers.
-    met : bool
-        Whether it holds.
-    """
-
-    what: str
-    asked: str
-    measured: str
-    met: bool
 
 
 def requirements(rows: pl.DataFrame, *, allow_chance: bool = False) -> tuple[Requirement, ...]:
