@@ -22,7 +22,7 @@ from eivor.estimation.methods import reference_iv
 from eivor.flights.prepare import prepare
 from eivor.flights.quantities import all_quantities
 from eivor.flights.result import FlightEstimate
-from eivor.inference.replicates import IntervalKind
+from eivor.inference.resampling.replicates import IntervalKind
 from eivor.models.regression import Regression
 from eivor.signals.recording import Recording
 from eivor.studies.vertical_flight import simulate_vertical_flights

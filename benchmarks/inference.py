@@ -17,7 +17,7 @@ def peer_intervals(v: np.ndarray, s: np.ndarray, u: np.ndarray) -> object:
     """Two-stage least squares with a Bartlett covariance of the usual bandwidth, by linearmodels."""
     from linearmodels.iv import IV2SLS
 
-    from eivor.inference.bandwidth import newey_west_bandwidth
+    from eivor.inference.covariances.bandwidth import newey_west_bandwidth
 
     rows = slice(LAGS, None)
     instruments = np.column_stack([u[LAGS - lag : u.size - lag] for lag in range(LAGS + 1)])
@@ -60,11 +60,13 @@ def main() -> None:
 
     timed(intervals, "intervals (equal-weighted cosines)")
     timed(everything, "intervals and all diagnostics (target 3)")
-    for estimator in (cov.Classical(), cov.KernelRobust(), cov.KernelRobust(cov.QuadraticSpectral())):
-        timed(
-            lambda fit, estimator=estimator: intervals(fit.with_covariance(estimator)),
-            f"intervals, {type(estimator).__name__} {getattr(getattr(estimator, 'kernel', None), 'name', '')}",
-        )
+    choices = {
+        "classical": cov.Classical(),
+        "Bartlett": cov.KernelRobust(),
+        "quadratic spectral": cov.KernelRobust(cov.QuadraticSpectral()),
+    }
+    for name, chosen in choices.items():
+        timed(lambda fit, chosen=chosen: intervals(fit.with_covariance(chosen)), f"intervals, {name}")
     peer = least_seconds(lambda: peer_intervals(*data), 1)
     print(f"{'linearmodels, estimate and Bartlett':<42}{1e3 * peer:8.1f} ms")
 

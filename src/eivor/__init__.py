@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from eivor.flights.resampling import bootstrap_flights
     from eivor.flights.result import FlightEstimate
     from eivor.inference import covariances
-    from eivor.inference.confidence_region import ConfidenceRegion
-    from eivor.inference.confidence_set import ConfidenceSet
+    from eivor.inference.sets.confidence_region import ConfidenceRegion
+    from eivor.inference.sets.confidence_set import ConfidenceSet
     from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
     from eivor.logs import read_log, recording_from_columns
     from eivor.logs.chunks import read_chunks
@@ -53,8 +53,8 @@ _HOMES = {
     "AndersonRubinSet": "eivor.estimation.weak_identification",
     "AutocorrelatedErrors": "eivor.estimation.weak_identification",
     "Column": "eivor.models.column",
-    "ConfidenceRegion": "eivor.inference.confidence_region",
-    "ConfidenceSet": "eivor.inference.confidence_set",
+    "ConfidenceRegion": "eivor.inference.sets.confidence_region",
+    "ConfidenceSet": "eivor.inference.sets.confidence_set",
     "Diagnostics": "eivor.estimation.diagnose",
     "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",

@@ -11,8 +11,8 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.inference.fieller import fieller_set
-from eivor.inference.profile import profile_interval
+from eivor.inference.sets.fieller import fieller_set
+from eivor.inference.sets.profile import profile_interval
 
 RUNS = 2000
 

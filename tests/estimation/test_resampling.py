@@ -14,8 +14,8 @@ from eivor.estimation import methods
 from eivor.estimation.method import Method
 from eivor.estimation.resampling import bootstrap
 from eivor.estimation.solve import solve
-from eivor.inference.blocks import BlockScheme, block_plan
-from eivor.inference.replicates import IntervalKind
+from eivor.inference.resampling.blocks import BlockScheme, block_plan
+from eivor.inference.resampling.replicates import IntervalKind
 from eivor.models.regression import Regression, SampleRows, regression
 
 ROWS = 1003

@@ -16,7 +16,7 @@ from eivor.flights.quantities import all_quantities
 from eivor.flights.recipe import identify_flight
 from eivor.flights.resampling import bootstrap_flights
 from eivor.flights.result import FlightEstimate
-from eivor.inference.replicates import Bootstrap, IntervalKind
+from eivor.inference.resampling.replicates import Bootstrap, IntervalKind
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Recording
 from eivor.studies.vertical_flight import actual_state_recording, simulate_vertical_flights

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.inference.time_products import TimeProducts, time_products
+from eivor.inference.diagnostics.time_products import TimeProducts, time_products
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")

@@ -10,15 +10,15 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, TooFewSamplesError, UsageError
-from eivor.inference.anderson_rubin import (
+from eivor.inference.covariances.equal_weighted_cosines import long_run_sum_covariance
+from eivor.inference.sets.anderson_rubin import (
     LinearScores,
     averages_for,
     cosine_averages,
     homoskedastic_region,
     robust_region,
 )
-from eivor.inference.confidence_region import ConfidenceRegion, scanned_shadow
-from eivor.inference.equal_weighted_cosines import long_run_sum_covariance
+from eivor.inference.sets.confidence_region import ConfidenceRegion, scanned_shadow
 
 LEVEL = 0.95
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.constancy import GROUPS, constancy, p_value, simulated_suprema, wald_path
-from eivor.inference.constancy_quantiles import QUANTILES, TAILS
-from eivor.inference.leverage import segment_leverage
+from eivor.inference.diagnostics.constancy import GROUPS, constancy, p_value, simulated_suprema, wald_path
+from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
+from eivor.inference.diagnostics.leverage import segment_leverage
 
 
 def scores_of(seed, count=2560, memory=0.0, change=0.0, at=0.6):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.endogeneity import endogeneity
-from eivor.inference.time_products import TimeProducts, time_products
+from eivor.inference.diagnostics.endogeneity import endogeneity
+from eivor.inference.diagnostics.time_products import TimeProducts, time_products
 
 linearmodels = pytest.importorskip("linearmodels")
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from eivor.inference.first_stage import critical_value, first_stage
-from eivor.inference.instrument_tests import (
+from eivor.inference.diagnostics.first_stage import critical_value, first_stage
+from eivor.inference.diagnostics.instrument_tests import (
     conditional_first_stage,
     first_stage_of_products,
     orthonormal_basis,
 )
-from eivor.inference.time_products import time_products
+from eivor.inference.diagnostics.time_products import time_products
 
 linearmodels = pytest.importorskip("linearmodels")
 

@@ -10,9 +10,9 @@ from linearmodels.shared.covariance import cov_kernel
 from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.bandwidth import AndrewsRule, FixedBandwidth, NeweyWestRule, SquareRootRule
-from eivor.inference.fixed_b import fixed_b_reference
-from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
+from eivor.inference.covariances.bandwidth import AndrewsRule, FixedBandwidth, NeweyWestRule, SquareRootRule
+from eivor.inference.covariances.fixed_b import fixed_b_reference
+from eivor.inference.covariances.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from eivor.inference.quantiles import t_quantile
 
 KERNELS = (Bartlett(), Parzen(), QuadraticSpectral())

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.block_cosines import (
+from eivor.inference.covariances.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
+from eivor.inference.diagnostics.block_cosines import (
     block_cosines,
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
 )
-from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
-from eivor.inference.over_identification import hansen_j, robust_over_identification
-from eivor.inference.time_products import time_products
+from eivor.inference.diagnostics.over_identification import hansen_j, robust_over_identification
+from eivor.inference.diagnostics.time_products import time_products
 from reference import constants as truth
 
 linearmodels = pytest.importorskip("linearmodels")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.excitation import band_power, information
-from eivor.inference.residual_memory import LONGEST, residual_memory
-from eivor.inference.residual_whiteness import residual_whiteness
-from eivor.inference.time_products import time_products
+from eivor.inference.diagnostics.excitation import band_power, information
+from eivor.inference.diagnostics.residual_memory import LONGEST, residual_memory
+from eivor.inference.diagnostics.residual_whiteness import residual_whiteness
+from eivor.inference.diagnostics.time_products import time_products
 from eivor.signals.fractional import fractional_difference
 
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from eivor.inference.instrument_tests import (
+from eivor.inference.diagnostics.instrument_tests import (
     conditional_first_stage,
     orthonormal_basis,
     over_identification,

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 import eivor as ev
 from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.inference.ellipse import Ellipse
+from eivor.inference.sets.ellipse import Ellipse
 from eivor.models.scenario import Scenario
 from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
 from eivor.report.interval_figures import (

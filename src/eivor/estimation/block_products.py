@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eivor.estimation.lagged_products import FOLD, folded_products, successive_lags, unfolded
-from eivor.inference.constancy import GROUPS
-from eivor.inference.time_products import block_edges
+from eivor.inference.diagnostics.constancy import GROUPS
+from eivor.inference.diagnostics.time_products import block_edges
 from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
 

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from eivor.errors import EstimationError
 from eivor.estimation.inferred import Inference, Solved
 from eivor.estimation.nuisance import LagProfile
-from eivor.inference.covariance import JointCovariance
-from eivor.inference.covariance_estimators import DEFAULT, CovarianceEstimator
+from eivor.inference.covariances.covariance import JointCovariance
+from eivor.inference.covariances.estimators import DEFAULT, CovarianceEstimator
 from eivor.inference.estimating_equation import EstimatingEquation
 from eivor.linalg.system import Solution
 from eivor.models.regression import Regression

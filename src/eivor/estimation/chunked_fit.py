@@ -15,7 +15,7 @@ from eivor.estimation.method import Method
 from eivor.estimation.moments import CrossMoments
 from eivor.estimation.solve import solve_moments
 from eivor.estimation.streaming import chunk_problems, moments
-from eivor.inference.covariance_estimators import DEFAULT, CovarianceEstimator
+from eivor.inference.covariances.estimators import DEFAULT, CovarianceEstimator
 from eivor.models.column import Column
 from eivor.models.regression import RowBlock
 from eivor.models.vertical import VerticalMotion

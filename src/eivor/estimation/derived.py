@@ -16,11 +16,11 @@ from jaxtyping import Float
 from eivor.errors import UsageError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate, check_level
-from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.covariance import CovariancePart
-from eivor.inference.fieller import fieller_set
-from eivor.inference.profile import gradient_of, profile_interval
+from eivor.inference.covariances.covariance import CovariancePart
 from eivor.inference.quantiles import t_quantile
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.sets.fieller import fieller_set
+from eivor.inference.sets.profile import gradient_of, profile_interval
 
 #: Share of the half-width by which a function may bend before it is profiled.
 LARGEST_BEND = 0.05

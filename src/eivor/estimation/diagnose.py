@@ -15,15 +15,15 @@ from eivor.estimation.diagnosis_table import summary_of, table_of
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.inferred import Solved
 from eivor.estimation.record_products import RecordProducts, record_products
-from eivor.inference.constancy import GROUPS, Constancy, constancy
-from eivor.inference.endogeneity import Endogeneity, endogeneity
-from eivor.inference.excitation import BandPower, Information, band_power, information
-from eivor.inference.first_stage import FirstStage, first_stage
-from eivor.inference.leverage import SegmentLeverage, segment_leverage
-from eivor.inference.over_identification import OverIdentification, robust_over_identification
-from eivor.inference.residual_memory import residual_memory
-from eivor.inference.residual_whiteness import ResidualWhiteness, residual_whiteness
-from eivor.inference.time_products import block_edges
+from eivor.inference.diagnostics.constancy import GROUPS, Constancy, constancy
+from eivor.inference.diagnostics.endogeneity import Endogeneity, endogeneity
+from eivor.inference.diagnostics.excitation import BandPower, Information, band_power, information
+from eivor.inference.diagnostics.first_stage import FirstStage, first_stage
+from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
+from eivor.inference.diagnostics.over_identification import OverIdentification, robust_over_identification
+from eivor.inference.diagnostics.residual_memory import residual_memory
+from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness, residual_whiteness
+from eivor.inference.diagnostics.time_products import block_edges
 from eivor.inference.verdict import Reason
 from eivor.signals.long_memory import LongMemory
 

@@ -11,8 +11,8 @@ from jaxtyping import Float
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.moments import CrossMoments
 from eivor.estimation.weighting import EquationWeighting, UnweightedEquations, WeightedEquations
-from eivor.inference.bandwidth import newey_west_bandwidth
-from eivor.inference.kernel import bartlett_covariance
+from eivor.inference.covariances.bandwidth import newey_west_bandwidth
+from eivor.inference.covariances.kernel import bartlett_covariance
 from eivor.linalg.system import LinearSystem
 
 

@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.estimation.candidate import Candidate
-from eivor.inference.covariance_estimators import CovarianceEstimator
-from eivor.inference.ellipse import Ellipse, joint_ellipse
+from eivor.inference.covariances.estimators import CovarianceEstimator
 from eivor.inference.quantiles import chi_square_quantile
+from eivor.inference.sets.ellipse import Ellipse, joint_ellipse
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.parameter import Parameter
 

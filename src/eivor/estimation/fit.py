@@ -20,7 +20,7 @@ from eivor.estimation.nuisance import (
 from eivor.estimation.solve import SolvedEquations, check_rank, solve, solve_moments
 from eivor.estimation.streaming import ProblemMoments
 from eivor.estimation.strength import weak_instruments
-from eivor.inference.covariance_estimators import FLIGHT_DEFAULT
+from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import ACTUATOR_LAG, SeparableProblem
 

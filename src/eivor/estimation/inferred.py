@@ -11,12 +11,12 @@ from jaxtyping import Float
 from eivor.estimation.block_products import BlockProducts
 from eivor.estimation.equation_rows import MethodEquations, estimating_equation
 from eivor.estimation.method import Method
-from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
-from eivor.inference.instrument_tests import (
+from eivor.inference.diagnostics.instrument_tests import (
     conditional_first_stage,
     orthonormal_basis,
     over_identification,
 )
+from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 from eivor.linalg.system import LinearSystem, Solution
 from eivor.models.regression import LinearProblem, Regression, SampleRows
 

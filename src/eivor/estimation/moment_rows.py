@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.method import Method
-from eivor.inference.anderson_rubin import LinearScores, averages_for, cosine_averages
-from eivor.inference.instrument_tests import SMALLEST_DIRECTION
+from eivor.inference.diagnostics.instrument_tests import SMALLEST_DIRECTION
+from eivor.inference.sets.anderson_rubin import LinearScores, averages_for, cosine_averages
 from eivor.models.parameter import Parameter
 from eivor.models.regression import LinearProblem, RowLayout
 

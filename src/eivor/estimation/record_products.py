@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from eivor.estimation.block_products import BlockProducts, block_count
 from eivor.estimation.inferred import Solved
-from eivor.inference.time_products import TimeProducts, products_of_columns, time_products
+from eivor.inference.diagnostics.time_products import TimeProducts, products_of_columns, time_products
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
 

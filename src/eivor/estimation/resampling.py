@@ -10,12 +10,12 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.block_moments import BlockMoments, block_moments, over_sensitivity
 from eivor.estimation.method import Method
 from eivor.estimation.moments import Moments
+from eivor.estimation.replicate_moments import BlockMoments, block_moments, over_sensitivity
 from eivor.estimation.solve import SolvedEquations, check_rank, solve_moments
-from eivor.inference.blocks import BlockScheme, automatic_block_length, block_plan
-from eivor.inference.replicates import Bootstrap
+from eivor.inference.resampling.blocks import BlockScheme, automatic_block_length, block_plan
+from eivor.inference.resampling.replicates import Bootstrap
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression, SampleRows
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from eivor.errors import WeakInstrumentsWarning
 from eivor.estimation.moments import CrossMoments, Moments
-from eivor.inference.instrument_tests import first_stage_of_products
+from eivor.inference.diagnostics.instrument_tests import first_stage_of_products
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import LinearSystem
 from eivor.models.parameter import Parameter

@@ -17,10 +17,10 @@ from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
 from eivor.estimation.assembler import Instrumental
 from eivor.estimation.method import Method
 from eivor.estimation.moment_rows import MomentRows, moment_rows
-from eivor.inference.anderson_rubin import homoskedastic_region, robust_region
-from eivor.inference.confidence_region import ConfidenceRegion
-from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.sign_perturbation import sign_perturbed_region
+from eivor.inference.sets.anderson_rubin import homoskedastic_region, robust_region
+from eivor.inference.sets.confidence_region import ConfidenceRegion
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.sets.sign_perturbation import sign_perturbed_region
 from eivor.models.parameter import Parameter
 from eivor.models.regression import LinearProblem, SampleRows
 from eivor.models.signal_regression import SignalRegression

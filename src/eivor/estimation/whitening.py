@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float
 
 from eivor.errors import UsageError
 from eivor.estimation.weighting import UnweightedEquations, WeightedEquations, Weighting, Weights
-from eivor.inference.instrument_tests import orthonormal_basis
+from eivor.inference.diagnostics.instrument_tests import orthonormal_basis
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows, SpectralRegression

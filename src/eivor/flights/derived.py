@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
-from eivor.inference.equal_weighted_cosines import long_run_mean_variance
+from eivor.inference.covariances.equal_weighted_cosines import long_run_mean_variance
 from eivor.models.vertical import GRAVITY
 from eivor.models.vertical_flights import VerticalFlights
 

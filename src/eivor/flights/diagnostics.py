@@ -9,8 +9,8 @@ import numpy as np
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.flights.prepare import PreparedFlight
-from eivor.inference.leverage import SegmentLeverage, segment_leverage
-from eivor.inference.residual_memory import residual_memory
+from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
+from eivor.inference.diagnostics.residual_memory import residual_memory
 from eivor.models.spectral import BinRows
 from eivor.models.vertical_flights import VerticalFlights
 from eivor.signals.recording import Finding

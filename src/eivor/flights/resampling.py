@@ -35,7 +35,7 @@ from eivor.estimation.candidate import Candidate
 from eivor.estimation.methods import by_name
 from eivor.estimation.whitening import SpectralWhitening
 from eivor.flights.result import FlightEstimate
-from eivor.inference.replicates import Bootstrap
+from eivor.inference.resampling.replicates import Bootstrap
 from eivor.models.regression import Regression
 from eivor.models.vertical_flights import VerticalFlights
 

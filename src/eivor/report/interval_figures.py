@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.inference.ellipse import Ellipse
-from eivor.inference.replicates import Bootstrap
+from eivor.inference.resampling.replicates import Bootstrap
+from eivor.inference.sets.ellipse import Ellipse
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
 from eivor.report.wording import QUANTITIES, printable
 

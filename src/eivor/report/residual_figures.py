@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eivor.errors import NonFiniteError, TooFewSamplesError
-from eivor.inference.blocks import autocovariance
 from eivor.inference.quantiles import normal_quantile
+from eivor.inference.resampling.blocks import autocovariance
 from eivor.report.noise_figures import draw_noise_spectrum
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
 from eivor.report.wording import printable

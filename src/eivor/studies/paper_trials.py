@@ -19,7 +19,7 @@ from eivor.estimation.method import Method
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.estimation.solve import solve_moments
 from eivor.estimation.strength import STRONG_FIRST_STAGE
-from eivor.inference.instrument_tests import first_stage_of_products
+from eivor.inference.diagnostics.instrument_tests import first_stage_of_products
 from eivor.models.column import lags
 from eivor.models.scenario import Intersample, Scenario, SimulatedRecord
 from eivor.models.simulation import simulate

@@ -2,7 +2,7 @@
 
 Notation: M sensitivity of the sum to the estimates, V covariance of the sum of the scores. Then
 theta_hat - theta = M^-1 sum s_t to first order, and its covariance is M^-1 V M^-T. How V is estimated is
-an axis of its own, see `eivor.inference.covariance_estimators`.
+an axis of its own, see `eivor.inference.covariances.estimators`.
 """
 
 from __future__ import annotations

@@ -23,8 +23,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.block_cosines import unit_scale
-from eivor.inference.constancy_quantiles import QUANTILES, TAILS
+from eivor.inference.diagnostics.block_cosines import unit_scale
+from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
 
 #: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
 GROUPS = 64

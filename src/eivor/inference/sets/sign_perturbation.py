@@ -25,8 +25,14 @@ import scipy.linalg
 from jaxtyping import Float, Int
 
 from eivor.errors import CollinearError, ParameterError
-from eivor.inference.confidence_region import ConfidenceRegion, Frame, Points, RegionShape, scanned_shadow
-from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.sets.confidence_region import (
+    ConfidenceRegion,
+    Frame,
+    Points,
+    RegionShape,
+    scanned_shadow,
+)
+from eivor.inference.sets.confidence_set import ConfidenceSet
 
 #: Rows whose signs are drawn at a time; the signs depend on it, so it is part of what a seed means.
 SIGN_ROWS = 4096

@@ -21,7 +21,7 @@ from jaxtyping import Float, Int
 from eivor.estimation.method import Method
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.estimation.solve import SolvedEquations
-from eivor.inference.blocks import BlockPlan, piece_sums
+from eivor.inference.resampling.blocks import BlockPlan, piece_sums
 from eivor.linalg.triangular import triangular_root
 from eivor.models.regression import Regression
 

@@ -27,8 +27,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from eivor.inference.block_cosines import block_cosines, joint_averages, unit_scale
-from eivor.inference.time_products import TimeProducts
+from eivor.inference.diagnostics.block_cosines import block_cosines, joint_averages, unit_scale
+from eivor.inference.diagnostics.time_products import TimeProducts
 
 #: Bias, as a share of its worst case, that critical values are for, and the size of their test.
 TOLERATED_BIAS = 0.1

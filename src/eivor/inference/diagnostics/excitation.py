@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.time_products import TimeProducts
+from eivor.inference.diagnostics.time_products import TimeProducts
 
 #: Samples of a stretch whose spectrum is taken, how many stretches, and how many bands.
 STRETCH = 4096

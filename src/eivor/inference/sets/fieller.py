@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.sets.confidence_set import ConfidenceSet
 
 
 def fieller_set(

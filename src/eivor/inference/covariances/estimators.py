@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import UsageError
-from eivor.inference.covariance import CovariancePart, JointCovariance, sandwich
-from eivor.inference.equal_weighted_cosines import COSINE_AVERAGES, cosine_covariance
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, sandwich
+from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, cosine_covariance
 from eivor.inference.estimating_equation import EstimatingEquation
 
 #: Pools of at least so many flights have their covariance clustered by flight as well.

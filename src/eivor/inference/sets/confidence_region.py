@@ -22,7 +22,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from eivor.errors import ShapeError, UsageError
-from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.sets.confidence_set import ConfidenceSet
 
 #: Directions from the pivot, of the half circle, in which a shadow is scanned; fewer where each is a search.
 SCAN_STEPS = 181

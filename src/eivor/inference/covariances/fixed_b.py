@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.kernel import Kernel
+from eivor.inference.covariances.kernel import Kernel
 
 #: Points of a quadrature, and where a kernel without an end is cut off.
 POINTS = 4001

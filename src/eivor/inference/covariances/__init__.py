@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from eivor.inference.bandwidth import (
+from eivor.inference.covariances.bandwidth import (
     AndrewsRule,
     Bandwidth,
     FixedBandwidth,
     NeweyWestRule,
     SquareRootRule,
 )
-from eivor.inference.covariance_estimators import (
+from eivor.inference.covariances.estimators import (
     DEFAULT,
     FLIGHT_DEFAULT,
     Classical,
@@ -26,8 +26,8 @@ from eivor.inference.covariance_estimators import (
     HeteroskedasticityRobust,
     Widest,
 )
-from eivor.inference.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
-from eivor.inference.kernel_covariance import KernelRobust
+from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
+from eivor.inference.covariances.kernel_covariance import KernelRobust
 
 __all__ = [
     "AndrewsRule",

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import UsageError
-from eivor.inference.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
+from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
 
 #: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).
 ANDREWS = {Bartlett: (1.1447, 1), Parzen: (2.6614, 2), QuadraticSpectral: (1.3221, 2)}

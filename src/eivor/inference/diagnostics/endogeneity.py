@@ -18,15 +18,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
-from eivor.inference.block_cosines import (
+from eivor.inference.diagnostics.block_cosines import (
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
     quadratic_form,
     unit_scale,
 )
+from eivor.inference.diagnostics.time_products import TimeProducts
 from eivor.inference.quantiles import chi_square_tail
-from eivor.inference.time_products import TimeProducts
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9

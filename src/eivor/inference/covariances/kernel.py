@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy import fft
 
 from eivor.errors import UsageError
 
@@ -165,6 +164,8 @@ def _from_spectrum(
     scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float
 ) -> Float[np.ndarray, "n n"]:
     """Autocovariances of all lags by FFT, padded so that they do not wrap around."""
+    from scipy import fft  # late: few ask for it
+
     count, unknowns = scores.shape
     if span <= 0.0:
         return scores.T @ scores

@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.block_cosines import (
+from eivor.inference.diagnostics.block_cosines import (
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
     quadratic_form,
     unit_scale,
 )
-from eivor.inference.time_products import TimeProducts
+from eivor.inference.diagnostics.time_products import TimeProducts
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Quantiles of the supremum of `eivor.inference.constancy` when the parameters are constant.
+"""Quantiles of the supremum of `eivor.inference.diagnostics.constancy` when the parameters are constant.
 
 From 100,000 draws of `simulated_suprema` for each number of parameters. Their standard error is below 1 %
 of the value at the tail .05, and about 3 % at .001.

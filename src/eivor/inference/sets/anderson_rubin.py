@@ -27,9 +27,15 @@ from jaxtyping import Float
 from scipy import special
 
 from eivor.errors import CollinearError, TooFewSamplesError
-from eivor.inference.confidence_region import ConfidenceRegion, Frame, Points, RegionShape, scanned_shadow
-from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.ellipse import hotelling_quantile
+from eivor.inference.sets.confidence_region import (
+    ConfidenceRegion,
+    Frame,
+    Points,
+    RegionShape,
+    scanned_shadow,
+)
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.sets.ellipse import hotelling_quantile
 
 #: Cosine averages B = RATE rows^(2/3) (Lazarus et al. 2018), and at least so many for each equation.
 AVERAGES_RATE = 0.4

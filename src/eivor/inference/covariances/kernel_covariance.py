@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.bandwidth import Bandwidth, NeweyWestRule
-from eivor.inference.covariance import CovariancePart, sandwich
-from eivor.inference.covariance_estimators import CovarianceEstimator
+from eivor.inference.covariances.bandwidth import Bandwidth, NeweyWestRule
+from eivor.inference.covariances.covariance import CovariancePart, sandwich
+from eivor.inference.covariances.estimators import CovarianceEstimator
+from eivor.inference.covariances.fixed_b import FixedBReference, fixed_b_reference
+from eivor.inference.covariances.kernel import Bartlett, Kernel, kernel_sum_covariance
 from eivor.inference.estimating_equation import EstimatingEquation
-from eivor.inference.fixed_b import FixedBReference, fixed_b_reference
-from eivor.inference.kernel import Bartlett, Kernel, kernel_sum_covariance
 
 
 @dataclass(frozen=True, slots=True)

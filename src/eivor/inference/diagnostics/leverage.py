@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from eivor.inference.block_cosines import unit_scale
+from eivor.inference.diagnostics.block_cosines import unit_scale
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""Resampling: blocks of a record, and what replicates say."""

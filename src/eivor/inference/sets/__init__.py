@@ -1,0 +1,1 @@
+"""Confidence sets: intervals, unions of them, regions, and the tests they invert."""
