@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 identified; 3 weak, provisional or refused (the numbers are printed all the "
     "same); 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written.\n\n"
-    "[bold]JSON[/bold] (schema eivor.identify/1): verdict and reasons; parameters and derived quantities, each "
-    "with value, unit, std_error, interval and its own verdict; diagnostics, findings and provenance."
+    "[bold]JSON[/bold] (schema eivor.identify/1): verdict and reasons; parameters and derived quantities, "
+    "each with value, unit, std_error, interval and its own verdict; diagnostics, findings and provenance."
 )
 
 

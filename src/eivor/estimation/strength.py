@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from jaxtyping import Float
 
 from eivor.errors import WeakInstrumentsWarning
 from eivor.estimation.moments import CrossMoments, Moments
@@ -17,6 +18,18 @@ from eivor.models.parameter import Parameter
 STRONG_FIRST_STAGE = 10.0
 
 
+def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
+    """Conditional first-stage F of each regressor; None when the moments do not tell.
+
+    Of compensated equations without the noise that instruments and regressors share, which is no strength.
+    """
+    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
+        return None
+    cross = moments.products[:, :-1]
+    shared = None if moments.noise is None else moments.noise[:, :-1]
+    return first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count, shared)
+
+
 def weak_instruments(
     moments: Moments, system: LinearSystem, parameters: tuple[Parameter, ...]
 ) -> tuple[Reason, ...]:
@@ -27,11 +40,9 @@ def weak_instruments(
     WeakInstrumentsWarning
         When a conditional first-stage F is below ten.
     """
-    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
+    strengths = first_stage_strengths(moments)
+    if strengths is None:
         return ()
-    cross = moments.products[:, :-1]
-    shared = None if moments.noise is None else moments.noise[:, :-1]
-    strengths = first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count, shared)
     weakest = int(np.argmin(strengths))
     if strengths[weakest] >= STRONG_FIRST_STAGE:
         return ()

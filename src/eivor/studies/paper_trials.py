@@ -18,8 +18,7 @@ from eivor.estimation import methods
 from eivor.estimation.method import Method
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.estimation.solve import solve_moments
-from eivor.estimation.strength import STRONG_FIRST_STAGE
-from eivor.inference.diagnostics.instrument_tests import first_stage_of_products
+from eivor.estimation.strength import STRONG_FIRST_STAGE, first_stage_strengths
 from eivor.models.column import lags
 from eivor.models.scenario import Intersample, Scenario, SimulatedRecord
 from eivor.models.simulation import simulate
@@ -281,11 +280,8 @@ def estimates(reading: Reading, signals: Signals) -> Estimates:
 
 def _weak(moments: Moments) -> bool:
     """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
-    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
-        return False
-    cross = moments.products[:, :-1]
-    strengths = first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count)
-    return bool(strengths.min() < STRONG_FIRST_STAGE)
+    strengths = first_stage_strengths(moments)
+    return strengths is not None and bool(strengths.min() < STRONG_FIRST_STAGE)
 
 
 def _known_by_variance(signals: Signals) -> Signals:
