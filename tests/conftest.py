@@ -18,6 +18,10 @@ if "eivor" in sys.modules:
 install_import_hook("eivor", "beartype.beartype")
 
 os.environ["MPLBACKEND"] = "Agg"
+# The matrices are small, and every processor runs tests: more threads would wait for each other. The
+# processes that run tests read this when they start.
+for library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{library}_NUM_THREADS", "1")
 
 settings.register_profile("default", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
