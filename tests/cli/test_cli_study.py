@@ -61,7 +61,9 @@ def test_table(eivor, file):
     assert "a [red]small[/red] one: 30 trials, seed 3" in run.out
     assert "truth: output_lag_1 = 0.5, input_lag_1 = 2" in run.out
     assert re.search(r"extended_iv +30 weak", run.out)
-    assert re.search(r"output_lag_1 +0\.\d+ ± \d.* \[\d+.*, 100\]", run.out)
+    assert re.search(r"output_lag_1 +0\.\d+ ± \d", run.out)
+    assert re.search(r"extended_iv, output_lag_1 +\d+\.\d % +\d+\.\d to \d+\.\d %", run.out)
+    assert "…" not in run.out
     assert run.out.count("together") == 2
     assert "…" not in run.out
     assert pl.read_parquet("small-study/trials.parquet").height == 30
@@ -83,6 +85,21 @@ def test_json(eivor, file, tmp_path):
     again = eivor("study", file, "--json", tmp_path / "found.json", "--out", tmp_path / "x")
     assert json.loads((tmp_path / "found.json").read_text(encoding="utf-8")) == document
     assert "together" in again.out
+
+
+def test_figures_lie_beside_the_trials(eivor, file):
+    run = eivor("study", file, "--workers", 1, "--figures")
+    assert (run.code, run.err) == (0, "")
+    folder = Path("small-study")
+    assert {path.name for path in folder.glob("*.*") if path.suffix in {".png", ".svg"}} == {
+        *("nrmse.png", "nrmse.svg", "coverage.png", "coverage.svg")
+    }
+    assert "a [red]small[/red] one" in (folder / "coverage.svg").read_text(encoding="utf-8")
+    # The study goes on in a folder with pictures; without intervals there is no coverage to draw.
+    assert eivor("study", file, "--workers", 1, "--runs", 31, "--figures").code == 0
+    file.write_text(STUDY.replace("intervals = true", ""), encoding="utf-8")
+    assert eivor("study", file, "--workers", 1, "--out", "plain", "--figures").code == 0
+    assert {path.stem for path in Path("plain").glob("*.png")} == {"nrmse"}
 
 
 def test_failures_are_told(eivor, file):

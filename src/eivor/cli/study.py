@@ -12,7 +12,7 @@ import typer
 
 from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, output_file, writing
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.terminal import complain, console, show, write
+from eivor.cli.terminal import complain, console, show, step, write
 from eivor.errors import UsageError
 
 if TYPE_CHECKING:
@@ -64,6 +64,14 @@ def study(
             show_default=False,
         ),
     ] = "",
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Draw histograms of NRMSE and, with intervals, their coverage into the folder.",
+            show_default=False,
+        ),
+    ] = False,
     json: JsonOption = "",
 ) -> ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
@@ -88,6 +96,11 @@ def study(
         complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
         return ExitCode.INTERRUPTED
     found = scores(result)
+    if figures:
+        from eivor.report.study_pictures import write_study_figures
+
+        with step("Drawing the figures"), writing(folder):
+            write_study_figures(result)
     _tell(result, found, json)
     return ExitCode.FAILED if all(one.failed == one.trials for one in found) else ExitCode.IDENTIFIED
 
@@ -150,6 +163,7 @@ def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableTy
         Text(f"{printable(study.name)}: {study.runs} trials, seed {study.seed}", style="bold"),
         Text(f"truth: {truth}"),
         _table(found),
+        *((_coverage_table(found, study.level),) if study.intervals else ()),
     ]
     for one in found:
         if one.first_failure is not None:
@@ -164,17 +178,11 @@ def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableTy
 
 
 def _table(found: tuple[MethodScore, ...]) -> Table:
-    from rich import box
-    from rich.table import Table
     from rich.text import Text
 
     from eivor.studies.metrics import TOGETHER
 
-    covered = any(score.coverage for one in found for score in one.parameters)
-    titles = ("", "mean ± SD", "NRMSE, %", "bias", "RMSE", *(("covered, %",) if covered else ()))
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for title in titles:
-        table.add_column(title, justify="right" if title else "left", no_wrap=True)
+    table = _columns("", "mean ± SD", "NRMSE, %", "bias", "RMSE")
     for number, one in enumerate(found):
         if number:
             table.add_row()
@@ -182,12 +190,32 @@ def _table(found: tuple[MethodScore, ...]) -> Table:
         table.add_row(Text(one.label, style="bold"), ", ".join(notes))
         for score in one.parameters:
             cells = [f"  {score.name}", _pair(score.estimate, 4), _pair(score.nrmse, 3)]
-            cells += [f"{score.bias:.2g}", f"{score.rmse:.2g}"]
+            table.add_row(*cells, f"{score.bias:.2g}", f"{score.rmse:.2g}")
+        table.add_row(f"  {TOGETHER}", "", _pair(one.together, 3))
+    return table
+
+
+def _coverage_table(found: tuple[MethodScore, ...], level: float) -> Table:
+    """How often intervals held the truth: a row for each method and parameter."""
+    table = _columns(f"{100 * level:g} % intervals", "held the truth", "95 % range of this share")
+    for one in found:
+        for score in one.parameters:
             if score.coverage is not None:
                 low, high = score.coverage.bounds
-                cells.append(f"{100 * score.coverage.share:.3g} [{100 * low:.3g}, {100 * high:.3g}]")
-            table.add_row(*cells)
-        table.add_row(f"  {TOGETHER}", "", _pair(one.together, 3))
+                share = f"{100 * score.coverage.share:.1f} %"
+                table.add_row(f"{one.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %")
+    return table
+
+
+def _columns(first: str, *numbers: str) -> Table:
+    """Empty table: words that may be folded, and numbers that are never cut."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column(first, overflow="fold")
+    for title in numbers:
+        table.add_column(title, justify="right", no_wrap=True)
     return table
 
 
