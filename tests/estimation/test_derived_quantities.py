@@ -160,3 +160,24 @@ def test_ellipse_covers_jointly():
         config.update("jaxtyping_disable", False)
     low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], 600, 0.95)
     assert low <= inside <= high
+
+
+def test_bends_across_the_slope_are_seen():
+    """A valley: along its bottom the function is straight, across it is not."""
+    values, C = np.array([1.0, 0.0]), np.diag([0.04**2, 0.04**2])
+
+    def valley(v):
+        return float(v[0] + 50.0 * v[1] ** 2)
+
+    low, high = profile_interval(valley, values, C, 2.0)
+    around = np.linspace(0.0, 2.0 * np.pi, 20001)
+    reached = 1.0 + 0.08 * np.cos(around) + 50.0 * (0.08 * np.sin(around)) ** 2
+    assert high == pytest.approx(reached.max(), rel=1e-4)
+    assert low == pytest.approx(0.92, rel=1e-4)
+    fit = fit_of(0.5)
+    at = fit.parameters["b"]
+    assert ev.derived(fit, lambda p: p["a"] + 500.0 * (p["b"] - at) ** 2).profiled
+    flat = ev.derived(fit, lambda p: (p["b"] - at) ** 2)
+    low, high = fit.interval("b")
+    assert flat.profiled
+    assert flat.interval == pytest.approx((0.0, (0.5 * (high - low)) ** 2), rel=1e-6)

@@ -196,7 +196,7 @@ def test_frequency_rows_are_diagnosed_in_time():
     )
     assert found.first_stage.effective.min() > 10.0
     assert found.bands.high_hz[-1] == pytest.approx(50.0)
-    assert " s (sample" in found.when(0.5)
+    assert " s of the time used" in found.when(0.5)
     # whitened in a band of 5 Hz at 100 Hz: every tenth sample is all there is, and that is white
     assert abs(found.whiteness.durbin_watson - 2.0) < 0.3
     assert found.memory is None

@@ -104,6 +104,7 @@ def test_merge_is_associative_and_weighted_by_rows(name):
     assert a.merge(b).moments.rows == a.moments.rows + b.moments.rows
 
 
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")  # weak they are
 def test_an_estimate_from_moments_says_that_its_rows_are_gone():
     method, instruments = METHODS["generalized_iv"]
     fit = ev.identify(ev.moments([record()], model=MOTION, method=method, instruments=instruments), method)

@@ -11,8 +11,11 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.errors import UsageError
+from eivor.errors import EstimationError, UsageError
 from eivor.inference.covariances import TABLE
+from eivor.inference.verdict import Status
+from eivor.models.parameter import Parameter
+from eivor.models.regression import Regression, SampleRows
 from eivor.studies.scenario_file import shipped_scenario
 from reference import constants as truth
 
@@ -191,3 +194,91 @@ def test_covariances_that_cannot_be_are_refused(record):
         fit.with_covariance(cov.ClusteredByFlight()).interval("input_gain")
     with pytest.raises(UsageError, match="one cosine average or more; received 0"):
         cov.EqualWeightedCosines(0)
+
+
+def test_another_covariance_is_refused_where_rows_are_gone(record):
+    found = ev.identify_chunks(
+        chunks_of(record, 500),
+        model=MOTION,
+        method=ev.methods.generalized_iv(),
+        instruments=ev.lags("input", 0, 5),
+    )
+    with pytest.raises(EstimationError, match="for another covariance; received one from chunks"):
+        found.with_covariance(cov.Classical())
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_chunks_tell_weak_instruments_too():
+    scenario = replace(shipped_scenario("white"), samples=2000)
+    white = ev.simulate(scenario, np.random.default_rng(3)).signals
+    method, instruments = ev.methods.extended_iv(), ev.lags("input", 1, 5)
+    whole = ev.identify(MOTION.regression(white, instruments), method)
+    chunked = ev.identify_chunks(chunks_of(white, 300), model=MOTION, method=method, instruments=instruments)
+    assert whole.status == chunked.status == Status.WEAK
+
+
+@pytest.mark.parametrize("kernel", [cov.Bartlett(), cov.Parzen(), cov.QuadraticSpectral()])
+def test_no_bandwidth_beyond_the_record_makes_intervals_shorter(record, kernel):
+    fit = ev.identify(MOTION.regression(record), ev.methods.least_squares())
+    widths = []
+    for lags in (record.sample_count - 1, 10 * record.sample_count):
+        low, high = fit.with_covariance(cov.KernelRobust(kernel, cov.FixedBandwidth(lags))).interval(
+            "input_gain"
+        )
+        widths.append(high - low)
+    assert widths[1] == pytest.approx(widths[0])
+
+
+def test_fractional_bandwidths_count_every_lag_within_their_span():
+    """Alternating scores: leaving out the last lag would make the variance negative."""
+    signs = (-1.0) ** np.arange(60)
+    response = 1.0 + signs + 0.05 * np.random.default_rng(0).standard_normal(60)
+    fit = ev.identify(
+        ev.regression(response=response, regressors=np.ones((60, 1))), ev.methods.least_squares()
+    )
+    for lags in np.linspace(0.0, 6.0, 25):
+        chosen = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(float(lags)), fixed_b=False)
+        assert fit.with_covariance(chosen).covariance[0, 0] > 0.0
+
+
+def test_clusters_of_compensated_equations_have_their_constant():
+    """Flights of unequal length: what noise adds on average must not pass for a difference between them."""
+    rng = np.random.default_rng(1)
+    lengths = rng.integers(20, 400, 40)
+    flights = np.repeat(np.arange(40), lengths)
+    x, noise = rng.standard_normal((2, flights.size))
+    noisy = x + 0.8 * noise
+    response = 0.7 * x + 0.3 * rng.standard_normal(flights.size)
+    problem = Regression(
+        response,
+        noisy[:, None],
+        noisy[:, None],
+        (Parameter("a"),),
+        SampleRows(flights),
+        instrument_noise=np.array([[0.64, 0.0]]),
+    )
+    fit = ev.identify(problem, ev.methods.generalized_iv())
+    robust, clustered = (
+        fit.with_covariance(one).std_error("a")
+        for one in (cov.HeteroskedasticityRobust(), cov.ClusteredByFlight())
+    )
+    # Forty clusters tell a standard error to 11 %.
+    assert clustered == pytest.approx(robust, rel=0.45)
+
+
+def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):
+    fit = ev.identify(MOTION.regression(record), ev.methods.least_squares())
+    wide = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(900))
+    for chosen in (wide, cov.Widest((cov.Classical(), cov.EqualWeightedCosines(3)))):
+        found = fit.with_covariance(chosen)
+        bounds = found.ellipse("viscous_friction", "input_gain").bounds
+        low, high = found.interval("input_gain")
+        assert bounds[1][0] < low < high < bounds[1][1]
+
+
+def test_short_records_have_fewer_averages():
+    rng = np.random.default_rng(2)
+    for count in (4, 6, 40):
+        problem = ev.regression(response=rng.standard_normal(count), regressors=np.ones((count, 1)))
+        fit = ev.identify(problem, ev.methods.least_squares())
+        assert fit.best.covariance.parts[0].degrees == min(8, count - 1)

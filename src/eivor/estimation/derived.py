@@ -20,7 +20,7 @@ from eivor.inference.covariances.covariance import CovariancePart
 from eivor.inference.quantiles import t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.fieller import fieller_set
-from eivor.inference.sets.profile import gradient_of, profile_interval
+from eivor.inference.sets.profile import gradient_of, principal_axes, profile_interval
 
 #: Share of the half-width by which a function may bend before it is profiled.
 LARGEST_BEND = 0.05
@@ -41,7 +41,8 @@ class DerivedQuantity:
     interval : tuple of float
         Lowest and highest value.
     bend : float
-        Largest departure from linear at the interval's ends, as a share of the half-width.
+        Largest departure from linear where the interval ends and at the ends of the ellipsoid's axes, as a
+        share of the half-width; infinite for a function without a slope.
     profiled : bool
         Whether the interval follows the bend; by the delta method when not.
     """
@@ -87,7 +88,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     scale = np.sqrt(np.diag(best.covariance.matrix))
     error = best.covariance.std_error(gradient_of(of_vector, best.values, scale))
     value, bend = of_vector(best.values), max(piece.bend for piece in pieces)
-    if not all(math.isfinite(number) for number in (value, error, bend, *interval)):
+    if math.isnan(bend) or not all(math.isfinite(number) for number in (value, error, *interval)):
         raise UsageError(
             "a function that is finite within the interval",
             f"{value} with the interval {interval}",
@@ -154,11 +155,15 @@ def _of_part(
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
     error = math.sqrt(part.variance(gradient))
     centre, half = function(values), t * error
-    if half == 0.0:
-        return DerivedQuantity(centre, 0.0, (centre, centre), 0.0, profiled=False)
-    furthest = t * part.matrix @ gradient / error
-    ends = function(values - furthest), function(values + furthest)
-    bend = max(abs(ends[0] - (centre - half)), abs(ends[1] - (centre + half))) / half
+    axes = list(principal_axes(part.matrix, t).T)
+    if half > 0.0:
+        axes.append(t * part.matrix @ gradient / error)
+    away = max(
+        abs(function(values + sign * axis) - centre - sign * float(gradient @ axis))
+        for axis in axes
+        for sign in (-1.0, 1.0)
+    )
+    bend = away / half if half > 0.0 else (0.0 if away == 0.0 else math.inf)
     if bend <= LARGEST_BEND:
         return DerivedQuantity(centre, error, (centre - half, centre + half), bend, profiled=False)
     interval = profile_interval(function, values, part.matrix, t)

@@ -25,6 +25,7 @@ from eivor.inference.diagnostics.residual_memory import residual_memory
 from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness, residual_whiteness
 from eivor.inference.diagnostics.time_products import block_edges
 from eivor.inference.verdict import Reason
+from eivor.models.signal_regression import SignalRegression
 from eivor.signals.long_memory import LongMemory
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 #: Segments that are left out one at a time.
 SEGMENTS = 10
+#: A residual below this share of the terms of its equation is rounding.
+ROUNDING = 1e-13
 
 
 def diagnose(estimate: Estimate) -> Diagnostics:
@@ -143,8 +146,11 @@ class Diagnostics:
 
     @cached_property
     def leverage(self) -> SegmentLeverage | None:
-        """What leaving out each of ten segments of equal length does; None for too few samples."""
-        if self._record.products.counts.size < 2 * SEGMENTS:
+        """What leaving out each of ten segments of equal length does.
+
+        None for too few samples, or for a residual that is nothing but rounding.
+        """
+        if self._record.products.counts.size < 2 * SEGMENTS or self._fits_exactly:
             return None
         std_errors = np.array([self.estimate.std_error(name) for name in self.names])
         starts = block_edges(self._record.products.counts.size, SEGMENTS)[:-1]
@@ -162,10 +168,23 @@ class Diagnostics:
         return tuple((int(a), int(b)) for a, b in pairwise(ends))
 
     def when(self, share: float) -> str:
-        """Where a share of the record is, in samples, and in seconds when the rate is known."""
-        sample = round(share * self._record.residual.size)
-        step_s = self._record.step_s
-        return f"sample {sample}" if step_s is None else f"{sample * step_s:.4g} s (sample {sample})"
+        """Where a share of the rows is: in seconds and samples of a record, else in rows."""
+        return self.at_row(round(share * self._record.residual.size))
+
+    def at_row(self, row: int) -> str:
+        """Where a row is: in seconds and samples of a record, gaps and first lags counted, else as it is."""
+        problem = self.solved.problem
+        if not isinstance(problem, SignalRegression):
+            step_s = self._record.step_s
+            return f"row {row}" if step_s is None else f"{row * step_s:.4g} s of the time used"
+        used = problem.used
+        beyond = row
+        if used is not None:
+            places = np.append(np.flatnonzero(used), used.size)
+            beyond = int(places[min(row, places.size - 1)])
+        sample, signals = problem.first + beyond, problem.signals
+        time = signals.start_s + sample * signals.step_s
+        return f"{time:.4g} s (sample {signals.offset + sample})"
 
     @cached_property
     def reasons(self) -> tuple[Reason, ...]:
@@ -198,6 +217,13 @@ class Diagnostics:
     @property
     def _instrumental(self) -> bool:
         return self.solved.method.assembler.needs_instruments
+
+    @property
+    def _fits_exactly(self) -> bool:
+        record = self._record
+        parts = zip(record.factors, record.columns, strict=True)
+        size = sum((abs(factor) * float(np.abs(one).max()) for factor, one in parts), start=0.0)
+        return float(np.abs(record.residual).max()) <= ROUNDING * size
 
     @property
     def _too_short(self) -> bool:

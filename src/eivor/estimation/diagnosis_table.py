@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -54,7 +55,9 @@ def _excitation_rows(found: Diagnostics) -> list[Row]:
     bands = found.bands
     linear = found.names[: bands.share_above.size]
     rows.extend(
-        ("power_above", name, float(s), None) for name, s in zip(linear, bands.share_above, strict=True)
+        ("power_above", name, float(share), None)
+        for name, share in zip(linear, bands.share_above, strict=True)
+        if not math.isnan(share)
     )
     for b, (low, high) in enumerate(zip(bands.low_hz, bands.high_hz, strict=True)):
         for j, name in enumerate(linear):
@@ -74,7 +77,8 @@ def _record_rows(found: Diagnostics) -> list[Row]:
     if leverage is not None:
         for j, name in enumerate(found.names):
             first, end = found.segments[leverage.most[j]]
-            rows.append(("leverage", f"{name}, samples {first} to {end}", float(leverage.largest[j]), 1.0))
+            where = f"{name}, {found.at_row(first)} to {found.at_row(end)}"
+            rows.append(("leverage", where, float(leverage.largest[j]), 1.0))
     return rows
 
 
@@ -101,8 +105,11 @@ def summary_of(found: Diagnostics) -> str:
         f"information          {found.information.condition:>10.4g}  condition; worst: "
         f"{found.information.worst(found.names)}"
     )
-    for name, share in zip(found.names, found.bands.share_above, strict=False):
-        lines.append(f"power above residual {share:>10.0%}  {name}")
+    lines.extend(
+        f"power above residual {share:>10.0%}  {name}"
+        for name, share in zip(found.names, found.bands.share_above, strict=False)
+        if not math.isnan(share)
+    )
     constant, leverage = found.constancy, found.leverage
     if constant is not None:
         likely = f"p-value {constant.p_value:.3g}, a change most likely at {found.when(constant.break_at)}"
@@ -110,7 +117,7 @@ def summary_of(found: Diagnostics) -> str:
     if leverage is not None:
         for j, name in enumerate(found.names):
             first, end = found.segments[leverage.most[j]]
-            of = f"standard errors of {name}, samples {first} to {end}"
+            of = f"standard errors of {name}, {found.at_row(first)} to {found.at_row(end)}"
             lines.append(f"largest leverage     {leverage.largest[j]:>+10.2f}  {of}")
     lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in found.reasons)
     return "\n".join(lines)

@@ -109,7 +109,7 @@ def _moment_parts(
         residual = block.response - block.regressors @ theta
         scores = test * residual[:, None]
         scores += combined
-        return EquationRows(test, residual, scores, block.flights)
+        return EquationRows(test, residual, scores, block.flights, combined)
 
     return count * (A.T @ WA), rows_of
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import UsageError
+from eivor.errors import EstimationError, UsageError
 from eivor.estimation.candidate import Candidate
 from eivor.inference.covariances.estimators import CovarianceEstimator
 from eivor.inference.quantiles import chi_square_quantile
@@ -119,12 +119,25 @@ class Estimate:
         ----------
         estimator : CovarianceEstimator
             One of `eivor.covariances`.
+
+        Raises
+        ------
+        EstimationError
+            For an estimate whose rows are not at hand.
         """
+        if any(one.solved is None for one in self.candidates):
+            raise EstimationError(
+                "an estimate with its rows at hand, for another covariance",
+                "one from chunks or moments, which keeps no rows",
+                "Name the covariance when you identify: identify_chunks(..., covariance=...).",
+            )
         candidates = tuple(replace(one, covariance_estimator=estimator) for one in self.candidates)
         return replace(self, candidates=candidates)
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
         """Joint confidence region of two parameters at the best delay.
+
+        Of several covariances, the one whose region is largest.
 
         Raises
         ------
@@ -135,8 +148,11 @@ class Estimate:
         if name == other:
             raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
         pair = np.stack([self.direction(name), self.direction(other)])
-        degrees = self.best.covariance.parts[0].degrees
-        return joint_ellipse(self.best.values, self.covariance, pair, level=level, degrees=degrees)
+        ellipses = [
+            joint_ellipse(self.best.values, part.matrix / part.share, pair, level=level, degrees=part.degrees)
+            for part in self.best.covariance.parts
+        ]
+        return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
         """Largest of the standard errors at the best delay."""

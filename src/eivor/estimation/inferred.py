@@ -157,5 +157,5 @@ def _equation(solved: Solved, constant: Float[np.ndarray, " p"]) -> EstimatingEq
     )
     whole = equation.rows
     scores = layout.scores(whole.test, whole.residual)
-    rows = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row)
+    rows = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row, whole.constant)
     return EstimatingEquation(equation.sensitivity, scores.shape[0], lambda: [rows])

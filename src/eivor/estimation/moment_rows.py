@@ -61,7 +61,7 @@ class MomentRows:
             column = self.columns[:, j + 1]
             for i in range(self.test.shape[1]):
                 exact = not (self.noise[i].any() or self.noise[:, j + 1].any())
-                if exact and np.array_equal(column, self.test[:, i]):
+                if exact and column.any() and np.array_equal(column, self.test[:, i]):
                     found[j] = i
                     break
         return found

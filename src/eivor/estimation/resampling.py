@@ -66,7 +66,8 @@ def bootstrap(
     Notes
     -----
     A replicate is the sum of its blocks' moments, made once in a pass over the rows. It costs as much as
-    there are blocks, N^(2/3) for N rows, and one solution of the method's equations. The noise that
+    there are blocks (many short ones where scores are white, some N^(2/3) where they are not), and one
+    solution of the method's equations. The noise that
     compensated methods subtract, C and c, is the declared one in every replicate; so is a weight that is
     made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
     """
@@ -187,8 +188,12 @@ def _length(
     count = rows.response.size
     if wanted is None:
         return automatic_block_length(_influence(rows, method, solved), scheme)
-    if not 1 <= wanted <= count:
-        raise UsageError(f"a block length from 1 to {count} rows", f"{wanted}", "Choose another.")
+    if not 1 <= wanted <= count // 2:
+        raise UsageError(
+            f"a block length from 1 to {count // 2} rows, half of what there is",
+            f"{wanted}",
+            "Choose another.",
+        )
     return float(wanted)
 
 

@@ -89,7 +89,7 @@ def moments(
     """
     total: Moments | None = None
     problem: SignalRegression | None = None
-    own = method.weighting.needs_instrument_products
+    own = method.assembler.needs_instruments  # for their strength, and for weightings that need them
     for problem in chunk_problems(chunks, model=model, instruments=instruments):
         found = method.assembler.moments(problem, instrument_products=own)
         total = found if total is None else total.merge(found)

@@ -32,12 +32,15 @@ class EquationRows:
         Terms of the equation in time order; as many as rows when rows are samples.
     flight_of_row : ndarray of int, shape (rows,)
         Flight of each row.
+    constant : ndarray, shape (n,), optional
+        What each row's score has beside p_t e_t; none unless the equations are compensated.
     """
 
     test: Float[np.ndarray, "rows n"]
     residual: Float[np.ndarray, " rows"]
     scores: Float[np.ndarray, "samples n"]
     flight_of_row: Int[np.ndarray, " rows"]
+    constant: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,7 @@ class EstimatingEquation:
             np.concatenate([part.residual for part in parts]),
             np.concatenate([part.scores for part in parts]),
             np.concatenate([part.flight_of_row for part in parts]),
+            parts[0].constant,
         )
 
     @property

@@ -60,7 +60,11 @@ class CovarianceEstimator(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Classical(CovarianceEstimator):
-    """V = s^2 P'P: residuals are white and all of one variance."""
+    """V = s^2 P'P: residuals are white, all of one variance, and independent of the test functions.
+
+    Those of compensated equations are not: there the instruments share noise with the residual, and this
+    covariance is too small.
+    """
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n^2)."""
@@ -95,7 +99,8 @@ class EqualWeightedCosines(CovarianceEstimator):
     ----------
     averages : int
         B, number of averages and degrees of freedom. The default of 8 sees correlation up to about an
-        eighth of the record's length; more give shorter intervals that see less.
+        eighth of the record's length; more give shorter intervals that see less. A record has no more of
+        them than scores beyond its unknowns.
 
     Raises
     ------
@@ -112,9 +117,11 @@ class EqualWeightedCosines(CovarianceEstimator):
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n B)."""
         scores = (rows.scores for rows in equation.blocks())
-        meat = cosine_covariance(scores, equation.sample_count, self.averages)
+        count, unknowns = equation.sample_count, equation.sensitivity.shape[0]
+        averages = max(min(self.averages, count - unknowns), 1)
+        meat = cosine_covariance(scores, count, averages)
         matrix = sandwich(equation.sensitivity, meat)
-        return (CovariancePart("equal_weighted_cosines", matrix, float(self.averages)),)
+        return (CovariancePart("equal_weighted_cosines", matrix, float(averages)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +142,10 @@ class ClusteredByFlight(CovarianceEstimator):
         for rows in equation.blocks():
             for flight in np.unique(rows.flight_of_row):
                 here = rows.flight_of_row == flight
-                sums[int(flight)] = sums.get(int(flight), 0.0) + rows.test[here].T @ rows.residual[here]
+                total = rows.test[here].T @ rows.residual[here]
+                if rows.constant is not None:
+                    total = total + int(here.sum()) * rows.constant
+                sums[int(flight)] = sums.get(int(flight), 0.0) + total
         flights = len(sums)
         if flights < max(self.least_flights, 2):
             return ()

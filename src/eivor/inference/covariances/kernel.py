@@ -124,7 +124,8 @@ def kernel_sum_covariance(
     needs all scores at once, and takes their autocovariances by FFT; O(n^2 count log(count)).
     """
     if kernel.ends:
-        return _from_blocks(blocks, kernel, min(int(bandwidth), count - 1), kernel.span(bandwidth))
+        span = kernel.span(bandwidth)
+        return _from_blocks(blocks, kernel, min(int(np.ceil(span)) - 1, count - 1), span)
     return _from_spectrum(np.concatenate(list(blocks)), kernel, kernel.span(bandwidth))
 
 

@@ -43,11 +43,12 @@ class KernelRobust(CovarianceEstimator):
             return (rows.scores for rows in equation.blocks())
 
         count = equation.sample_count
-        lags = self.bandwidth.lags(blocks, count, self.kernel)
+        # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
+        lags = min(self.bandwidth.lags(blocks, count, self.kernel), count - 1.0)
         meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
         matrix = sandwich(equation.sensitivity, meat)
         reference = FixedBReference(math.inf, 1.0)
         span = self.kernel.span(lags)
         if self.fixed_b and lags > 0.0:
-            reference = fixed_b_reference(self.kernel, min(span / count, 1.0))
+            reference = fixed_b_reference(self.kernel, span / count)
         return (CovariancePart(self.kernel.name, matrix, reference.degrees, reference.share),)

@@ -14,6 +14,8 @@ from jaxtyping import Float
 
 from eivor.inference.diagnostics.time_products import TimeProducts
 
+#: Variance below this share of a column's largest square is rounding: the column is constant.
+VANISHING = 1e-24
 #: Samples of a stretch whose spectrum is taken, how many stretches, and how many bands.
 STRETCH = 4096
 STRETCHES = 16
@@ -132,6 +134,9 @@ def band_power(
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
     bins = length // 2
     power = np.zeros((len(columns) + 1, bins))
+    squares = np.array(
+        [(factor * float(np.abs(one).max())) ** 2 for factor, one in zip(factors, columns, strict=True)]
+    )
     for start in np.linspace(0, residual.size - length, number).astype(np.int64):
         block = np.stack([series[start : start + length] for series in (*columns, residual)])
         block = (block - block.mean(axis=1, keepdims=True)) * window
@@ -152,5 +157,6 @@ def band_power(
         frequency[edges[1:] - 1],
         banded[:, :-1],
         banded[:, -1],
-        np.divide(above, total, out=np.zeros_like(total), where=total > 0.0),
+        # A constant column, or one without a part in the model, has no spectrum to compare.
+        np.divide(above, total, out=np.full_like(total, np.nan), where=total > VANISHING * squares),
     )

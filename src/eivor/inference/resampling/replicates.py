@@ -130,8 +130,9 @@ class Bootstrap:
         Raises
         ------
         UsageError
-            When there is no quantity of that name, the level is not between 0 and 1, or a studentised
-            interval is asked of replicates without standard errors.
+            When there is no quantity of that name, the level is not between 0 and 1 or needs more
+            replicates than there are, or a studentised interval is asked of replicates without standard
+            errors.
         """
         place = self._place(name)
         if not 0.0 < level < 1.0:
@@ -145,7 +146,20 @@ class Bootstrap:
 
 
 def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:
-    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p."""
+    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p.
+
+    Raises
+    ------
+    UsageError
+        When R is too small for such an order statistic to be there.
+    """
+    needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
+    if values.size < needed:
+        raise UsageError(
+            f"{needed} replicates or more for a level of {level:g}",
+            f"{values.size}",
+            "Draw more runs, or ask for a lower level.",
+        )
     low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
     return float(low), float(high)
 

@@ -277,6 +277,8 @@ def homoskedastic_region(
 
     Raises
     ------
+    TooFewSamplesError
+        When there are no more rows than instruments.
     CollinearError
         When nothing is left unexplained.
     """
@@ -288,6 +290,12 @@ def homoskedastic_region(
     residual = columns @ np.concatenate([[1.0], -pivot])
     left = residual - Q @ (Q.T @ residual)
     degrees = rows - p - partialled
+    if degrees < 1:
+        raise TooFewSamplesError(
+            f"more than {p + partialled} rows for as many instruments",
+            f"{rows}",
+            "Give a longer record.",
+        )
     variance = float(left @ left) / degrees
     if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
         raise _no_error()

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 #: Relative half-step of numerical derivatives, in half-widths.
 DIFFERENCE = 1e-3
-#: Accuracy of the ends, in half-widths of the delta method.
+#: Where the search for an end stops, in half-widths of the delta method.
 TOLERANCE = 1e-9
 
 Function = Callable[[Float[np.ndarray, " n"]], float]
@@ -53,30 +53,41 @@ def profile_interval(
     """
     from scipy.optimize import minimize
 
-    eigenvalues, vectors = np.linalg.eigh(covariance)
-    L = half_widths * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    L = principal_axes(covariance, half_widths)
     centre = function(values)
     slope = L.T @ gradient_of(function, values, half_widths * np.sqrt(np.diag(covariance)))
     size = float(np.linalg.norm(slope))
-    if size == 0.0:
-        size, start = 1.0, np.ones(values.size) / np.sqrt(values.size)
-    else:
-        start = slope / size
+    # A function may bend across its slope: each axis is a start of its own.
+    starts = [sign * unit for unit in np.eye(values.size) for sign in (-1.0, 1.0)]
+    if size > 0.0:
+        starts += [-slope / size, slope / size]
+    reach = max(abs(function(values + L @ w) - centre) for w in starts)
+    if reach == 0.0:
+        return centre, centre
     ends = []
     for sign in (-1.0, 1.0):
 
         def objective(w: Float[np.ndarray, " n"], sign: float = sign) -> float:
-            return -sign * (function(values + L @ w) - centre) / size
+            inside = w / max(1.0, float(np.linalg.norm(w)))  # a search may try what lies outside
+            return -sign * (function(values + L @ inside) - centre) / reach
 
-        # Strictly inside, where the boundary is no obstacle to the first line search.
-        found = minimize(
-            objective,
-            0.9 * sign * start,
-            method="SLSQP",
-            constraints={"type": "ineq", "fun": lambda w: 1.0 - w @ w, "jac": lambda w: -2.0 * w},
-            options={"ftol": TOLERANCE, "maxiter": 200},
-        )
-        reached = found.x / max(1.0, float(np.linalg.norm(found.x)))
-        ends.append(max((reached, sign * start), key=lambda w: -objective(w)))
-    low, high = (function(values + L @ w) for w in ends)
-    return min(low, centre), max(high, centre)
+        found = list(starts)
+        for start in starts:
+            # Strictly inside, where the boundary is no obstacle to the first line search.
+            climbed = minimize(
+                objective,
+                0.9 * start,
+                method="SLSQP",
+                constraints={"type": "ineq", "fun": lambda w: 1.0 - w @ w, "jac": lambda w: -2.0 * w},
+                options={"ftol": TOLERANCE, "maxiter": 200},
+            )
+            found.append(climbed.x / max(1.0, float(np.linalg.norm(climbed.x))))
+        ends.append(function(values + L @ min(found, key=objective)))
+    return min(*ends, centre), max(*ends, centre)
+
+
+def principal_axes(covariance: Float[np.ndarray, "n n"], half_widths: float) -> Float[np.ndarray, "n n"]:
+    """Vectors (columns) from the middle of the ellipsoid of `half_widths` standard errors to its ends."""
+    eigenvalues, vectors = np.linalg.eigh(covariance)
+    axes: Float[np.ndarray, "n n"] = half_widths * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    return axes
