@@ -16,7 +16,7 @@ from eivor.flights.rule import (
     hover_reasons,
     lag_reasons,
 )
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Status, verdict
 
 # What is judged is passed in pieces, not as whole estimates.
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
@@ -235,3 +235,11 @@ def test_every_ground_says_what_to_do():
         ]
         assert len(reasons) >= 10
         assert all(reason.remedy.endswith(".") and reason.sentence.endswith(".") for reason in reasons)
+
+
+def test_signs_and_units_speak_against_the_flight():
+    found = quantities(input_gain=quantity(-40.0, 1.0))
+    assert verdict(friction_reasons(estimate(), found, circumstances())).status is Status.REFUSED
+    for value, wanted in ((20.0, Status.WEAK), (4.0, Status.IDENTIFIED), (-9.5, Status.WEAK)):
+        found = quantities(intercept=quantity(value, 0.5))
+        assert verdict(friction_reasons(estimate(), found, circumstances())).status is wanted

@@ -171,9 +171,15 @@ def test_instruments_are_what_the_vehicle_does_not_answer():
             SUITE.replace("rich-high", "rich-hihg"),
             "names out of arch, .*, or files at scenarios .*; received 'rich-hihg'",
         ),
-        (SUITE.replace("[500]", "[500.5]"), "whole numbers at samples of suite.toml; received 500.5"),
+        (
+            SUITE.replace("[500]", "[500.5]"),
+            "whole numbers up to 50000000 at samples of suite.toml; received 500.5",
+        ),
         (SUITE.replace('"classical"', '"clasical"'), "Did you mean 'classical'"),
         (SUITE + "\nextra = 1\n", "extra"),
+        (SUITE.replace("[500]", "[]"), "one length or more"),
+        (SUITE.replace("[500]", "[500, 500]"), "each once"),
+        (SUITE.replace("[500]", "[1e12]"), "up to 50000000"),
         (SUITE.replace("runs = {runs}", "runs = 0"), "runs from 1"),
     ],
 )

@@ -220,13 +220,13 @@ class Estimate:
             return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])
         lines = [
             f"{self.method}",
-            f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>26}  unit",
+            f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit",
         ]
         for parameter in self.joint_parameters:
             low, high = self.interval(parameter.name)
             lines.append(
                 f"{parameter.name:<20}{self.parameters[parameter.name]:>12.5g}"
-                f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>26}  {parameter.unit}"
+                f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>30}  {parameter.unit}"
             )
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

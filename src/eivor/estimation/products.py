@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import NonFiniteError, TooFewSamplesError
+from eivor.errors import InstrumentError, NonFiniteError, TooFewSamplesError
 from eivor.estimation.block_products import BlockProducts, block_products
 from eivor.estimation.lagged_products import FOLD, folded_products, successive_lags, unfolded
 from eivor.linalg.triangular import merged_roots, triangular_root
@@ -67,9 +67,17 @@ def mean_cross_products(problem: LinearProblem, *, instruments: bool, own: bool)
 
     Raises
     ------
+    InstrumentError
+        When there are no instruments to multiply with.
     NonFiniteError
         When a product is not finite.
     """
+    if instruments and not problem.instrument_count:
+        raise InstrumentError(
+            "instruments",
+            "a problem without any",
+            'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).',
+        )
     if isinstance(problem, SignalRegression):
         found = _of_signals(problem, instruments=instruments, own=own)
     else:

@@ -158,3 +158,10 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
             f"a chunk of {chunk.rate_hz:g} Hz with {', '.join(sorted(chunk.channels))}",
             "Give the chunks of one record in their order.",
         )
+    expected = before.offset + before.sample_count
+    if chunk.offset not in (0, expected):
+        raise UsageError(
+            f"a chunk that begins where the one before it ends, at sample {expected}",
+            f"one that says it begins at sample {chunk.offset}",
+            "Give every chunk, in order; mark samples that are missing as not valid.",
+        )

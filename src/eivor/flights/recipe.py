@@ -24,7 +24,7 @@ from eivor.models.input_map import input_map
 from eivor.models.instruments import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.models.vertical import VerticalMotion
 from eivor.models.vertical_flights import VerticalFlights
-from eivor.signals.recording import Recording
+from eivor.signals.recording import CANONICAL_UNITS, Recording
 
 #: What a row of a pool or of a comparison shows.
 ROW_QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
@@ -65,6 +65,12 @@ def identify_flight(
         When the flights are of vehicles with different input maps or parameters.
     """
     logs = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not all(isinstance(log, Recording) for log in logs):
+        raise UsageError(
+            "recordings",
+            ", ".join(sorted({type(log).__name__ for log in logs})),
+            'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).',
+        )
     if not logs:
         raise UsageError("at least one recording", "none", "Give one or several.")
     chosen = options or FlightOptions()
@@ -191,6 +197,7 @@ def _instruments(
         shared = [name for name in flying[0].usable_references if _serves_all(name, flying)]
         rule = LaggedReferences(tuple(shared)) if shared else NoInstruments()
         exogenous = not any(contains_feedback(flight) for flight in flying)
+        exogenous = exogenous and not any(_answers(name) for name in shared)
         if not shared:
             missing, constant = _why_no_reference(flying)
     variation, speed = _excitation(flying)
@@ -205,6 +212,13 @@ def _instruments(
         input_variation=variation,
         velocity_std=speed,
     )
+
+
+def _answers(name: str) -> bool:
+    """Whether a channel is one of the vehicle itself: its state, or the command that answers the state."""
+    if name.startswith(("reference_", "pilot_")):
+        return False
+    return name in CANONICAL_UNITS or f"{name.rstrip('0123456789')}*" in CANONICAL_UNITS
 
 
 def _excitation(flying: tuple[PreparedFlight, ...]) -> tuple[float, float]:

@@ -3,11 +3,11 @@
 On the viscous friction K, which is the overall verdict:
 
 * refused: no reference varies, a conditional first-stage F is below 10, or K cannot be told from zero
-  (K <= 0, or an interval that reaches zero);
+  (K <= 0, or an interval that reaches zero), or the input gain is not positive;
 * provisional: no exogenous reference, so that a direct method had to serve;
 * identified: K's half-width <= K/2, the lag's <= 0.1 s, the lag below the top of its grid, J's p-value
-  >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more, and
-  instruments that contain no feedback;
+  >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more,
+  instruments that contain no feedback, and an intercept that is not clearly beyond 5 m/s^2;
 * weak otherwise.
 
 The gain, the hover input and the lag have verdicts of their own.
@@ -34,6 +34,7 @@ J_P_VALUE = 0.001
 COMMAND_RATE_HZ = 45.0
 GAIN_RATE_HZ = 20.0
 LARGE_POOL = 10
+LARGE_INTERCEPT = 5.0
 
 FLY = (
     "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
@@ -120,6 +121,7 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
             )
         )
     reasons.extend(_rough_lag_reasons(estimate, quantities))
+    reasons.extend(_unit_reasons(quantities))
     p_value = estimate.best.inference.over_identification[1]
     if p_value < J_P_VALUE and at.flights < LARGE_POOL:
         reasons.append(
@@ -137,6 +139,29 @@ def friction_reasons(estimate: Estimate, quantities: dict[str, Quantity], at: Ci
                 f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
                 "intervals do not hold.",
                 "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def _unit_reasons(quantities: dict[str, Quantity]) -> list[Reason]:
+    """Grounds that speak of signs and units: a gain that pulls down, an intercept that no sensor has."""
+    reasons = []
+    if quantities["input_gain"].value <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
+                "Check the frame (z up, or NED), the input's sign and its map.",
+            )
+        )
+    intercept = quantities.get("intercept")
+    if intercept is not None and abs(intercept.value) - intercept.half_width > LARGE_INTERCEPT:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The intercept is {intercept.value:.1f} m/s^2, far beyond the bias of an accelerometer.",
+                "Check the units and signs of velocity and acceleration, the clock, and the input map.",
             )
         )
     return reasons

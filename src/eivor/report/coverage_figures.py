@@ -87,6 +87,8 @@ def coverage_figure(
     for edge in range(1, len(groups)):
         axes.axhline(edge - 0.5, color=GREY, lw=0.4, alpha=0.5)
     axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
+    for text in axes.get_yticklabels():
+        text.set_parse_math(False)
     axes.set_ylim(len(groups) - 0.5, -0.5)
     axes.set_xlim(min(_lowest(drawn), 100 * nominal - 2.0) - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")

@@ -282,6 +282,8 @@ def _panel(axes: Axes, rows: Sequence[ShownInterval], labels: Sequence[str], tru
         axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
         legend(axes, size=7)
     axes.set_yticks(range(len(rows)), [printable(row.label) for row in rows], fontsize=9)
+    for text in axes.get_yticklabels():
+        text.set_parse_math(False)
     axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
     axes.tick_params(axis="x", labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(5))

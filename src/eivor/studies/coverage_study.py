@@ -4,7 +4,9 @@
 
 runs the suite that comes with the package, or another one, and prints its tables. `--from FILE.parquet`
 makes them anew from a finished run. Trials are kept in `--folder` as they are done, and a run that was
-interrupted goes on there. The exit code is 0 when every requirement is met, 3 when one is not.
+interrupted goes on there. The method with the label "default" is judged. The exit code is 0 when every
+requirement is met (by few runs: as far as they can tell), 3 when one is not, 2 for an input that cannot be
+used.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from pathlib import Path
 
 import polars as pl
 
-from eivor.errors import EivorError
+from eivor.errors import EivorError, InputError, UsageError
 from eivor.studies.coverage_page import PART, coverage_tables
 from eivor.studies.coverage_requirements import requirements
 from eivor.studies.coverage_table import coverage_rows, read_coverage, write_coverage
@@ -84,6 +86,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
+    page = _page(chosen.page) if chosen.page else ""
+    if chosen.workers < 1:
+        raise UsageError(
+            "one worker or more", f"--workers {chosen.workers}", "Leave it out to use every core."
+        )
+    if chosen.out and not chosen.out.parent.is_dir():
+        raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
     if chosen.source:
         rows = read_coverage(chosen.source)
     else:
@@ -97,10 +106,25 @@ def _run(chosen: argparse.Namespace) -> int:
         write_coverage(rows, chosen.out)
     tables = coverage_tables(rows)
     if chosen.page:
-        page = page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables})
-        chosen.page.write_text(page, encoding="utf-8")
+        chosen.page.write_text(page_with(page, {PART: tables}), encoding="utf-8")
     sys.stdout.write(tables + "\n")
     return 0 if all(item.met for item in requirements(rows)) else NOT_MET
+
+
+def _page(path: Path) -> str:
+    """Text of a page that has the marks, read before anything is run.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or has no marks.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    page_with(text, {PART: ""})
+    return text
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from pathlib import Path
 from eivor.errors import EivorError
 from eivor.models.scenario import Scenario
 from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.scenario_file import read_scenario, shipped_scenario, shipped_scenarios
+from eivor.studies.scenario_file import MOST_SAMPLES, read_scenario, shipped_scenario, shipped_scenarios
 from eivor.studies.study import Study
 from eivor.studies.study_file import method_choice
 from eivor.studies.toml_table import TomlTable, read_toml
@@ -85,6 +85,10 @@ def read_suite(path: Path) -> Suite:
     scenarios = {word: _scenario(top, word, path.parent) for word in top.texts("scenarios")}
     tables = top.sections("methods")
     top.finish()
+    if not lengths or not scenarios or len(set(lengths)) < len(lengths):
+        raise top.wrong(
+            "", "one scenario or more, and one length or more, each once", f"{lengths} of {list(scenarios)}"
+        )
     studies = []
     for samples in lengths:
         for word, scenario in scenarios.items():
@@ -107,8 +111,8 @@ def coverage_suite() -> Suite:
 
 
 def _length(top: TomlTable, value: float) -> int:
-    if value != int(value):
-        raise top.wrong("samples", "whole numbers", f"{value}")
+    if value != int(value) or not 1 <= value <= MOST_SAMPLES:
+        raise top.wrong("samples", f"whole numbers up to {MOST_SAMPLES}", f"{value:g}")
     return int(value)
 
 

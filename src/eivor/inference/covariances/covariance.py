@@ -47,6 +47,8 @@ class CovariancePart:
         self, direction: Float[np.ndarray, " n"], level: float, extra_variance: float = 0.0
     ) -> float:
         """Half-width of the interval for ``direction @ estimates``."""
+        if self.degrees <= 0.0:
+            return math.inf
         quantile = t_quantile(level, self.degrees)
         return quantile * math.sqrt((self.variance(direction) + extra_variance) / self.share)
 

@@ -100,7 +100,7 @@ class EqualWeightedCosines(CovarianceEstimator):
     averages : int
         B, number of averages and degrees of freedom. The default of 8 sees correlation up to about an
         eighth of the record's length; more give shorter intervals that see less. A record has no more of
-        them than scores beyond its unknowns.
+        them than scores beyond its unknowns; without any of those, intervals have no bound.
 
     Raises
     ------
@@ -121,7 +121,8 @@ class EqualWeightedCosines(CovarianceEstimator):
         averages = max(min(self.averages, count - unknowns), 1)
         meat = cosine_covariance(scores, count, averages)
         matrix = sandwich(equation.sensitivity, meat)
-        return (CovariancePart("equal_weighted_cosines", matrix, float(averages)),)
+        degrees = float(averages) if count > unknowns else 0.0
+        return (CovariancePart("equal_weighted_cosines", matrix, degrees),)
 
 
 @dataclass(frozen=True, slots=True)
