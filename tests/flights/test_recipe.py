@@ -319,6 +319,12 @@ def test_a_grounded_flight_does_not_spoil_the_pool(fleet):
             "1 and 2 rotors",
         ),
         (
+            lambda log: changed(
+                log, "rotor_command_1", rotor_command_1=log.channels["rotor_command_1"].values / 1e3
+            ),
+            r"inputs of .* which are not on one scale",
+        ),
+        (
             lambda log: changed(log, "rotor_command_1", rotor_speed_1=log.channels["rotor_command_1"].values),
             "inputs rotor_command and rotor_speed",
         ),

@@ -115,6 +115,10 @@ optional = true
             "'s', 'ms', 'us', 'ns'.*received 'h'",
         ),
         (HEAD.replace('"t"', '"tt"') + '[channels.input]\ncolumn = "pwm"\n', "key time.column"),
+        (
+            HEAD + '[channels.input]\ncolumn = "t"\n',
+            "time column that no channel is made of.*received 't' as both",
+        ),
         ('frame = "up"\n' + HEAD + '[channels.input]\ncolumn = "pwm"\n', "'z_up', 'ned'"),
         (HEAD + '[channels.input]\ncolumn = "absent"\noptional = true\n', "at least one channel of m.toml"),
     ],

@@ -18,6 +18,7 @@ from eivor.errors import (
     ShapeError,
     UsageError,
 )
+from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Recording, clean_channel, interval_within
 from eivor.signals.signals import Signals
 
@@ -219,3 +220,8 @@ def test_errors_survive_other_processes_and_copies():
             error.remedy,
         )
     assert issubclass(MissingChannelError, EivorError)
+
+
+def test_noise_of_a_channel_that_is_not_there_is_refused():
+    with pytest.raises(UsageError, match="noise of the channels input; received noise of 'inptu'"):
+        Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": WhiteNoise(0.1)})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from eivor.errors import PoolingError
 from eivor.flights.prepare import PreparedFlight
 from eivor.signals.recording import Finding, Recording
@@ -19,6 +21,8 @@ VEHICLE_PARAMETERS = (
     "PWM_MAIN_MIN",
     "PWM_MAIN_MAX",
 )
+#: Hovering inputs of one vehicle, laden or not, are within this ratio of each other.
+LARGEST_INPUT_RATIO = 10.0
 
 Window = tuple[float, float] | None
 
@@ -84,4 +88,15 @@ def _difference(first: PreparedFlight, other: PreparedFlight) -> str:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
         if values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
+    means = [abs(mean) for mean in (_mean_input(first), _mean_input(other))]
+    if all(np.isfinite(means)) and max(means) > LARGEST_INPUT_RATIO * min(means):
+        return f"inputs of {means[0]:.4g} and {means[1]:.4g} on average, which are not on one scale"
     return ""
+
+
+def _mean_input(prepared: PreparedFlight) -> float:
+    """Mean of the input over the samples used; NaN when there are none."""
+    if not prepared.flight.runs:
+        return float("nan")
+    values = prepared.flight.signals.family(prepared.flight.input)[prepared.used]
+    return float(values.mean())

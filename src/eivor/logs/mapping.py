@@ -80,6 +80,12 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
     used = {column for rule in chosen.rules for column in rule.expression.columns}
     if chosen.time_column not in known:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
+    if chosen.time_column in used:
+        raise ChannelMapError(
+            f"a time column that no channel is made of ({chosen.origin})",
+            f"'{chosen.time_column}' as both",
+            "Correct the column of the time, or that of the channel.",
+        )
     for column in chosen.ranges:
         if column not in known and column not in used:
             raise _no_column(column, f"columns.{column}", chosen, names, table)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.errors import MissingChannelError, NonFiniteError, ShapeError
+from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.signals.noise import MeasurementNoise
 
 
@@ -38,6 +38,8 @@ class Signals:
     ------
     ShapeError
         When there is no channel, or channels or mask differ in length.
+    UsageError
+        When a noise is declared for a channel that is not there.
     NonFiniteError
         When the rate is not positive and finite, or a channel is not finite at a valid sample.
     """
@@ -63,6 +65,13 @@ class Signals:
                 "at least one channel, and one-dimensional channels and mask of equal length",
                 f"shapes {lengths}" + ("" if mask is None else f" and a mask of shape {mask.shape}"),
                 "Resample every channel to one grid first.",
+            )
+        unknown = [name for name in self.noise if name not in converted]
+        if unknown:
+            raise UsageError(
+                f"noise of the channels {', '.join(converted)}",
+                f"noise of {', '.join(repr(name) for name in unknown)}",
+                "Name channels that are there.",
             )
         for name, values in converted.items():
             with np.errstate(invalid="ignore", over="ignore"):

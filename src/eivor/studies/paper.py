@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
 
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
-from eivor.errors import UsageError
+from eivor.errors import InputError, UsageError
 from eivor.studies.metrics import Spread
 from eivor.studies.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, TRUTH, Example, Reading
 from eivor.studies.paper_trials import estimates, nrmse, record
@@ -181,6 +182,12 @@ def _computed(
         try:
             for future in flying:
                 yield future.result()
+        except BrokenProcessPool as error:
+            raise InputError(
+                "worker processes that live until the study is done",
+                "one that died",
+                "Memory may have run out: use fewer workers.",
+            ) from error
         finally:
             for future in flying:
                 future.cancel()
