@@ -115,7 +115,7 @@ def test_measured_states_have_no_lag_to_search() -> None:
     specs = [VerticalFlightSpec(seed=seed) for seed in (1, 2, 3)]
     states = [actual_state_recording(flight) for flight in simulate_vertical_flights(specs)]
     fit = identify_flight([replace(log, sha256=str(n)) for n, log in enumerate(states)])
-    replicates = bootstrap_flights(fit, runs=20)
+    replicates = bootstrap_flights(fit, runs=40)
     assert replicates.names == ("viscous_friction", "input_gain", "hover_input")
     low, high = replicates.interval("input_gain")
     assert low < fit.quantities["input_gain"].value < high

@@ -61,7 +61,7 @@ def estimate() -> Estimate:
 
 def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estimate) -> None:
     rows = estimate.best.rows
-    replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=30)
+    replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=40)
     figure = estimates_figure({"least squares": estimate, "its bootstrap": replicates}, truth=TRUTH)
     assert [axes.get_xlabel() for axes in figure.axes] == [
         "viscous friction K [1/s]",
@@ -108,12 +108,12 @@ def test_no_interval_is_no_figure(panels: dict[str, list[ShownInterval]]) -> Non
 
 
 def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
-    replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=30)
+    replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=40)
     figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
     axes = figure.axes[0]
     assert axes.get_xlabel() == "viscous friction K [1/s]"
     assert axes.get_ylabel() == "input gain K_u [m/s²]"
-    assert words(figure) == ["30 replicates", "joint 95 % ellipse", "intervals one by one", "truth"]
+    assert words(figure) == ["40 replicates", "joint 95 % ellipse", "intervals one by one", "truth"]
     outline = estimate.ellipse("viscous_friction", "input_gain").outline()
     np.testing.assert_array_equal(axes.lines[1].get_xydata(), outline)
     assert inside(figure)
