@@ -20,13 +20,14 @@ import eivor as ev
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import reference_iv
 from eivor.flights.prepare import prepare
-from eivor.flights.quantities import all_quantities
 from eivor.flights.result import FlightEstimate
 from eivor.inference.resampling.replicates import IntervalKind
 from eivor.models.regression import Regression
+from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.motion import vertical_flight
 from eivor.signals.recording import Recording
-from eivor.studies.vertical_flight import simulate_vertical_flights
-from eivor.studies.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 
@@ -59,10 +60,16 @@ def coverage(rows: int, memory: float, trials: int, runs: int) -> None:
 
 def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     """What `identify_flight` makes of a pool, without each flight's own result."""
-    prepared = tuple(prepare(log, fit.options) for log in recordings)
-    problem = replace(fit.problem, flights=tuple(one.flight for one in prepared))
+    prepared = tuple(prepare(log, fit.motion, fit.options) for log in recordings)
+    assert fit.fit is not None
+    assert isinstance(fit.fit.problem, VerticalFlights)
+    problem = replace(fit.fit.problem, flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
-    return replace(fit, problem=problem, estimate=estimate, quantities=all_quantities(problem, estimate))
+    quantities = {
+        name: unjudged.judged(fit.verdict.status, fit.motion.wording[name])
+        for name, unjudged in fit.motion.quantities(problem, estimate).items()
+    }
+    return replace(fit, fit=replace(fit.fit, problem=problem, estimate=estimate), quantities=quantities)
 
 
 def flights(pools: int, runs: int) -> None:

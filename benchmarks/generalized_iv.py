@@ -16,7 +16,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 import eivor as ev
-from eivor.estimation.products import mean_cross_products
+from eivor.estimation.products.of_problem import products_of
 
 LAGS = 10
 MOTION = ev.VerticalMotion(intercept=False)
@@ -55,7 +55,7 @@ def peer_fit(v: np.ndarray, s: np.ndarray, u: np.ndarray) -> object:
 
 
 def moments(cut: ev.SignalRegression) -> object:
-    return mean_cross_products(cut, instruments=True, own=False)
+    return products_of(cut, whole=False)
 
 
 def resident_bytes() -> int:

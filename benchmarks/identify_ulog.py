@@ -11,7 +11,7 @@ from pathlib import Path
 
 from _shared import EIVOR, alternating, arguments, machine, real_ulogs, synthetic_ulog
 
-from eivor.logs.ulog_topics import NEEDED_TOPICS
+from eivor.logs.ulog.topics import NEEDED_TOPICS
 
 READ = "import sys; from pyulog import ULog; ULog(sys.argv[1], sys.argv[2].split(','))"
 

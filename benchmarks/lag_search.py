@@ -13,7 +13,7 @@ from _shared import arguments, example_flight, least_seconds, machine
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.models.vertical_flights import VerticalFlights
+from eivor.motions.vertical.flights import VerticalFlights
 
 
 def main() -> None:
@@ -21,8 +21,10 @@ def main() -> None:
     print(machine())
     log = ev.read_log(example_flight())
     window = (0.0, 20.0) if small else None
-    problem = ev.identify_flight(log, ev.FlightOptions(window=window)).problem
-    assert problem is not None
+    fit = ev.identify_flight(log, ev.FlightOptions(window=window)).fit
+    assert fit is not None
+    problem = fit.problem
+    assert isinstance(problem, VerticalFlights)
     repeats = 1 if small else 5
     for copies in (1,) if small else (1, 4):
         flights = VerticalFlights(problem.flights * copies, problem.motion, problem.rule)
@@ -32,12 +34,12 @@ def main() -> None:
             for flight in flights.flights
             for run in flight.runs
         )
-        work = minutes * len(flights.delays_s)
+        work = minutes * flights.delay.grid.size
 
         def search(flights: VerticalFlights = flights) -> object:
             return ev.identify(replace(flights), ev.methods.reference_iv())  # a copy has no memo
 
-        def filters(commands: list[np.ndarray] = commands, count: int = flights.lag_grid_s.size) -> None:
+        def filters(commands: list[np.ndarray] = commands, count: int = flights.lag.grid.size) -> None:
             for _ in range(count):
                 for command in commands:
                     lfilter([0.1], [1.0, -0.9], command, axis=0)

@@ -7,9 +7,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eivor.logs.ulog_topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
-from eivor.logs.units import UNITS
-
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -36,12 +33,6 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
         return changelog()
     if source == "cli.md":
         return markdown + "\n" + commands()
-    if source == "logs.md":
-        return (
-            markdown.replace("<!-- table: ulog sources -->", ulog_sources())
-            .replace("<!-- table: ulog rates -->", ulog_rates())
-            .replace("<!-- table: units -->", units())
-        )
     return markdown
 
 
@@ -55,34 +46,6 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 def code(words: Iterable[str], joint: str = ", ") -> str:
     """Words as inline code."""
     return joint.join(f"`{word}`" for word in words)
-
-
-def ulog_sources() -> str:
-    """Where each channel is looked for in a ULog."""
-    rows = (
-        (code([name]), code((source.partition(" [")[0] for source in sources), "<br>"))
-        for name, sources in LOOKED_FOR.items()
-    )
-    return table(("channel", "topics and fields, in order of preference"), rows)
-
-
-def ulog_rates() -> str:
-    """How often PX4 logs each topic."""
-    rows = []
-    for entry in TOPIC_LOGGING:
-        always = entry.default_rate_hz == float("inf")
-        bits = [f"{bit} ({PROFILE_BITS[bit]})" for bit in entry.full_rate_bits if bit != 0]
-        raised = "-" if always else " or ".join(bits) or "none; see `logger_topics.txt` below"
-        rows.append(
-            (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
-        )
-    return table(("topic", "default profile", "full rate with bit"), rows)
-
-
-def units() -> str:
-    """Units that a channel map may name."""
-    rows = ((code([unit or '""']), f"{factor:.6g} {si}".strip()) for unit, (si, factor) in UNITS.items())
-    return table(("unit", "in SI"), rows)
 
 
 def changelog() -> str:

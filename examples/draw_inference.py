@@ -19,9 +19,9 @@ import eivor as ev
 from eivor.report.coverage_figures import CoverageRow, coverage_figure
 from eivor.report.interval_figures import estimates_figure, pair_figure
 from eivor.report.residual_figures import residual_figure
-from eivor.studies.coverage_requirements import BOUNDS, JUDGED
-from eivor.studies.coverage_table import read_coverage
 from eivor.studies.suite_file import coverage_suite
+from validation.coverage.requirements import BOUNDS, JUDGED
+from validation.coverage.table import read_coverage
 
 ROOT = Path(__file__).resolve().parents[1]
 COVERAGE = ROOT / "docs" / "studies" / "coverage.parquet"

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.studies.flight_truth import SimulatedFlight
-from eivor.studies.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
-from eivor.studies.rotorpy_vehicles import Vehicle
-from eivor.studies.sensor_noise import SensorNoise
-from eivor.studies.trajectories import TrajectoryKind
+from eivor.simulation.flights.sensor_noise import SensorNoise
+from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.flights.truth import SimulatedFlight
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
+from validation.flight_recipe.rotorpy_vehicles import Vehicle
 
 SPEC = RotorpyFlightSpec(
     vehicle=Vehicle.CRAZYFLIE,

@@ -5,17 +5,19 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from jaxtyping import config, install_import_hook
+
+import shape_checks
 
 if "eivor" in sys.modules:
     raise RuntimeError("eivor was imported before the hook that checks shapes; import it in tests only")
 
-# Every annotated array of the package is checked at each call, in this run and in no user's.
-install_import_hook("eivor", "beartype.beartype")
+if shape_checks.wanted():
+    shape_checks.install()
 
 os.environ["MPLBACKEND"] = "Agg"
 # The matrices are small, and every processor runs tests: more threads would wait for each other. The
@@ -51,6 +53,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Run calibrations, and what is made for them, without the checks of shapes."""
+    with shape_checks.unchecked() if item.get_closest_marker("calibration") else nullcontext():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
     """Turn the skip of a test on real recordings into a failure where they are required."""
     report = yield
@@ -63,6 +72,5 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 @pytest.fixture
 def unchecked_shapes() -> Iterator[None]:
     """Calls go through to the library's own checks, as they do outside this test run."""
-    config.update("jaxtyping_disable", True)
-    yield
-    config.update("jaxtyping_disable", False)
+    with shape_checks.unchecked():
+        yield

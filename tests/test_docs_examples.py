@@ -56,6 +56,7 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
 @pytest.mark.parametrize("name", CHECKS)
 def test_blocks_run(name):
     blocks = BLOCK.findall((DOCS / name).read_text(encoding="utf-8"))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eivor
+import shape_checks
 
 #: Each of these costs a tenth of a second or more.
 HEAVY = (
@@ -77,14 +78,24 @@ def test_names_shadow_no_submodule():
             assert f"eivor.{name}" not in sys.modules
 
 
+@pytest.mark.skipif(not shape_checks.wanted(), reason="EIVOR_SHAPE_CHECKS=0")
 def test_shapes_are_checked_in_this_run():
     """The hook in conftest.py is on: a matrix where a vector belongs is refused by the annotation."""
     from eivor.signals.actuator import first_order_lag
 
-    with pytest.raises(Exception, match=r"values|Type-check"):
+    with pytest.raises(Exception, match=r"violates|Type-check"):
         first_order_lag(np.zeros((3, 2)), step_s=0.01, lag_s=0.1)
 
 
 def test_shapes_are_not_checked_for_users():
     loaded = modules_after("import eivor\nfor name in eivor.__all__: getattr(eivor, name)")
     assert "beartype" not in loaded
+
+
+@pytest.mark.parametrize("name", ["methods", "covariances"])
+def test_modules_of_names_show_those_only(name):
+    """What an interactive prompt completes is what the module offers, not what it imports."""
+    module = getattr(eivor, name)
+    assert dir(module) == sorted(module.__all__)
+    assert all(hasattr(module, offered) for offered in module.__all__)
+    assert not {"annotations", "Callable", "UsageError", "AugmentedLeastSquares"} & set(dir(module))

@@ -22,6 +22,7 @@ def blocks(text: str, language: str) -> list[str]:
     return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in found]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
 @pytest.mark.parametrize("number", range(len(blocks(README, "python"))))
 def test_python_example(number, tmp_path, monkeypatch, capsys):
     """Each block runs on its own; the example flight stands in for the reader's log."""
@@ -39,7 +40,10 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
         for fit, claim in zip((scope["biased"], scope["fit"]), claims, strict=True):
             assert fit.interval("input_gain") == pytest.approx([float(end) for end in claim], abs=6e-5)
         assert not within(0.021, scope["biased"].interval("input_gain"))
-        assert within(0.021, scope["fit"].interval("input_gain"))
+        truth = {"viscous_friction": 0.293, "input_gain": 0.021}
+        code = blocks(README, "python")[number]
+        assert all(f"{value} * " in code for value in truth.values())
+        assert all(within(value, scope["fit"].interval(name)) for name, value in truth.items())
 
 
 def within(value: float, interval: tuple[float, float]) -> bool:
@@ -65,10 +69,21 @@ def test_sample_output_is_what_is_printed():
     assert numbers(shown) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
 
 
+def test_intervals_of_the_sample_output_hold_the_truth():
+    """What the README prints beside a truth that it states."""
+    said = re.search(r"a friction of ([\d.]+) 1/s, a lag of ([\d.]+) ms", README)
+    assert said is not None
+    shown = blocks(README, "text")[0]
+    for row, truth in zip(("viscous friction", "actuator lag"), said.groups(), strict=True):
+        interval = re.search(rf"^{row}.*\[(.+), (.+)\]", shown, flags=re.MULTILINE)
+        assert interval is not None
+        assert within(float(truth), (float(interval[1]), float(interval[2]))), row
+
+
 def test_channel_maps_in_the_pages_are_valid():
     from eivor.logs.channel_map import parse_channel_map
 
-    pages = [page for page in PAGES if page.parent.name != "studies"]
+    pages = [page for page in PAGES if page.parent != ROOT / "docs" / "studies"]
     maps = [block for page in pages for block in blocks(page.read_text(encoding="utf-8"), "toml")]
     assert len(maps) >= 2
     for block in maps:
@@ -103,18 +118,21 @@ def test_links_between_files_lead_somewhere():
 
 
 def test_every_channel_and_every_unit_is_documented():
-    from eivor.signals.recording import CANONICAL_UNITS
+    from eivor.signals.canonical import BUILT_IN
 
     page = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
-    rows = [line for line in page.splitlines() if line.startswith("| `")]
-    for channel, unit in CANONICAL_UNITS.items():
-        row = [line for line in rows if f"`{channel}`" in line.split("|")[1]]
+    section = page.partition("## Channels")[2].partition("## PX4")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| `")]
+    for channel in BUILT_IN:
+        row = [line for line in rows if f"`{channel.name}`" in line.split("|")[1]]
         assert len(row) == 1, channel
-        assert unit in row[0].split("|")[2], channel
+        assert channel.unit in row[0].split("|")[2], channel
 
 
 def test_every_error_is_an_eivor_error_or_a_warning():
     from eivor import errors
 
-    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)]
+    here = [kind for kind in vars(errors).values() if getattr(kind, "__module__", "") == errors.__name__]
+    kinds = [kind for kind in here if isinstance(kind, type)]
+    assert len(kinds) > 10
     assert all(issubclass(kind, errors.EivorError | Warning) for kind in kinds)

@@ -15,43 +15,45 @@ if TYPE_CHECKING:
     from eivor.estimation.chunked_fit import identify_chunks
     from eivor.estimation.derived import derived, ratio
     from eivor.estimation.diagnose import Diagnostics, diagnose
+    from eivor.estimation.error_assumptions import AutocorrelatedErrors, HomoskedasticErrors
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
     from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
     from eivor.estimation.weak_identification import (
         AndersonRubinSet,
-        AutocorrelatedErrors,
-        HomoskedasticErrors,
         SignPerturbedSet,
         anderson_rubin_set,
         sign_perturbed_set,
     )
     from eivor.flights.options import FlightOptions
-    from eivor.flights.recipe import identify_flight
-    from eivor.flights.resampling import bootstrap_flights
     from eivor.flights.result import FlightEstimate
     from eivor.inference import covariances
     from eivor.inference.sets.confidence_region import ConfidenceRegion
     from eivor.inference.sets.confidence_set import ConfidenceSet
     from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
     from eivor.logs import read_log, recording_from_columns
-    from eivor.logs.chunks import read_chunks
+    from eivor.logs.example import example_flight
+    from eivor.logs.table.chunks import read_chunks
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
-    from eivor.models.scenario import Scenario
     from eivor.models.signal_regression import SignalRegression
-    from eivor.models.simulation import simulate
-    from eivor.models.vertical import VerticalMotion
+    from eivor.motions import motion_by_name
+    from eivor.motions.identify import identify_flight
+    from eivor.motions.vertical.bootstrap import bootstrap_flights
+    from eivor.motions.vertical.model import VerticalMotion
+    from eivor.report.saved_fit import SavedFit, load_fit
     from eivor.signals.long_memory import estimate_long_memory
     from eivor.signals.noise import FractionalNoise, WhiteNoise
     from eivor.signals.recording import Recording
     from eivor.signals.signals import Signals
+    from eivor.simulation.records.scenario import Scenario
+    from eivor.simulation.records.simulate import simulate
 
 #: Where each public name lives.
 _HOMES = {
     "AndersonRubinSet": "eivor.estimation.weak_identification",
-    "AutocorrelatedErrors": "eivor.estimation.weak_identification",
+    "AutocorrelatedErrors": "eivor.estimation.error_assumptions",
     "Column": "eivor.models.column",
     "ConfidenceRegion": "eivor.inference.sets.confidence_region",
     "ConfidenceSet": "eivor.inference.sets.confidence_set",
@@ -60,36 +62,40 @@ _HOMES = {
     "FlightEstimate": "eivor.flights.result",
     "FlightOptions": "eivor.flights.options",
     "FractionalNoise": "eivor.signals.noise",
-    "HomoskedasticErrors": "eivor.estimation.weak_identification",
+    "HomoskedasticErrors": "eivor.estimation.error_assumptions",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
-    "Scenario": "eivor.models.scenario",
+    "SavedFit": "eivor.report.saved_fit",
+    "Scenario": "eivor.simulation.records.scenario",
     "SignPerturbedSet": "eivor.estimation.weak_identification",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
-    "VerticalMotion": "eivor.models.vertical",
+    "VerticalMotion": "eivor.motions.vertical.model",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
     "anderson_rubin_set": "eivor.estimation.weak_identification",
     "bootstrap": "eivor.estimation.resampling",
-    "bootstrap_flights": "eivor.flights.resampling",
+    "bootstrap_flights": "eivor.motions.vertical.bootstrap",
     "covariances": "eivor.inference.covariances",
     "derived": "eivor.estimation.derived",
     "diagnose": "eivor.estimation.diagnose",
     "estimate_long_memory": "eivor.signals.long_memory",
+    "example_flight": "eivor.logs.example",
     "identify": "eivor.estimation.fit",
     "identify_chunks": "eivor.estimation.chunked_fit",
-    "identify_flight": "eivor.flights.recipe",
+    "identify_flight": "eivor.motions.identify",
     "lags": "eivor.models.column",
+    "load_fit": "eivor.report.saved_fit",
     "methods": "eivor.estimation.methods",
     "moments": "eivor.estimation.streaming",
+    "motion_by_name": "eivor.motions",
     "ratio": "eivor.estimation.derived",
-    "read_chunks": "eivor.logs.chunks",
+    "read_chunks": "eivor.logs.table.chunks",
     "read_log": "eivor.logs",
     "recording_from_columns": "eivor.logs",
     "regression": "eivor.models.regression",
     "sign_perturbed_set": "eivor.estimation.weak_identification",
-    "simulate": "eivor.models.simulation",
+    "simulate": "eivor.simulation.records.simulate",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
@@ -111,6 +117,7 @@ __all__ = [
     "HomoskedasticErrors",
     "Recording",
     "Regression",
+    "SavedFit",
     "Scenario",
     "SignPerturbedSet",
     "SignalRegression",
@@ -126,12 +133,15 @@ __all__ = [
     "derived",
     "diagnose",
     "estimate_long_memory",
+    "example_flight",
     "identify",
     "identify_chunks",
     "identify_flight",
     "lags",
+    "load_fit",
     "methods",
     "moments",
+    "motion_by_name",
     "ratio",
     "read_chunks",
     "read_log",

@@ -8,6 +8,8 @@ code 2: the call is wrong); everything else that Eivor raises derives from `Eivo
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class EivorError(Exception):
     """Anything that Eivor refuses to do.
@@ -30,6 +32,24 @@ class EivorError(Exception):
 
     def __reduce__(self) -> tuple[type[EivorError], tuple[str, str, str]]:
         return type(self), (self.expected, self.received, self.remedy)
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Remedy for a name that is not known: the nearest that is, if one is near.
+
+    Parameters
+    ----------
+    name : str
+        What was given.
+    known : iterable of str
+        What would have been accepted.
+    otherwise : str
+        What to say when none of them is near.
+    """
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, list(known), n=1)
+    return f"Did you mean '{near[0]}'?" if near else otherwise
 
 
 class WeakInstrumentsWarning(UserWarning):

@@ -3,17 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from eivor.cli.arguments import (
-    LogArgument,
-    figure_file,
-    log_argument,
-    named,
-    names,
-    output_file,
-    window,
-    writing,
-)
-from eivor.errors import CorruptLogError, InputError, UsageError
+from eivor.cli.arguments import LogArgument, log_argument, named, names, window
+from eivor.errors import CorruptLogError, UsageError
 
 
 @pytest.mark.parametrize(
@@ -67,26 +58,6 @@ def test_instruments_that_exclude_each_other_are_refused(text: str) -> None:
         names(text)
 
 
-def test_an_output_must_not_overwrite_a_log(tmp_path: Path) -> None:
-    log = tmp_path / "flight.csv"
-    log.touch()
-    with pytest.raises(UsageError, match="other than the logs"):
-        output_file(str(tmp_path / "." / "flight.csv"), option="--json", logs=[LogArgument(log)])
-
-
-def test_an_output_needs_a_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="does not exist"):
-        output_file(str(tmp_path / "no" / "x.json"), option="--json", logs=[])
-    with pytest.raises(UsageError, match="the folder"):
-        output_file(str(tmp_path), option="--json", logs=[])
-
-
-def test_a_figure_has_a_format(tmp_path: Path) -> None:
-    assert figure_file(str(tmp_path / "x.PNG"), logs=[]) == tmp_path / "x.PNG"
-    with pytest.raises(UsageError, match=r"\.png, \.svg, \.pdf"):
-        figure_file(str(tmp_path / "x.jpg"), logs=[])
-
-
 def test_an_error_names_its_log_once() -> None:
     with pytest.raises(CorruptLogError, match=r"bits, in b\.ulg"), named("a/b.ulg", several=True):
         raise CorruptLogError("a log", "bits, in b.ulg", "Try again.")
@@ -94,8 +65,3 @@ def test_an_error_names_its_log_once() -> None:
         raise CorruptLogError("a log", "bits", "Try again.")
     with pytest.raises(CorruptLogError, match=r"bits\. Try"), named("a/b.ulg", several=False):
         raise CorruptLogError("a log", "bits", "Try again.")
-
-
-def test_the_system_s_refusal_to_write_is_told(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="No space left"), writing(tmp_path / "x"):
-        raise OSError(28, "No space left on device")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ import pytest
 
 from eivor.cli import terminal
 from eivor.cli.exit_codes import ExitCode, guarded
+from eivor.cli.plain_text import plain_text
 
 Caller = Callable[..., Any]
 
@@ -65,6 +67,27 @@ def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
 
     run = eivor("identify", "--help")
     assert all(name in run.out for name in (*TABLE, *shipped_maps()))
+
+
+@pytest.mark.parametrize(
+    "command", [(), ("identify",), ("inspect",), ("simulate",), ("study",), ("paper",), ("example", "fetch")]
+)
+def test_help_shows_what_to_type_and_no_types(eivor: Caller, command: tuple[str, ...]) -> None:
+    """<bool> and <list[str]> are the programmer's; lines are as long as the terminal is wide."""
+    shown = eivor(*command, "--help").out
+    assert not re.search(r"<\w+(\[\w+\])?>|BOOLEAN|TEXT", shown)
+    assert "--help" in shown
+    paragraphs = [line for line in shown.splitlines() if line.startswith(" ") and line.endswith(",")]
+    assert all(len(line) > 60 for line in paragraphs)
+
+
+def test_a_shell_completes_commands_and_options(shell: Caller) -> None:
+    for words, expected in (("eivor ide", "identify"), ("eivor identify --exa", "--example")):
+        completed = shell(
+            _EIVOR_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=str(len(words.split()) - 1)
+        )
+        assert completed.out.split() == [expected]
+    assert "--install-completion" in shell("--help").out
 
 
 def test_without_arguments_there_is_help(eivor: Caller) -> None:
@@ -133,8 +156,8 @@ def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
 def test_an_interrupt_leaves_with_130() -> None:
     code = (
         "import os, signal, sys\n"
-        "import eivor.flights.recipe as recipe\n"
-        "recipe.identify_flight = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
+        "import eivor.motions.identify as motion\n"
+        "motion.identify_flight = lambda *a, **k: os.kill(os.getpid(), signal.SIGINT)\n"
         "sys.argv = ['eivor', 'identify', '--example']\n"
         "from eivor.cli.main import run; run()"
     )
@@ -142,6 +165,21 @@ def test_an_interrupt_leaves_with_130() -> None:
     assert run.returncode in {130, -signal.SIGINT}
     assert "Traceback" not in run.stderr
     assert "interrupted" in run.stderr
+
+
+def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
+    """What was loaded by half cannot be used, not even to say so."""
+    code = (
+        "import sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'numpy._typing': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "sys.argv = ['eivor', 'identify', '--example']\n"
+        "from eivor.cli.main import run; run()"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (130, "eivor: interrupted\n")
 
 
 def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
@@ -186,6 +224,84 @@ def test_a_poor_encoding_is_no_error(shell: Caller, encoding: str) -> None:
     assert "identified" in run.out
 
 
+def test_signs_that_an_encoding_lacks_are_spelt(shell: Caller) -> None:
+    """A question mark in the equation would say nothing; the columns of the table stay where they are."""
+    poor = shell("identify", "--example", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    rich = shell("identify", "--example", PYTHONIOENCODING="utf-8")
+    assert "z'' + g = K_u U - K z' + b" in poor.out
+    assert "U = cos(tilt) x the mean" in poor.out
+    assert "?" not in poor.out
+    assert "z'' + g = K_u U − K z' + b" in rich.out
+    rows = [
+        [line for line in run.out.splitlines() if line.startswith("effective lag")] for run in (poor, rich)
+    ]
+    assert rows[0][0] == rows[1][0].replace("τ + d  ", "tau + d")
+    latin = shell("identify", "--example", encoding="latin-1", PYTHONIOENCODING="latin-1", PYTHONUTF8="0")
+    assert "m/s²" in latin.out
+    assert "K_u U - K z'" in latin.out
+
+
+def test_help_and_errors_are_spelt_too(shell: Caller) -> None:
+    help_text = shell("identify", "--help", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert "+- Options ---" in help_text.out
+    error = shell("identify", "fläche τ.csv", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert "'flache tau.csv', which does not exist" in error.err
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding", "plain"),
+    [
+        ("K z' ± 1 − 2", "ascii", "K z' +- 1 - 2"),
+        ("τ Δ χ² µ 8.5°", "ascii", "tau Delta chi^2 u 8.5deg"),
+        ("τ      | x", "ascii", "tau    | x"),
+        ("m/s²  yes", "ascii", "m/s^2 yes"),
+        ("é漢", "ascii", "e?"),
+        ("√2 ± 1", "latin-1", "sqrt2 ± 1"),
+        ("τ ± 1\n  2", "utf-8", "τ ± 1\n  2"),
+    ],
+)
+def test_plain_text(text: str, encoding: str, plain: str) -> None:
+    assert plain_text(text, encoding) == plain
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "--example"),
+        ("identify", "--example", "--json", "-"),
+        ("example", "list"),
+        ("--help",),
+        ("--version",),
+    ],
+)
+def test_a_full_disk_behind_standard_output_is_one_message(arguments: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        run = subprocess.run(
+            [sys.executable, "-c", "from eivor.cli.main import run; run()", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert run.returncode == 1
+    assert run.stderr.startswith("eivor: Expected a standard output that can be written to; received one for")
+    assert "No space left on device" in run.stderr
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(("stream", "code"), [(1, 1), (2, 0)])
+def test_a_stream_that_is_closed(stream: int, code: int) -> None:
+    """Without standard output the numbers cannot be printed; without standard error nothing is missing."""
+    command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example {stream}>&-"
+    run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
+    assert run.returncode == code
+    if stream == 1:
+        assert "received one that is closed" in run.stderr
+    else:
+        assert "viscous friction" in run.stdout
+    assert "mistake" not in run.stderr
+
+
 class _Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True
@@ -197,7 +313,9 @@ def test_a_long_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPa
     for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", stream)
         with terminal.step("Reading [red]\x1b[2J.ulg"):
-            time.sleep(0.3)
+            end = time.monotonic() + (600.0 if announced else 0.2)  # so long only when something hangs
+            while "Reading" not in stream.getvalue() and time.monotonic() < end:
+                time.sleep(0.01)
         assert ("Reading [red]\\x1b[2J.ulg" in stream.getvalue()) is announced
 
 

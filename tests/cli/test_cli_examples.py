@@ -74,6 +74,15 @@ def test_no_network_is_told(tmp_path: Path) -> None:
         fetched(_log("http://127.0.0.1:1"), folder=tmp_path / "cache")
 
 
+def test_no_network_and_a_wrong_file_are_both_told(tmp_path: Path) -> None:
+    (tmp_path / "x.ulg").write_bytes(b"damage")
+    with pytest.raises(InputError, match=r"no connection; and '.*x\.ulg' is there with another content"):
+        fetched(_log("http://127.0.0.1:1"), folder=tmp_path)
+    assert (tmp_path / "x.ulg").read_bytes() == b"damage"
+    with pytest.raises(InputError, match=r"received no connection\. Check"):
+        fetched(_log("http://127.0.0.1:1"), folder=tmp_path / "empty")
+
+
 def test_a_folder_that_cannot_be_is_told(server: str, tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("a file")
     with pytest.raises(InputError, match="EIVOR_CACHE"):

@@ -13,6 +13,8 @@ import polars
 import pytest
 
 Caller = Callable[..., Any]
+# Checking shapes takes half of the time; test_cli_outputs.py and test_cli_recordings.py identify with them.
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
 
 
 def test_the_example_is_identified(eivor: Caller) -> None:
@@ -176,7 +178,10 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(
     assert run.code == 3
     assert "REFUSED" in run.out
     assert ("never takes off" if grounded else "constant") in run.out
-    assert "Flight card" in run.out
+    assert "Flight card" not in run.out
+    assert "with --card" in run.out
+    assert "Flight card" in eivor("identify", path, "--card").out
+    assert "Flight card" in eivor("inspect", path).out
     assert document["parameters"]["viscous_friction"]["interval"] == [None, None]
     assert (tmp_path / "x.png").stat().st_size > 10_000
 
@@ -200,6 +205,9 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(
         (("LOG", "--input", "nothing"), "an input out of"),
         (("LOG", "--instruments", "nothing"), "'nothing'"),
         (("LOG", "--instruments", "lags,references"), "alone"),
+        (("--example", "--map", "nofile.toml"), "--example with --map nofile.toml"),
+        (("LOG", "--method", "least_squares", "--instruments", "lags"), "least_squares uses none"),
+        (("--example", "--method", "total_least_squares", "--instruments", "references"), "uses none"),
         (("LOG", "--figure", "x.gif"), ".png"),
         (("LOG", "--json", "LOG"), "other than the logs"),
         (("LOG", "--nonsense"), "No such option"),

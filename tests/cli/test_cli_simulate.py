@@ -9,8 +9,12 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.models.simulation import simulate
-from eivor.studies.scenario_file import read_scenario, shipped_scenario
+from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
+from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.records.simulate import simulate
+from eivor.simulation.scenario_files.scenario_file import read_scenario, shipped_scenario
 
 FLIGHT = """
 viscous_friction = 0.3
@@ -30,7 +34,7 @@ high_hz = 0.5
 [noise.velocity_z]
 kind = "white"
 std = 0.02
-[noise.specific_force_z]
+[noise.acceleration_z]
 kind = "fractional"
 order = -0.3
 std = 0.2
@@ -54,8 +58,8 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
     signals = simulate(shipped_scenario("rich"), np.random.default_rng(5)).signals
     log = ev.read_log(tmp_path / "rich.parquet")
     assert set(log.channels) == {"velocity_z", "acceleration_z", "input"}
-    for logged, name in (("acceleration_z", "specific_force_z"), ("input", "input")):
-        np.testing.assert_array_equal(log.channel(logged).values, signals.channel(name))
+    for name in ("acceleration_z", "velocity_z", "input"):
+        np.testing.assert_array_equal(log.channel(name).values, signals.channel(name))
     assert log.channel("input").held
     assert not log.channel("velocity_z").held
     truth = json.loads((tmp_path / "rich.json").read_text(encoding="utf-8"))
@@ -116,6 +120,99 @@ def test_flight_under_altitude_control_logs_altitude_and_reference(eivor, tmp_pa
     assert truth["noise"]["reference_position_z"]["std"] == 0.0
 
 
+def test_a_slow_log_with_its_weight_is_told(eivor, tmp_path):
+    """At 5 Hz the verdict would be weak, with intervals that miss: it is said when the log is made."""
+    run = eivor("simulate", "closed-loop", "-o", "slow.csv", "--hover")
+    assert run.code == 0
+    assert "slow.csv: 4000 samples at 5 Hz" in run.out
+    assert "5 Hz is too slow for `eivor identify`" in run.err
+    assert "take 'flight', a scenario like a flight" in run.err
+    assert eivor("simulate", "closed-loop", "-o", "about_hover.csv").err == ""
+    (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
+    assert eivor("simulate", "flight.toml", "-o", "quick.parquet", "--hover").err == ""
+
+
+@pytest.mark.parametrize("ending", ["parquet", "csv"])
+def test_shipped_flight_is_identified(eivor, tmp_path, ending):
+    """With the first seed intervals hold the truth, those of the joint vector at 99.9 %."""
+    log, truth_file = tmp_path / f"flight.{ending}", tmp_path / "truth.json"
+    run = eivor("simulate", "flight", "-o", log, "--truth", truth_file)
+    assert (run.code, run.err) == (0, "")
+    assert run.out.endswith("6000 samples at 100 Hz, 60 s\n")
+    truth = json.loads(truth_file.read_text(encoding="utf-8"))
+    assert (truth["schema"], truth["seed"], truth["samples"]) == ("eivor.simulate/1", 0, 6000)
+    assert truth["input_gain"] == pytest.approx(9.80665 / truth["hover_input"] ** 2)
+    fit = ev.identify_flight(ev.read_log(log))
+    assert fit.verdict.status.value == "identified"
+    for name in ("viscous_friction", "input_gain", "actuator_lag"):
+        low, high = fit.interval(name, level=0.999)
+        assert low < truth[name] < high, name
+    low, high = fit.interval("hover_input")
+    assert low < truth["hover_input"] < high
+    assert eivor("identify", log).code == 0
+
+
+FLOWN = """
+kind = "flight"
+viscous_friction = 0.4
+trajectory = "multisine"
+duration = 20.0
+[noise]
+kind = "heavy-tailed"
+velocity = 0.05
+"""
+
+
+def test_a_file_may_describe_a_flight(eivor, tmp_path):
+    (tmp_path / "mine.toml").write_text(FLOWN, encoding="utf-8")
+    assert eivor("simulate", "mine.toml", "-o", "a.csv", "--truth", "a.json", "--seed", 4).code == 0
+    truth = json.loads((tmp_path / "a.json").read_text(encoding="utf-8"))
+    noise = SensorNoise(NoiseKind.HEAVY_TAILED, velocity=0.05)
+    spec = VerticalFlightSpec(0.4, trajectory=TrajectoryKind.MULTISINE, duration=20.0, noise=noise, seed=4)
+    (flight,) = simulate_vertical_flights([spec])
+    log = ev.read_log(tmp_path / "a.csv")
+    assert set(log.channels) == set(flight.recording.channels)
+    for name, channel in flight.recording.channels.items():
+        np.testing.assert_array_equal(log.channel(name).values, channel.values)
+    assert (truth["trajectory"], truth["samples"]) == ("multisine", 2000)
+    assert truth["noise"] == {
+        "kind": "heavy-tailed",
+        "acceleration": 0.4,
+        "velocity": 0.05,
+        "position": 0.01,
+        "attitude": 0.002,
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (FLOWN.replace("duration", "druation"), "unknown key 'druation'. Did you mean 'duration'?"),
+        (FLOWN.replace('"multisine"', '"stepz"'), "received 'stepz'. Did you mean 'steps'?"),
+        (FLOWN.replace('"heavy-tailed"', '"pink"'), "one of white, heavy-tailed, fractional at noise.kind"),
+        (FLOWN.replace("0.4", "40.0"), "viscous_friction between 0.001 and 2 at the top of mine.toml"),
+        (FLOWN.replace("20.0", "20.0\nseed = 3"), "unknown key 'seed'"),
+        (FLOWN + "angular_rate = 0.1\n", "unknown key 'angular_rate'"),
+        (
+            FLOWN.replace(
+                "20.0", "20.0\ngust_rms = 5.0\ngust_correlation = 5.0\nquickness = 0.05\nintegral_share = 0.0"
+            ),
+            "one that is lost with the seed",
+        ),
+        (
+            FLOWN.replace('"flight"', '"fligth"'),
+            "one of vertical, flight at kind of mine.toml; received 'fligth'. Did you mean",
+        ),
+    ],
+)
+def test_flights_that_are_none(eivor, tmp_path, text, said):
+    (tmp_path / "mine.toml").write_text(text, encoding="utf-8")
+    run = eivor("simulate", "mine.toml", "-o", "a.csv")
+    assert (run.code, run.out) == (1, "")
+    assert said in run.err
+    assert not (tmp_path / "a.csv").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -143,12 +240,14 @@ def test_scenarios_that_are_none(eivor, tmp_path, text, said):
     ("arguments", "code", "said"),
     [
         (("none.toml", "-o", "a.parquet"), 1, "'none.toml', unreadable"),
-        (("rihc", "-o", "a.parquet"), 2, "one of arch, closed-loop"),
+        (("rihc", "-o", "a.parquet"), 2, "one of arch, closed-loop, flight, p"),
+        (("rihc", "-o", "a.parquet"), 2, "Did you mean 'rich'?"),
+        (("flight", "-o", "a.parquet", "--hover"), 2, "received a flight, whose log has the whole input"),
         (("rich", "-o", "a.xlsx"), 2, "ends in .parquet or .csv"),
         (("rich", "-o", "nowhere/a.parquet"), 1, "does not exist"),
         (("rich", "-o", "a.parquet", "--seed", "-1"), 2, "a seed of zero or more"),
         (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "two files for --out and --truth"),
-        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "files other than the scenario"),
+        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "other than the scenario's files"),
         (("backward.toml", "-o", "a.parquet", "--hover"), 2, "an input_gain above zero with --hover"),
     ],
 )

@@ -176,10 +176,8 @@ def test_interrupted_on_a_terminal(file, tmp_path, workers):
     )
     os.close(stream)
     shards = tmp_path / "small-study" / "shards"
-    end = time.monotonic() + 60
     while len(list(shards.glob("0*.parquet"))) < 2:
         assert process.poll() is None
-        assert time.monotonic() < end
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
     shown = b""
@@ -192,7 +190,7 @@ def test_interrupted_on_a_terminal(file, tmp_path, workers):
             break
         shown += part
     os.close(screen)
-    out, _ = process.communicate(timeout=30)
+    out, _ = process.communicate()
     assert process.returncode == 130
     assert out == b""
     text = shown.decode()

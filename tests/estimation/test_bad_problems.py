@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -62,6 +65,57 @@ def test_too_few_samples():
         )
 
 
+EVERY_METHOD = (
+    ev.methods.least_squares(),
+    ev.methods.total_least_squares(),
+    ev.methods.bias_compensated_least_squares(),
+    ev.methods.extended_iv(),
+    ev.methods.extended_iv(ev.methods.TwoStage()),
+    ev.methods.extended_iv(ev.methods.TwoStepRobust()),
+    ev.methods.extended_iv_tls(),
+    ev.methods.generalized_iv(),
+    ev.methods.generalized_iv_tls(),
+)
+
+
+@pytest.mark.parametrize("method", EVERY_METHOD, ids=lambda method: method.name)
+def test_as_many_rows_as_unknowns(method):
+    """Anything fits them: standard errors of 6e-17 of nothing."""
+    problem = ev.regression(
+        response=Y[:2],
+        regressors=PHI[:2],
+        instruments=PSI[:2],
+        noise_covariance=np.diag([0.0, 0.0, 1.0]),
+        instrument_noise_covariance=np.zeros((3, 3)),
+    )
+    with pytest.raises(TooFewSamplesError, match=r"more rows than the 2 unknowns.*received 2"):
+        ev.identify(problem, method)
+    signals = ev.Signals(
+        5.0,
+        {"velocity_z": PHI[:6, 0], "input": PHI[:6, 1], "specific_force_z": Y[:6]},
+        noise={
+            "velocity_z": ev.WhiteNoise(std=0.0),
+            "input": ev.WhiteNoise(std=0.0),
+            "specific_force_z": ev.WhiteNoise(std=0.1),
+        },
+    )
+    motion, instruments = ev.VerticalMotion(intercept=False), ev.lags("input", 1, 4)
+    with pytest.raises(TooFewSamplesError, match=r"more rows than the 2 unknowns.*received 2"):
+        ev.identify(ev.moments([signals], model=motion, method=method, instruments=instruments), method)
+    with pytest.raises(TooFewSamplesError, match="more rows than the 2 unknowns"):
+        ev.bootstrap(problem, method, runs=2)
+
+
+def test_as_many_instruments_as_parameters_are_enough():
+    """The equations are met exactly, the rows are not."""
+    problem = ev.regression(response=Y[:3], regressors=PHI[:3], instruments=PHI[:3])
+    fit = ev.identify(problem, ev.methods.extended_iv())
+    peer = ev.identify(problem, ev.methods.least_squares())
+    assert fit.parameters == pytest.approx(peer.parameters)
+    assert fit.std_error("theta_1") == pytest.approx(peer.std_error("theta_1"))
+    assert fit.std_error("theta_1") > 1e-3
+
+
 def test_fewer_instruments_than_parameters():
     with pytest.raises(InstrumentError, match="at least 2 instruments for 2 parameters; received 1"):
         ev.identify(
@@ -113,6 +167,46 @@ def test_a_covariance_that_is_none(covariance, match):
         ev.regression(response=Y, regressors=PHI, noise_covariance=covariance)
 
 
+@pytest.mark.parametrize(
+    ("regressors", "noise"),
+    [
+        (PHI, np.diag([100.0, 100.0, 0.0])),
+        (PHI, np.diag([0.0, 100.0, 0.0])),
+        # each less than the moments, and more than their sum's
+        (PHI @ [[1.0, 1.0], [0.0, 0.1]], np.array([[0.3, -0.25, 0.0], [-0.25, 0.3, 0.0], [0.0, 0.0, 0.0]])),
+        (np.zeros((ROWS, 2)), np.diag([1.0, 1.0, 0.0])),
+    ],
+)
+def test_noise_above_the_regressors_own_moments(regressors, noise):
+    """What is left would be negative: (-.010, -.019) for (1, 2) with errors to match."""
+    problem = ev.regression(response=Y, regressors=regressors, noise_covariance=noise)
+    with pytest.raises(
+        CovarianceError, match=r"exceed the noise that is declared.*eigenvalue -.*generalized_iv"
+    ):
+        ev.identify(problem, ev.methods.bias_compensated_least_squares())
+    signals = ev.Signals(
+        5.0,
+        {"velocity_z": regressors[:, 0], "input": regressors[:, 1], "specific_force_z": Y},
+        noise={
+            "velocity_z": ev.WhiteNoise(std=10.0),
+            "input": ev.WhiteNoise(std=0.0),
+            "specific_force_z": ev.WhiteNoise(std=0.0),
+        },
+    )
+    with pytest.raises(CovarianceError, match="exceed the noise"):
+        ev.identify_chunks(
+            lambda: [signals],
+            model=ev.VerticalMotion(intercept=False),
+            method=ev.methods.bias_compensated_least_squares(),
+        )
+
+
+def test_no_regressors_at_all():
+    problem = ev.regression(response=Y, regressors=np.zeros((ROWS, 2)), noise_covariance=np.zeros((3, 3)))
+    with pytest.raises(InstrumentError, match="numerical rank below 2"):
+        ev.identify(problem, ev.methods.bias_compensated_least_squares())
+
+
 def test_covariances_of_the_wrong_size():
     with pytest.raises(ShapeError, match="3 x 3 covariance"):
         ev.regression(response=Y, regressors=PHI, noise_covariance=np.eye(2))
@@ -149,6 +243,51 @@ def test_nothing_is_modified(name):
     ev.identify(problem, getattr(ev.methods, name)()).summary()
     for array, original in zip(arrays, (Y, PHI, PSI), strict=True):
         np.testing.assert_array_equal(array, original)
+
+
+CALLER = """
+import warnings
+import numpy as np
+import eivor as ev
+
+rng = np.random.default_rng(3)
+x, noise = rng.standard_normal((2, 200))
+problem = ev.regression(response=x + noise, regressors=x[:, None], instruments=noise[::-1, None])
+signals = ev.Signals(1.0, {"velocity_z": x, "input": noise, "specific_force_z": x + noise})
+motion, instruments = ev.VerticalMotion(intercept=False), ev.lags("input", 1, 3)
+method = ev.methods.extended_iv()
+total = ev.moments([signals], model=motion, method=method, instruments=instruments)
+
+def of_rows():
+    ev.identify(problem, method)  # of_rows
+
+def of_moments():
+    ev.identify(total, method)  # of_moments
+
+def of_chunks():
+    ev.identify_chunks(lambda: [signals], model=motion, method=method, instruments=instruments)  # of_chunks
+
+for function in (of_rows, of_moments, of_chunks):
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        function()
+    (one,) = told
+    print(function.__name__, one.category.__name__, one.filename, one.lineno)
+"""
+
+
+def test_the_warning_of_weak_instruments_points_to_the_users_line(tmp_path):
+    """In a process of its own: the checks of shapes in this one are frames between the two."""
+    file = tmp_path / "caller.py"
+    file.write_text(CALLER, encoding="utf-8")
+    done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, check=True)
+    lines = CALLER.splitlines()
+    for told in done.stdout.splitlines():
+        name, category, filename, number = told.split()
+        assert category == "WeakInstrumentsWarning"
+        assert filename == str(file)
+        assert lines[int(number) - 1].endswith(f"# {name}")
+    assert len(done.stdout.splitlines()) == 3
 
 
 class TestWhiteInput:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jaxtyping import config
 from scipy import stats
 
 import eivor as ev
+import shape_checks
 from eivor.errors import UsageError
 from eivor.inference.sets.fieller import fieller_set
 from eivor.inference.sets.profile import profile_interval
@@ -146,18 +146,16 @@ def test_what_cannot_be_derived_is_refused():
         fit.ellipse("a", "a")
 
 
+@pytest.mark.calibration
 def test_ellipse_covers_jointly():
     """The truth lies in the joint region 95 times in 100, and in the box of the intervals less often."""
-    config.update("jaxtyping_disable", True)
-    try:
+    with shape_checks.unchecked():
         rng, inside = np.random.default_rng(6), 0
         for _ in range(600):
             x = rng.standard_normal((300, 2)) @ np.array([[1.0, 0.8], [0.0, 0.6]])
             problem = ev.regression(response=x @ [1.0, -2.0] + rng.standard_normal(300), regressors=x)
             ellipse = ev.identify(problem, ev.methods.least_squares()).ellipse("theta_1", "theta_2")
             inside += bool(ellipse.contains(np.array([[1.0, -2.0]]))[0])
-    finally:
-        config.update("jaxtyping_disable", False)
     low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], 600, 0.95)
     assert low <= inside <= high
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -13,11 +13,16 @@ from vertical_flight_signals import Noise, flights
 from vertical_flight_signals import problem as flight_problem
 
 import eivor as ev
-from eivor.errors import EstimationError
+from eivor.errors import EstimationError, UsageError
 from eivor.estimation import methods
-from eivor.estimation.block_products import FOLDED_FROM
-from eivor.estimation.record_products import record_products
-from eivor.inference.verdict import Status
+from eivor.estimation.evidence import DIAGNOSTICS
+from eivor.estimation.products.at_estimate import record_of
+from eivor.estimation.products.long_records import FOLDED_FROM
+from eivor.inference.diagnostics.diagnostic import Diagnostic, Row
+from eivor.inference.diagnostics.endogeneity import endogeneity
+from eivor.inference.diagnostics.equation_products import equation_products
+from eivor.inference.diagnostics.strength import strength
+from eivor.inference.verdict import Reason, Status
 
 NOISE = 0.3
 """Standard deviation of the input's noise."""
@@ -69,7 +74,7 @@ def test_folded_products_are_those_of_rows(lags):
         instruments=rows.instruments,
         instrument_noise_covariance=noise,
     )
-    folded, plain = (record_products(ev.identify(each, method).best.solved) for each in (cut, arrays))
+    folded, plain = (record_of(ev.identify(each, method).best.solved) for each in (cut, arrays))
     assert folded.products.counts.size == plain.products.counts.size == 128
     assert folded.products.count == plain.products.count == rows.response.size
     np.testing.assert_allclose(folded.residual, plain.residual, atol=1e-10)
@@ -87,7 +92,7 @@ def test_blocks_of_folded_products_are_their_rows():
     made = signals(1, FOLDED_FROM + 1237)
     cut = problem(made)
     solved = ev.identify(cut, ev.methods.generalized_iv()).best.solved
-    found = record_products(solved)
+    found = record_of(solved)
     rows = cut.rows()
     Z = np.column_stack(
         [rows.instruments, rows.regressors, rows.response - rows.regressors @ solved.solution.theta]
@@ -125,7 +130,7 @@ def estimate_of(method, made):
 def test_every_method_s_scores_are_its_own(method):
     """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
     fit = estimate_of(method, signals(2))
-    found = record_products(fit.best.solved)
+    found = record_of(fit.best.solved)
     equation = fit.best.equation
     edges = np.concatenate([[0], np.cumsum(found.products.counts)]).astype(int)
     scale = np.abs(equation.scores).sum()
@@ -179,13 +184,33 @@ def test_samples_without_history_are_left_out():
     assert found.over_identification.p_value > 1e-4
 
 
+def test_frequency_rows_have_their_own_degrees_of_freedom():
+    """Not those of the samples, of which there are ten times as many in a band of 5 Hz at 100 Hz."""
+    fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
+    found, rows = ev.diagnose(fit), fit.best.rows
+    weights = record_of(fit.best.solved).weights
+    products = equation_products(
+        instruments=rows.instruments,
+        jacobian=np.column_stack([rows.regressors, fit.best.solved.nuisance_columns]),
+        residual=fit.residuals,
+        blocks=100,
+    )
+    np.testing.assert_allclose(found.first_stage.conditional, fit.best.inference.first_stage, rtol=1e-6)
+    direct = strength(products)
+    assert found.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)
+    np.testing.assert_allclose(found.first_stage.shea_r_squared, direct.shea_r_squared, rtol=1e-6)
+    against = endogeneity(products, weights)
+    for name in ("durbin", "durbin_p_value", "wu", "wu_p_value"):
+        assert getattr(found.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
+
+
 def test_frequency_rows_are_diagnosed_in_time():
     made = flight_problem(*flights(2, seconds=40.0, noise=Noise()))
     fit = ev.identify(made, ev.methods.reference_iv())
     found = ev.diagnose(fit)
     assert found.names == fit.names
     assert len(found.names) == 3
-    products = record_products(fit.best.solved)
+    products = record_of(fit.best.solved)
     equation = fit.best.equation
     # by Parseval the products in time add up to those of the bins
     np.testing.assert_allclose(
@@ -205,6 +230,7 @@ def test_frequency_rows_are_diagnosed_in_time():
 # -- calibration ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.calibration
 def test_sizes_of_generalized_iv_in_autocorrelated_disturbances():
     """J and constancy with compensated equations: shares of 5 % tests that reject a good estimate."""
     runs = 300
@@ -310,6 +336,55 @@ def test_short_records_say_less():
 
 def test_moments_alone_cannot_be_diagnosed():
     fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
-    without = replace(fit, candidates=(replace(fit.best, solved=None),))
+    moments_only = replace(fit.best.solved, problem=None)
+    without = replace(fit, candidates=(replace(fit.best, solved=moments_only),))
     with pytest.raises(EstimationError, match="Expected an estimate with its rows at hand, for diagnostics"):
         ev.diagnose(without)
+
+
+@dataclass(frozen=True)
+class LargestResidual(Diagnostic):
+    """A diagnostic of someone else: one class with its maker, and one line in the table."""
+
+    size: float
+
+    def rows(self, _of, /):
+        yield Row("largest_residual", "", self.size, None)
+
+    def lines(self, _of, /):
+        yield f"largest residual     {self.size:>10.4g}"
+
+    def reasons(self, of, /):
+        if self.size > 1.0:
+            yield Reason(
+                Status.WEAK, f"A residual of {self.size:.3g} stands out.", f"Look at {of.at_row(0)}."
+            )
+
+
+def test_a_diagnostic_is_one_class_and_one_line(monkeypatch):
+    rng = np.random.default_rng(3)
+    X = rng.standard_normal((200, 2))
+    y = X @ [1.0, 2.0] + rng.standard_normal(200)
+    fit = ev.identify(ev.regression(response=y, regressors=X), ev.methods.least_squares())
+    largest = float(np.abs(fit.residuals).max())
+    monkeypatch.setitem(
+        DIAGNOSTICS,
+        "largest_residual",
+        lambda evidence: LargestResidual(float(np.abs(evidence.record.residual).max())),
+    )
+    found = ev.diagnose(fit)
+    assert isinstance(found["largest_residual"], LargestResidual)
+    assert f"largest residual     {largest:>10.4g}" in found.summary()
+    assert "Look at row 0." in found.summary()
+    table = found.to_frame()
+    assert table.filter(table["diagnostic"] == "largest_residual")["value"].to_list() == [
+        pytest.approx(largest)
+    ]
+    assert any("stands out" in reason.sentence for reason in found.reasons)
+
+
+def test_a_diagnostic_that_there_is_not():
+    X = np.random.default_rng(3).standard_normal((50, 1))
+    fit = ev.identify(ev.regression(response=X[:, 0] + 0.1, regressors=X), ev.methods.least_squares())
+    with pytest.raises(UsageError, match="a diagnostic out of first_stage, over_identification"):
+        ev.diagnose(fit)["first_stag"]

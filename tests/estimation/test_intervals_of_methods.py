@@ -11,13 +11,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from jaxtyping import config
 from scipy import stats
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
 import eivor as ev
-from eivor.estimation.method import Method
+import shape_checks
+from eivor.estimation.linear import LinearMethod
 
 RUNS, COUNT = 250, 600
 TRUTH = np.array([0.8, -0.5])
@@ -26,7 +26,7 @@ CHANCE = 1e-4
 
 least_squares, total = ev.methods.least_squares(), ev.methods.total_least_squares()
 compensated = ev.methods.bias_compensated_least_squares()
-METHODS: dict[str, tuple[Method, str]] = {
+METHODS: dict[str, tuple[LinearMethod, str]] = {
     "least squares": (least_squares, "exact"),
     "total least squares": (total, "errors in all"),
     "bias-compensated least squares": (compensated, "errors in regressors"),
@@ -72,19 +72,17 @@ def problem(rng: np.random.Generator, kind: str) -> ev.Regression:
 
 
 def coverage(draw: Callable[[np.random.Generator], ev.Estimate], seed: int) -> np.ndarray:
-    config.update("jaxtyping_disable", True)
-    try:
+    with shape_checks.unchecked():
         hits = np.zeros(2, dtype=int)
         with threadpool_limits(limits=1):  # the matrices are small: threads would wait for each other
             for run in range(RUNS):
                 fit = draw(np.random.default_rng([seed, run]))
                 ends = [fit.interval(name) for name in fit.names]
                 hits += [low <= true <= high for (low, high), true in zip(ends, TRUTH, strict=True)]
-    finally:
-        config.update("jaxtyping_disable", False)
     return hits
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("name", METHODS)
 def test_default_intervals_cover(name):
     method, kind = METHODS[name]
@@ -93,6 +91,7 @@ def test_default_intervals_cover(name):
     assert np.all((low <= hits) & (hits <= high)), hits / RUNS
 
 
+@pytest.mark.calibration
 def test_a_method_that_is_told_nothing_of_the_errors_does_not_cover():
     hits = coverage(lambda rng: ev.identify(problem(rng, "errors in regressors"), least_squares), seed=99)
     assert np.all(hits < stats.binom.ppf(CHANCE, RUNS, 0.5))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import eivor as ev
 from eivor.errors import ChannelMapError, EstimationError, InputError, TooFewSamplesError, UsageError
 from eivor.estimation.moments import CrossMoments, TriangularMoments
+from eivor.linalg import AugmentedLeastSquares
 
 MOTION = ev.VerticalMotion(intercept=True)
 COUNT, ORDER = 600, 7
@@ -54,7 +55,7 @@ def normalised(moments):
         parts = [moments.root.T @ moments.root / moments.count, moments.noise]
     else:
         assert isinstance(moments, CrossMoments)
-        parts = [moments.products, moments.noise, moments.instruments, moments.regressors]
+        parts = [moments.equations, moments.noise, moments.instruments, moments.regressors]
     return [part for part in parts if part is not None]
 
 
@@ -174,3 +175,25 @@ class TestParquet:
         path.write_bytes(b"not a table")
         with pytest.raises(InputError, match="Parquet"):
             list(ev.read_chunks(path, rate_hz=5.0))
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.parametrize("weighting", [ev.methods.Unweighted(), ev.methods.TwoStage()])
+def test_the_moments_of_chunks_are_solved_once(weighting, monkeypatch):
+    sizes, solve = [], AugmentedLeastSquares.solve
+
+    def counted(self, system):
+        sizes.append(system.matrix.shape)
+        return solve(self, system)
+
+    monkeypatch.setattr(AugmentedLeastSquares, "solve", counted)
+    method, signals = ev.methods.generalized_iv(weighting), record()
+    fit = ev.identify_chunks(
+        lambda: chunks_of(signals, [200, 400]),
+        model=MOTION,
+        method=method,
+        instruments=ev.lags("input", 0, ORDER),
+    )
+    assert sizes == [(ORDER + 2, 3)]
+    whole = ev.identify(MOTION.regression(signals, ev.lags("input", 0, ORDER)), method)
+    assert fit.parameters == pytest.approx(whole.parameters, rel=1e-9)

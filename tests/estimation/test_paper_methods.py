@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eivor as ev
-from eivor.estimation.solve import solve
+from eivor.linalg import TotalLeastSquares
 
 SEVEN = (
     "least_squares",
@@ -79,7 +79,7 @@ def test_rows_of_arrays_and_of_signals_agree(name):
         instrument_noise=problem.instrument_noise_covariance(),
         regressor_noise=problem.regressor_noise_covariance(),
     )
-    a, b = (solve(method_of(name), p).solution.theta for p in (problem, rows))
+    a, b = (method_of(name).solve(p).solution.theta for p in (problem, rows))
     np.testing.assert_allclose(a, b, rtol=1e-11)
 
 
@@ -130,6 +130,64 @@ def test_permutation_of_columns_permutes_the_estimates(name):
     a, b = (ev.identify(p, method_of(name)).parameters for p in (problem, swapped))
     assert a["viscous_friction"] == pytest.approx(b["viscous_friction"], rel=1e-8)
     assert a["input_gain"] == pytest.approx(b["input_gain"], rel=1e-8)
+
+
+def short_record(seed):
+    """Sixty samples with so much noise that least squares and total least squares differ."""
+    rng = np.random.default_rng([97, seed])
+    stds = {"velocity_z": 0.02, "input": 0.3, "specific_force_z": 0.02}
+    return noisy(motion(rng, 60), stds, rng)
+
+
+def sums_over_rows(signals, name, order=5):
+    """X and b of (23) or (29): sums over all rows, as printed, with N in the row of lag 0."""
+    velocity, drive, response = (signals.channels[n] for n in ("velocity_z", "input", "specific_force_z"))
+    generalized = name.startswith("generalized")
+    rows = slice(order, None)
+    Psi = np.column_stack(
+        [drive[order - lag : drive.size - lag] for lag in range(0 if generalized else 1, order + 1)]
+    )
+    Phi = np.column_stack([-velocity[rows], drive[rows]])
+    H = np.zeros((Psi.shape[1], 2))
+    H[0, 1] = 1.0 if generalized else 0.0
+    return Psi.T @ Phi - len(Phi) * signals.noise["input"].variance * H, Psi.T @ response[rows]
+
+
+def augmented(X, b, upper, lower):
+    """Theta of [[upper E_p, X], [X', lower E_2]] [eps; theta] = [b; 0], all p + 2 of it."""
+    p, n = X.shape
+    matrix = np.block([[upper * np.eye(p), X], [X.T, lower * np.eye(n)]])
+    return np.linalg.solve(matrix, np.append(b, np.zeros(n)))[p:]
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("name", ["extended_iv", "extended_iv_tls", "generalized_iv", "generalized_iv_tls"])
+def test_the_papers_normal_and_augmented_systems(name, seed):
+    """(24) and (25), (26) and (27), (30) and (31), (32) and (33), in full and as they stand."""
+    signals = short_record(seed)
+    X, b = sums_over_rows(signals, name)
+    least = np.linalg.solve(X.T @ X, X.T @ b)
+    if name.endswith("_tls"):
+        smallest = np.linalg.svd(np.column_stack([X, b]), compute_uv=False)[-1]
+        normal = np.linalg.solve(X.T @ X - smallest**2 * np.eye(2), X.T @ b)
+        full = augmented(X, b, smallest, smallest)
+        # ... of which least squares, in place of it, would be far off, as would other units of the columns
+        assert np.abs(normal / least - 1.0).max() > 1e-4
+        lengths = np.linalg.norm(X, axis=0)
+        other = np.linalg.svd(np.column_stack([X / lengths, b]), compute_uv=False)[-1]
+        scaled = np.linalg.solve(X.T @ X - other**2 * np.diag(lengths**2), X.T @ b)
+        assert np.abs(normal / scaled - 1.0).max() > 1e-4
+    else:
+        smallest = np.linalg.svd(X, compute_uv=False)[-1]
+        normal, full = least, augmented(X, b, smallest / np.sqrt(2.0), 0.0)
+    np.testing.assert_allclose(full, normal, rtol=1e-9)
+    problem = MOTION.regression(signals, lags_of(name, 5))
+    fit = ev.identify(problem, method_of(name))
+    np.testing.assert_allclose(list(fit.parameters.values()), full, rtol=1e-9)
+    if name.endswith("_tls"):
+        svd = replace(method_of(name), solver=TotalLeastSquares())
+        np.testing.assert_allclose(svd.solve(problem).solution.theta, full, rtol=1e-9)
 
 
 class TestErrataOfEquation29:

@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 import eivor
 from eivor.errors import UsageError
 from eivor.estimation import methods
-from eivor.estimation.method import Method
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.resampling import bootstrap
-from eivor.estimation.solve import solve
 from eivor.inference.resampling.blocks import BlockScheme, block_plan
 from eivor.inference.resampling.replicates import IntervalKind
-from eivor.models.regression import Regression, SampleRows, regression
+from eivor.models.regression import Regression, regression
+from eivor.models.rows import SampleRows
 
 ROWS = 1003
 METHODS = {
@@ -51,13 +51,13 @@ def rows_of(index: np.ndarray, *, compensated: bool) -> Regression:
 
 @pytest.mark.parametrize("scheme", list(BlockScheme))
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
-def test_replicates_are_estimates_from_the_drawn_rows(method: Method, scheme: BlockScheme) -> None:
+def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, scheme: BlockScheme) -> None:
     problem = partial(rows_of, compensated=method.name.startswith("generalized"))
     found = bootstrap(problem(np.arange(ROWS)), method, runs=4, block_length=7, scheme=scheme, seed=3)
     plan, random = block_plan(ROWS, 7.0, scheme), np.random.default_rng(3)
     for replicate in found.replicates:
         drawn = plan.rows_of(plan.drawn(random))
-        wanted = solve(method, problem(drawn)).solution.theta
+        wanted = method.solve(problem(drawn)).solution.theta
         np.testing.assert_allclose(replicate, wanted, rtol=1e-10)
 
 
@@ -71,7 +71,7 @@ def test_ill_conditioned_rows_are_resampled_as_accurately_as_they_are_estimated(
     plan, draws = block_plan(500, 5.0), np.random.default_rng(0)
     for replicate in found.replicates:
         rows = plan.rows_of(plan.drawn(draws))
-        wanted = solve(methods.least_squares(), regression(response=y[rows], regressors=Phi[rows])).solution
+        wanted = methods.least_squares().solve(regression(response=y[rows], regressors=Phi[rows])).solution
         np.testing.assert_allclose(replicate, wanted.theta, atol=1e-6)
 
 
@@ -95,14 +95,14 @@ def test_robust_weights_are_those_of_the_sample() -> None:
     plan, random = block_plan(ROWS, 7.0), np.random.default_rng(3)
     renewed = np.array(
         [
-            solve(method, rows_of(plan.rows_of(plan.drawn(random)), compensated=False)).solution.theta
+            method.solve(rows_of(plan.rows_of(plan.drawn(random)), compensated=False)).solution.theta
             for _ in range(20)
         ]
     )
     away = (found.replicates - renewed).std(axis=0) / renewed.std(axis=0)
     assert (away < 0.5).all()
     assert found.values == pytest.approx(
-        solve(method, rows_of(np.arange(ROWS), compensated=False)).solution.theta
+        method.solve(rows_of(np.arange(ROWS), compensated=False)).solution.theta
     )
 
 
@@ -170,6 +170,7 @@ def autocorrelated(trial: int, rows: int, memory: float) -> Regression:
     return regression(response=0.5 * x + e, regressors=x[:, None])
 
 
+@pytest.mark.calibration
 def test_intervals_of_autocorrelated_errors_cover() -> None:
     """Within binomial error of 90 %, and of the four percent that blocks of finite length lose."""
     trials, held = 150, 0
@@ -182,6 +183,7 @@ def test_intervals_of_autocorrelated_errors_cover() -> None:
     assert 0.86 - error < held / trials < 0.9 + error
 
 
+@pytest.mark.calibration
 def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not() -> None:
     """Variance of the slope over 150 data sets, against the mean of what the blocks say (no runs needed)."""
     trials, slopes, told, alone = 150, [], [], []

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.optimize
-from jaxtyping import config
 from scipy import stats
 from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flights, problem
 
+import shape_checks
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Instrumental
-from eivor.estimation.equation_weighting import TwoStage
 from eivor.estimation.fit import identify
-from eivor.estimation.method import Method
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import least_squares, reference_iv, total_least_squares
+from eivor.estimation.weighting.equations import TwoStage
 from eivor.linalg import LeastSquares
 
-TWO_STAGE = Method("two_stage", Instrumental(), TwoStage(), LeastSquares())
+TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
 
 
 def residual_at(flight, joint: np.ndarray, delay_s: float = 0.0) -> np.ndarray:
@@ -59,7 +59,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     (flight,) = flights(1, seconds=8.0, noise=Noise(), seed=2)
     made = problem(flight)
     fit = identify(made, TWO_STAGE)
-    Psi = made.samples(0.05, 0.0).instruments
+    Psi = made.rows({"actuator_lag": 0.05, "delay": 0.0}).instruments
     Q = np.linalg.qr(Psi)[0]
     start = np.array([1.0, 30.0, 0.02])
     joint = scipy.optimize.least_squares(
@@ -83,7 +83,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
 def test_intervals_include_the_uncertainty_of_the_lag(method):
     (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
     searched = identify(problem(flight), method)
-    fixed = identify(problem(flight, lags=np.array([searched.best.lag_s])), method)
+    fixed = identify(problem(flight, lags=np.array([searched.best.at["actuator_lag"]])), method)
     assert "actuator_lag" not in fixed.names
     for number, name in enumerate(("viscous_friction", "input_gain")):
         assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
@@ -103,9 +103,9 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
 def test_delay_is_found_and_told_from_the_others(method, delay_s):
     (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
     fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
-    assert fit.best.delay_s == delay_s
+    assert fit.best.at["delay"] == delay_s
     assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.004)
-    assert [candidate.delay_s for candidate in fit.tenable()] == [delay_s]
+    assert [candidate.at["delay"] for candidate in fit.tenable()] == [delay_s]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -164,7 +164,7 @@ def test_a_lag_outside_the_grid_stops_at_its_end():
     (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=8)
     for grid, end in ((np.geomspace(0.002, 0.02, 8), 0.02), (np.geomspace(0.1, 0.3, 8), 0.1)):
         fit = identify(problem(flight, lags=grid), least_squares())
-        assert fit.best.lag_s == pytest.approx(end, abs=1e-4)
+        assert fit.best.at["actuator_lag"] == pytest.approx(end, abs=1e-4)
 
 
 # -- the joint covariance against many flights ------------------------------------------------------------
@@ -176,11 +176,8 @@ TRUTH = np.array([FRICTION, GAIN, LAG_S])
 @pytest.fixture(scope="module")
 def spread():
     """Estimates of many calm flights with white noise, with their joint covariances."""
-    config.update("jaxtyping_disable", True)
-    try:
+    with shape_checks.unchecked():
         return estimates_of_many()
-    finally:
-        config.update("jaxtyping_disable", False)
 
 
 def estimates_of_many():
@@ -191,6 +188,7 @@ def estimates_of_many():
     return np.array([fit.best.values for fit in fits]), [fit.best.covariance for fit in fits]
 
 
+@pytest.mark.calibration
 def test_estimates_scatter_by_their_joint_covariance(spread):
     """Squared distances in units of the white covariance add up to a chi-square variable."""
     values, covariances = spread
@@ -203,6 +201,7 @@ def test_estimates_scatter_by_their_joint_covariance(spread):
     assert 0.9 * low < np.sum(squared) < 1.1 * high
 
 
+@pytest.mark.calibration
 def test_estimates_correlate_as_they_say(spread):
     values, covariances = spread
     mean = np.mean([C.part("classical").matrix for C in covariances], axis=0)
@@ -213,6 +212,7 @@ def test_estimates_correlate_as_they_say(spread):
         assert abs(np.arctanh(found[i, j]) - np.arctanh(wanted[i, j])) < 4.0 / np.sqrt(RUNS - 3)
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("number", range(3))
 def test_intervals_cover(spread, number):
     values, covariances = spread

@@ -12,14 +12,13 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
+from eivor.estimation.error_assumptions import AutocorrelatedErrors, HomoskedasticErrors
 from eivor.estimation.moment_rows import moment_rows
 from eivor.estimation.weak_identification import (
-    AutocorrelatedErrors,
-    HomoskedasticErrors,
     anderson_rubin_set,
     sign_perturbed_set,
 )
-from eivor.studies.scenario_file import shipped_scenario
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
 
 LEVEL = 0.95
 
@@ -35,6 +34,7 @@ def exact_input(signals: ev.Signals, truth: ev.Signals) -> ev.Signals:
     return ev.Signals(signals.rate_hz, channels, noise=dict(signals.noise) | {"input": ev.WhiteNoise(0.0)})
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("name", ["rich", "white"])
 def test_generalized_iv_with_lag_zero_covers_at_500_samples(name):
     """Compensated equations, instruments that share noise with the input: at least 95 % but for chance."""
@@ -139,7 +139,7 @@ def test_an_intercept_costs_nothing():
     signals = simulated("rich", 800, [34])
     shifted = ev.Signals(
         signals.rate_hz,
-        dict(signals.channels) | {"specific_force_z": signals.channel("specific_force_z") + 9.8},
+        dict(signals.channels) | {"acceleration_z": signals.channel("acceleration_z") + 9.8},
         noise=dict(signals.noise),
     )
     sets = [

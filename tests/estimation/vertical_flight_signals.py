@@ -6,18 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.models.input_map import Power
 from eivor.models.instruments import LaggedReferences
-from eivor.models.vertical import VerticalMotion
-from eivor.models.vertical_flights import VerticalFlight, VerticalFlights
-from eivor.models.vertical_simulation import (
+from eivor.models.lagged_runs import lag_and_delay
+from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.signals.input_map import Power
+from eivor.signals.noise import WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.simulation.flights.closed_loop import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
 )
-from eivor.signals.noise import WhiteNoise
-from eivor.signals.signals import Signals
 
 STEP_S = 0.01
 FRICTION, GAIN, LAG_S = 0.4, 40.0, 0.05
@@ -90,4 +91,4 @@ def problem(
     """The separable problem of flights, by default with a coarse grid of lags."""
     grid = np.geomspace(0.01, 0.2, 6) if lags is None else lags
     rule = LaggedReferences(("reference_position_z", "reference_acceleration_z"))
-    return VerticalFlights(which, VerticalMotion(Power(2.0)), rule, grid, delays)
+    return VerticalFlights(which, VerticalMotion(Power(2.0)), rule, lag_and_delay(grid, delays))

@@ -6,13 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.models.vertical_simulation import (
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.motions.vertical.motion import Vertical
+from eivor.signals.recording import Channel, Recording
+from eivor.simulation.flights.closed_loop import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
 )
-from eivor.signals.recording import Channel, Recording
 
 STEP_S = 0.01
 FRICTION, GAIN, LAG_S = 0.4, 40.0, 0.05
@@ -92,6 +96,11 @@ def channel(name: str, time_s: np.ndarray, values: np.ndarray) -> Channel:
     return Channel(
         name, np.array(time_s, dtype=float), np.array(values, dtype=float), "", "test", name in HELD
     )
+
+
+def prepare_vertical(log: Recording, options: FlightOptions) -> PreparedFlight:
+    """Log made ready for the vertical motion."""
+    return prepare(log, Vertical(), options)
 
 
 def changed(log: Recording, *drop: str, **channels: Channel | np.ndarray) -> Recording:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from flight_logs import changed, channel, every, flown
+from flight_logs import changed, channel, every, flown, prepare_vertical
 
 from eivor.flights.airborne import MARGIN_S, airborne
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import prepare
 
 STEP_S = 0.01
 MARGIN = round(MARGIN_S / STEP_S)
@@ -68,13 +67,13 @@ def test_input_that_never_rises_never_flies(level):
 
 
 def airborne_share(log) -> float:
-    return float(prepare(log, FlightOptions()).airborne.mask.mean())
+    return float(prepare_vertical(log, FlightOptions()).active.mask.mean())
 
 
 def test_before_its_first_message_the_land_detector_says_landed():
     (log,) = flown(seconds=10.0)
     late = channel("landed", [2.0, 9.0], [0.0, 0.0])
-    mask = prepare(changed(log, landed=late), FlightOptions()).airborne.mask
+    mask = prepare_vertical(changed(log, landed=late), FlightOptions()).active.mask
     assert stretches(mask) == [(200 + MARGIN, 1000)]
 
 
@@ -82,7 +81,7 @@ def test_ground_contact_counts_as_landed():
     (log,) = flown(seconds=10.0)
     touching = channel("ground_contact", [0.0, 4.0, 5.0], [0.0, 1.0, 0.0])
     landed = channel("landed", [0.0, 9.0], [0.0, 0.0])
-    mask = prepare(changed(log, landed=landed, ground_contact=touching), FlightOptions()).airborne.mask
+    mask = prepare_vertical(changed(log, landed=landed, ground_contact=touching), FlightOptions()).active.mask
     assert stretches(mask) == [(0, 400 - MARGIN), (500 + MARGIN, 1000)]
 
 

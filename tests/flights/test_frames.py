@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import STEP_S, changed, channel, flown, recording
+from flight_logs import STEP_S, changed, channel, flown, prepare_vertical, recording
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import ShapeError
-from eivor.flights.frames import upward, vertical_row
+from eivor.flights.frames import upward
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import prepare
-from eivor.flights.recipe import identify_flight
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.attitude import vertical_row
 from eivor.signals.recording import Frame
 
 #: Turns z-up axes (world and body alike) into z-down ones.
@@ -52,11 +52,9 @@ def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
         body = logged.inv().apply(force @ DOWN)
     else:
         logged, body = turns, turns.inv().apply(force)
-    prepared = prepare(body_log(logged, body, frame, scale), FlightOptions())
-    np.testing.assert_allclose(prepared.flight.signals.channel("specific_force_z"), force[:, 2], atol=1e-9)
-    np.testing.assert_allclose(
-        prepared.flight.signals.channel("cos_tilt"), turns.as_matrix()[:, 2, 2], atol=1e-12
-    )
+    prepared = prepare_vertical(body_log(logged, body, frame, scale), FlightOptions())
+    np.testing.assert_allclose(prepared.signals.channel("specific_force_z"), force[:, 2], atol=1e-9)
+    np.testing.assert_allclose(prepared.signals.channel("cos_tilt"), turns.as_matrix()[:, 2, 2], atol=1e-12)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -120,9 +118,9 @@ def test_axes_of_the_accelerometer_may_have_their_own_clocks():
         for i, axis in enumerate("xy")
     }
     flown_with = changed(log, **moved, specific_force_body_z=replace(z, values=smooth[:, 2].copy()))
-    found = prepare(flown_with, FlightOptions()).flight.signals.channel("specific_force_z")
+    found = prepare_vertical(flown_with, FlightOptions()).signals.channel("specific_force_z")
     np.testing.assert_allclose(found[2:-2], 9.8, atol=2e-3)
     # An axis without a sample is no accelerometer.
     empty = changed(log, specific_force_body_x=channel("specific_force_body_x", [], []))
-    names = [finding.name for finding in prepare(empty, FlightOptions()).findings]
+    names = [finding.name for finding in prepare_vertical(empty, FlightOptions()).findings]
     assert "no_accelerometer" in names

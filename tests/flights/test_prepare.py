@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import STEP_S, changed, channel, every, flown
+from flight_logs import STEP_S, changed, channel, every, flown, prepare_vertical
 
 from eivor.errors import EivorError, InputError, MissingChannelError, UsageError
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import SHORTEST_RUN_S, prepare
-from eivor.models.input_map import Power
-from eivor.models.vertical import GRAVITY, VerticalMotion
+from eivor.flights.prepare import SHORTEST_RUN_S
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.motion import vertical_flight
+from eivor.signals.input_map import Power
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +25,10 @@ def bounds(prepared) -> list[tuple[float, float]]:
     """First and last second of each run."""
     return [
         (
-            prepared.flight.signals.start_s + run.start * STEP_S,
-            prepared.flight.signals.start_s + (run.stop - 1) * STEP_S,
+            prepared.signals.start_s + run.start * STEP_S,
+            prepared.signals.start_s + (run.stop - 1) * STEP_S,
         )
-        for run in prepared.flight.runs
+        for run in prepared.runs
     ]
 
 
@@ -40,7 +41,7 @@ def with_command_gap(log, start: float, end: float):
 
 
 def test_the_whole_flight_is_one_run(log):
-    prepared = prepare(log, FlightOptions())
+    prepared = prepare_vertical(log, FlightOptions())
     assert bounds(prepared) == [pytest.approx((0.0, 19.99))]
     assert prepared.used.sum() == 2000
     assert prepared.input_map == "square"
@@ -49,10 +50,10 @@ def test_the_whole_flight_is_one_run(log):
 
 
 def test_window_cuts_the_run(log):
-    prepared = prepare(log, FlightOptions(window=(4.0, 12.5)))
+    prepared = prepare_vertical(log, FlightOptions(window=(4.0, 12.5)))
     assert bounds(prepared) == [pytest.approx((4.0, 12.5))]
     # A window that reaches beyond the log ends with it.
-    assert bounds(prepare(log, FlightOptions(window=(15.0, 99.0)))) == [pytest.approx((15.0, 19.99))]
+    assert bounds(prepare_vertical(log, FlightOptions(window=(15.0, 99.0)))) == [pytest.approx((15.0, 19.99))]
 
 
 @pytest.mark.parametrize("window", [(30.0, 40.0), (-5.0, 0.0)])
@@ -60,7 +61,7 @@ def test_windows_outside_the_log_are_refused(log, window):
     with pytest.raises(
         UsageError, match=r"Expected a window START:END inside the log, which spans 0\.00 to 19\.99 s"
     ):
-        prepare(log, FlightOptions(window=window))
+        prepare_vertical(log, FlightOptions(window=window))
 
 
 @pytest.mark.parametrize(
@@ -83,22 +84,22 @@ def test_tilt_beyond_the_limit_is_left_out(log):
     tilt[800:900] = np.cos(np.deg2rad(20.0))
     tilt[1300:1400] = np.cos(np.deg2rad(30.0))
     leaning = changed(log, cos_tilt=tilt)
-    assert len(prepare(leaning, FlightOptions()).flight.runs) == 2
-    assert prepare(leaning, FlightOptions()).used.sum() == 1900
-    assert prepare(leaning, FlightOptions(max_tilt_deg=10.0)).used.sum() == 1800
-    assert prepare(leaning, FlightOptions(max_tilt_deg=40.0)).used.sum() == 2000
+    assert len(prepare_vertical(leaning, FlightOptions()).runs) == 2
+    assert prepare_vertical(leaning, FlightOptions()).used.sum() == 1900
+    assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=10.0)).used.sum() == 1800
+    assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=40.0)).used.sum() == 2000
 
 
 def test_runs_shorter_than_three_seconds_are_left_out(log):
     tilt = np.ones(2000)
     tilt[round(SHORTEST_RUN_S / STEP_S)] = 0.5  # leaves 300 samples before it
     tilt[600] = 0.5  # leaves 299 between
-    prepared = prepare(changed(log, cos_tilt=tilt), FlightOptions())
-    assert prepared.flight.runs == (slice(0, 300), slice(601, 2000))
+    prepared = prepare_vertical(changed(log, cos_tilt=tilt), FlightOptions())
+    assert prepared.runs == (slice(0, 300), slice(601, 2000))
 
 
 def test_a_gap_of_the_command_breaks_the_run_and_is_waited_for(log):
-    prepared = prepare(with_command_gap(log, 8.0, 9.0), FlightOptions())
+    prepared = prepare_vertical(with_command_gap(log, 8.0, 9.0), FlightOptions())
     first, second = bounds(prepared)
     assert first == pytest.approx((0.0, 7.99), abs=0.011)
     assert second[0] == pytest.approx(9.3, abs=0.021)
@@ -108,8 +109,8 @@ def test_the_actuator_runs_over_the_whole_log_before_runs_are_cut(log):
     """A step just before the window: the run begins in the middle of the actuator's answer to it."""
     level = np.full(2000, 0.4)
     level[1000:] = 0.6
-    prepared = prepare(changed(log, rotor_command_1=level), FlightOptions(window=(10.05, 18.0)))
-    flight = prepared.flight
+    prepared = prepare_vertical(changed(log, rotor_command_1=level), FlightOptions(window=(10.05, 18.0)))
+    flight = vertical_flight(prepared)
     assert flight.runs[0].start == 1005
     (state,) = flight.cut(flight.mapped_input(VerticalMotion(Power(1.0)), 0.1, 0.0)[:, None])
     age = STEP_S * np.arange(5, 5 + len(state))
@@ -119,9 +120,9 @@ def test_the_actuator_runs_over_the_whole_log_before_runs_are_cut(log):
 def test_acceleration_may_be_logged_without_gravity(log):
     force = log.channels["specific_force_z"].values
     coordinate = changed(log, "specific_force_z", acceleration_z=force - GRAVITY)
-    one, other = prepare(log, FlightOptions()), prepare(coordinate, FlightOptions())
+    one, other = prepare_vertical(log, FlightOptions()), prepare_vertical(coordinate, FlightOptions())
     np.testing.assert_allclose(
-        other.flight.signals.channel("specific_force_z"), one.flight.signals.channel("specific_force_z")
+        other.signals.channel("specific_force_z"), one.signals.channel("specific_force_z")
     )
 
 
@@ -129,9 +130,9 @@ def test_acceleration_may_be_logged_without_gravity(log):
     ("missing", "finding"), [("specific_force_z", "no_accelerometer"), ("cos_tilt", "no_attitude")]
 )
 def test_what_is_not_logged_becomes_a_finding(log, missing, finding):
-    prepared = prepare(changed(log, missing), FlightOptions())
+    prepared = prepare_vertical(changed(log, missing), FlightOptions())
     assert finding in [found.name for found in prepared.findings]
-    np.testing.assert_array_equal(prepared.flight.signals.channel("cos_tilt"), 1.0)
+    np.testing.assert_array_equal(prepared.signals.channel("cos_tilt"), 1.0)
     assert prepared.rates_hz["acceleration"] == (
         0.0 if missing == "specific_force_z" else pytest.approx(100.0)
     )
@@ -148,8 +149,8 @@ def test_commands_come_before_measured_speeds_before_inputs(log):
         (("rotor_command_1",), "rotor_speed", True, "square"),
         (("rotor_command_1", "rotor_speed_1"), "input", False, "linear"),
     ):
-        prepared = prepare(replace(changed(everything, *drop), input_map=""), FlightOptions())
-        assert (prepared.flight.input, prepared.flight.measured, prepared.input_map) == (
+        prepared = prepare_vertical(replace(changed(everything, *drop), input_map=""), FlightOptions())
+        assert (prepared.input.name, prepared.input.measured, prepared.input_map) == (
             family,
             measured,
             name,
@@ -159,16 +160,16 @@ def test_commands_come_before_measured_speeds_before_inputs(log):
 @pytest.mark.parametrize("asked", ["rotor_speed", "rotor_speed_", "rotor_speed_*", "rotor_speed_2"])
 def test_input_may_be_named(log, asked):
     speeds = {f"rotor_speed_{i}": np.full(2000, float(i)) for i in (1, 2)}
-    flight = prepare(changed(log, **speeds), FlightOptions(input=asked)).flight
+    flight = vertical_flight(prepare_vertical(changed(log, **speeds), FlightOptions(input=asked)))
     assert flight.measured
     mean = flight.mapped_input(VerticalMotion(Power(1.0)), 0.0, 0.0)
     np.testing.assert_array_equal(mean, 2.0 if asked.endswith("2") else 1.5)
 
 
 def test_map_is_the_users_then_the_logs(log):
-    assert prepare(replace(log, input_map="mixed:0.3"), FlightOptions()).input_map == "mixed:0.3"
+    assert prepare_vertical(replace(log, input_map="mixed:0.3"), FlightOptions()).input_map == "mixed:0.3"
     options = FlightOptions(input_map="power:1.5")
-    assert prepare(replace(log, input_map="mixed:0.3"), options).input_map == "power:1.5"
+    assert prepare_vertical(replace(log, input_map="mixed:0.3"), options).input_map == "power:1.5"
 
 
 # -- refusals ---------------------------------------------------------------------------------------------
@@ -186,7 +187,7 @@ def test_map_is_the_users_then_the_logs(log):
 )
 def test_missing_channels_are_named(log, change, options, error, said):
     with pytest.raises(error, match=said):
-        prepare(changed(log, *change), FlightOptions(**options))
+        prepare_vertical(changed(log, *change), FlightOptions(**options))
 
 
 def empty(name, kept):
@@ -200,10 +201,12 @@ def empty(name, kept):
 
 @pytest.mark.parametrize("kept", ["nothing", "one sample", "NaN"])
 def test_an_empty_accelerometer_is_done_without(log, kept):
-    prepared = prepare(changed(log, specific_force_z=empty("specific_force_z", kept)), FlightOptions())
+    prepared = prepare_vertical(
+        changed(log, specific_force_z=empty("specific_force_z", kept)), FlightOptions()
+    )
     assert "empty_channel" in [finding.name for finding in prepared.findings]
-    assert prepared.flight.acceleration is None
-    assert prepared.flight.runs
+    assert vertical_flight(prepared).acceleration is None
+    assert prepared.runs
 
 
 @pytest.mark.parametrize("name", ["velocity_z", "rotor_command_1"])
@@ -213,31 +216,31 @@ def test_channels_without_values_are_named(log, name, kept):
     with pytest.raises(
         MissingChannelError, match=rf"values in the channel '{name}' of flight 0; received \d samples"
     ):
-        prepare(changed(log, **{name: broken}), FlightOptions())
+        prepare_vertical(changed(log, **{name: broken}), FlightOptions())
 
 
 def test_clocks_without_overlap_are_refused(log):
     command = log.channels["rotor_command_1"]
     shifted = changed(log, rotor_command_1=replace(command, time_s=command.time_s + 100.0))
     with pytest.raises(InputError, match="Expected a stretch of time in which"):
-        prepare(shifted, FlightOptions())
+        prepare_vertical(shifted, FlightOptions())
 
 
 # -- references -------------------------------------------------------------------------------------------
 
 
 def remarks(log, **options) -> dict[str, str]:
-    return {r.name: r.remark for r in prepare(log, FlightOptions(**options)).references}
+    return {r.name: r.remark for r in prepare_vertical(log, FlightOptions(**options)).references}
 
 
 def test_pilots_stick_counts_while_a_pilot_flies(log):
     stick = changed(log, pilot_throttle=np.sin(STEP_S * np.arange(2000)))
-    assert "pilot_throttle" in prepare(stick, FlightOptions()).usable_references
+    assert "pilot_throttle" in prepare_vertical(stick, FlightOptions()).usable_references
     for share, serves in ((0.4, False), (0.6, True)):
         flies = channel("pilot_in_control", [0.0, 20.0 * share], [1.0, 0.0])
         flies = replace(flies, held=True)
         judged = changed(stick, pilot_in_control=flies)
-        assert ("pilot_throttle" in prepare(judged, FlightOptions()).usable_references) is serves
+        assert ("pilot_throttle" in prepare_vertical(judged, FlightOptions()).usable_references) is serves
         if not serves:
             assert remarks(judged)["pilot_throttle"] == "no pilot flies"
 
@@ -249,7 +252,7 @@ def test_references_must_be_in_force_for_half_of_the_flight(log):
         "in force for 45% of the flight only"
     )
     # Within a window in which it is in force it serves.
-    windowed = prepare(changed(log, reference_position_z=position), FlightOptions(window=(0.0, 8.0)))
+    windowed = prepare_vertical(changed(log, reference_position_z=position), FlightOptions(window=(0.0, 8.0)))
     assert "reference_position_z" in windowed.usable_references
 
 
@@ -263,45 +266,54 @@ def test_feedback_serves_only_when_nothing_else_does(log):
     velocity = changed(log, feedback_reference_velocity_z=np.sin(STEP_S * np.arange(2000)))
     assert remarks(velocity)["feedback_reference_velocity_z"] == "contains feedback; others serve"
     alone = changed(velocity, "reference_position_z", "reference_velocity_z")
-    assert prepare(alone, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
+    assert prepare_vertical(alone, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
     still = changed(velocity, "reference_velocity_z", reference_position_z=np.zeros(2000))
-    assert prepare(still, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
+    assert prepare_vertical(still, FlightOptions()).usable_references == ("feedback_reference_velocity_z",)
 
 
 def test_instruments_may_be_named(log):
-    prepared = prepare(log, FlightOptions(instruments=("reference_velocity_z", "velocity_z")))
+    prepared = prepare_vertical(log, FlightOptions(instruments=("reference_velocity_z", "velocity_z")))
     assert prepared.usable_references == ("reference_velocity_z", "velocity_z")
     np.testing.assert_array_equal(
-        prepared.flight.signals.channel("reference_velocity_z"), log.channels["reference_velocity_z"].values
+        prepared.signals.channel("reference_velocity_z"), log.channels["reference_velocity_z"].values
+    )
+
+
+def test_named_channels_of_the_vehicle_itself_answer_it(log):
+    extra = changed(log, battery_voltage=np.ones(2000), pilot_in_control=np.ones(2000))
+    names = ("velocity_z", "rotor_command_1", "battery_voltage", "pilot_in_control", "reference_velocity_z")
+    found = prepare_vertical(extra, FlightOptions(instruments=names)).references
+    assert {r.name: r.exogenous for r in found} == dict(
+        zip(names, (False, False, False, True, True), strict=True)
     )
 
 
 def test_no_usable_sample_leaves_no_reference(log):
     grounded = changed(log, landed=channel("landed", [0.0, 19.0], [1.0, 1.0]))
-    prepared = prepare(grounded, FlightOptions())
-    assert prepared.flight.runs == ()
+    prepared = prepare_vertical(grounded, FlightOptions())
+    assert prepared.runs == ()
     assert set(remarks(grounded).values()) == {"no usable sample of flight"}
     assert not prepared.constant_input
 
 
 def test_rates_and_band_are_those_of_the_log(log):
     slow = every(log, 10, "velocity_z")
-    prepared = prepare(slow, FlightOptions())
-    assert prepared.flight.band_hz == (0.04, 4.0)
-    assert prepare(log, FlightOptions()).flight.band_hz == (0.04, 5.0)
+    prepared = prepare_vertical(slow, FlightOptions())
+    assert prepared.band_hz == (0.04, 4.0)
+    assert prepare_vertical(log, FlightOptions()).band_hz == (0.04, 5.0)
     assert prepared.rates_hz["velocity"] == pytest.approx(10.0, rel=0.01)
 
 
 def test_declared_noise_is_what_was_added(log):
     """White noise of .03 m/s and .3 m/s^2, read off above the motion's band."""
-    noise = prepare(log, FlightOptions()).flight.signals.noise
+    noise = prepare_vertical(log, FlightOptions()).signals.noise
     assert noise["velocity_z"].std == pytest.approx(0.03, rel=0.1)
     assert noise["specific_force_z"].std == pytest.approx(0.3, rel=0.1)
 
 
 def test_nothing_of_the_log_is_modified(log):
     before = {name: (c.time_s.copy(), c.values.copy()) for name, c in log.channels.items()}
-    prepare(log, FlightOptions(window=(2.0, 9.0)))
+    prepare_vertical(log, FlightOptions(window=(2.0, 9.0)))
     for name, (time, values) in before.items():
         np.testing.assert_array_equal(log.channels[name].time_s, time)
         np.testing.assert_array_equal(log.channels[name].values, values)

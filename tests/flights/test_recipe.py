@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, every, flown
 from scipy import stats
 
+import shape_checks
 from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
 from eivor.flights.options import FlightOptions
-from eivor.flights.recipe import identify_flight
 from eivor.inference.verdict import Status
+from eivor.motions.identify import identify_flight
 
 # Checking shapes at each call takes most of the time: `fit`, made before this takes hold, is checked.
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
@@ -26,6 +28,14 @@ def log():
 @pytest.fixture(scope="module")
 def fit(log):
     return identify_flight(log)
+
+
+def test_a_result_goes_to_another_process_and_back(fit):
+    """With what was asked of it before: a pool of processes, a cache."""
+    fit.fit.estimate.interval("viscous_friction")
+    again = pickle.loads(pickle.dumps(fit))  # noqa: S301 - made here
+    assert again.summary() == fit.summary()
+    assert again.fit.estimate.interval("input_gain", 0.9) == fit.fit.estimate.interval("input_gain", 0.9)
 
 
 def statuses(result) -> dict[str, str]:
@@ -52,8 +62,8 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert fit.method == "reference_iv"
     assert fit.instruments == "reference_position_z, reference_velocity_z"
     assert fit.window_s == pytest.approx((0.0, 29.99))
-    assert fit.by_segment.shape == (1,)
-    assert fit.by_segment[0] == pytest.approx(fit.quantities["intercept"].value, abs=1e-9)
+    (of_run,) = fit.quantities["intercept"].by_run
+    assert of_run == pytest.approx(fit.quantities["intercept"].value, abs=1e-9)
     assert "identified" in fit.summary()
 
 
@@ -116,6 +126,17 @@ def test_friction_not_told_from_zero_is_refused():
     assert "cannot be told from zero" in result.verdict.sentences[0]
     low, _ = result.quantities["viscous_friction"].interval
     assert low <= 0.0
+
+
+def test_lags_and_time_constants_are_not_shown_below_zero():
+    gusty = flown(seconds=8.0, gust=12.0, seed=14)[0]
+    result = identify_flight(gusty)
+    low, high = result.estimate.interval("actuator_lag")
+    assert low < 0.0 < high
+    assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag") == (0.0, high)
+    assert result.quantities["effective_lag"].interval[0] == 0.0
+    # The friction's interval is not cut: that it reaches below zero is what the verdict is made of.
+    assert result.quantities["viscous_friction"].interval[0] < 0.0
 
 
 def test_slow_commands_are_weak_at_best(log):
@@ -201,6 +222,24 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, fit):
         assert row.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
 
 
+@pytest.mark.parametrize(
+    ("method", "asked", "used"),
+    [
+        ("extended_iv", (), "input lagged by 1 to 15 samples"),
+        ("extended_iv", ("references",), "reference_position_z, reference_velocity_z"),
+        ("reference_iv", (), "reference_position_z, reference_velocity_z"),
+        ("reference_iv", ("lags",), "input lagged by 1 to 15 samples"),
+        ("least_squares", (), "none"),
+    ],
+)
+def test_methods_have_instruments_of_their_own(log, method, asked, used):
+    result = identify_flight(log, FlightOptions(method=method, instruments=asked, window=(0.0, 8.0)))
+    assert result.instruments == used
+    # Past inputs answer the vehicle: that is said wherever they come from.
+    told = any("answer the vehicle's own disturbances" in sentence for sentence in result.verdict.sentences)
+    assert told is used.startswith("input lagged")
+
+
 @pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
 def test_unknown_words_are_refused(log, options):
     with pytest.raises(UsageError, match="Expected"):
@@ -242,6 +281,20 @@ def fleet():
     return flown(10, seconds=10.0, seed=14)
 
 
+@pytest.fixture(scope="module")
+def alone(fleet):
+    """Result of each of the first four flights."""
+    with shape_checks.unchecked():
+        return [identify_flight(flight) for flight in fleet[:4]]
+
+
+@pytest.fixture(scope="module")
+def three(fleet):
+    """Result of the pool of the first three."""
+    with shape_checks.unchecked():
+        return identify_flight(fleet[:3])
+
+
 def half(result, name: str) -> float:
     return (
         result.estimate.best.covariance.part("classical").matrix[result.names.index(name)][
@@ -251,8 +304,7 @@ def half(result, name: str) -> float:
     )
 
 
-def test_pooled_flights_shrink_the_error_by_their_root(fleet):
-    alone = [identify_flight(flight) for flight in fleet[:4]]
+def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     pool = identify_flight(fleet[:4])
     assert [row.label for row in pool.flights] == [flight.name for flight in fleet[:4]]
     for name in ("viscous_friction", "input_gain", "actuator_lag"):
@@ -260,13 +312,13 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet):
         assert half(pool, name) == pytest.approx(together, rel=0.2)
     for row, result in zip(pool.flights, alone, strict=True):
         assert row.quantities["viscous_friction"] == result.quantities["viscous_friction"]
-    assert pool.by_segment.shape == (4,)
+    assert len(pool.quantities["intercept"].by_run) == 4
     assert pool.window_s is None
     assert pool.diagnostics["flights"] == 4.0
 
 
-def test_clusters_come_in_from_ten_flights_on(fleet):
-    parts = identify_flight(fleet[:3]).estimate.best.covariance.parts
+def test_clusters_come_in_from_ten_flights_on(fleet, three):
+    parts = three.estimate.best.covariance.parts
     assert [part.name for part in parts] == ["equal_weighted_cosines", "classical"]
     pool = identify_flight(fleet)
     assert pool.estimate.best.covariance.part("clustered").degrees == 9
@@ -274,8 +326,8 @@ def test_clusters_come_in_from_ten_flights_on(fleet):
     assert low < FRICTION < high
 
 
-def test_order_of_the_flights_does_not_matter(fleet):
-    one, other = identify_flight(fleet[:3]), identify_flight(fleet[2::-1])
+def test_order_of_the_flights_does_not_matter(fleet, three):
+    one, other = three, identify_flight(fleet[2::-1])
     for name, quantity in one.quantities.items():
         assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
 
@@ -293,12 +345,11 @@ def test_a_log_given_twice_is_used_once(fleet):
     assert len(identify_flight(fleet[:2]).flights) == 2
 
 
-def test_a_grounded_flight_does_not_spoil_the_pool(fleet):
+def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
     pool = identify_flight([fleet[0], grounded])
-    alone = identify_flight(fleet[0])
     assert pool.quantities["viscous_friction"].value == pytest.approx(
-        alone.quantities["viscous_friction"].value
+        alone[0].quantities["viscous_friction"].value
     )
     assert pool.flights[1].verdict is Status.REFUSED
     assert pool.flights[1].quantities == {}
@@ -353,6 +404,7 @@ def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
 # -- calibration of the hover input -----------------------------------------------------------------------
 
 
+@pytest.mark.calibration
 def test_hover_intervals_cover():
     runs = 25
     logs = flown(runs, seconds=12.0, noise=2.0, gust=0.5, seed=15)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.inference.diagnostics.time_products import TimeProducts, time_products
+from eivor.inference.diagnostics.equation_products import EquationProducts, equation_products
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")
@@ -66,10 +66,10 @@ def two_stage(
 
 def products_of(
     y: np.ndarray, endogenous: np.ndarray, exogenous: np.ndarray, excluded: np.ndarray, blocks: int = 25
-) -> TimeProducts:
+) -> EquationProducts:
     """Products at the two-stage estimate."""
     _, X, Z, residual = two_stage(y, endogenous, exogenous, excluded)
-    return time_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
+    return equation_products(instruments=Z, jacobian=X, residual=residual, blocks=blocks)
 
 
 def autoregression(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> np.ndarray:

@@ -10,11 +10,10 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, TooFewSamplesError, UsageError
-from eivor.inference.covariances.equal_weighted_cosines import long_run_sum_covariance
+from eivor.inference.covariances.equal_weighted_cosines import cosine_averages, long_run_sum_covariance
 from eivor.inference.sets.anderson_rubin import (
     LinearScores,
     averages_for,
-    cosine_averages,
     homoskedastic_region,
     robust_region,
 )
@@ -150,6 +149,7 @@ def test_units_and_mixtures_of_instruments_change_nothing():
         )
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("strength", [0.3, 0.01])
 def test_coverage_whatever_the_strength(strength):
     """Both tests within 3.5 binomial errors of the level; Wald's interval fails when instruments are weak."""
@@ -188,6 +188,7 @@ def ar1(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> np.ndar
     return lfilter([1.0], [1.0, -rho], rng.standard_normal((100 + shape[0], *shape[1:])), axis=0)[100:]
 
 
+@pytest.mark.calibration
 def test_autocorrelated_errors_need_the_robust_test():
     runs, rng = 600, np.random.default_rng(12)
     error = np.sqrt(LEVEL * (1.0 - LEVEL) / runs)

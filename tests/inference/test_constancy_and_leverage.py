@@ -12,6 +12,11 @@ from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
 from eivor.inference.diagnostics.leverage import segment_leverage
 
 
+def tenths(count: int) -> tuple[tuple[int, int], ...]:
+    """Stretches of ten rows each."""
+    return tuple((10 * k, 10 * k + 10) for k in range(count))
+
+
 def scores_of(seed, count=2560, memory=0.0, change=0.0, at=0.6):
     """Least squares of y on two columns, the first one's parameter changing; scores, M, and the rows."""
     rng = np.random.default_rng(seed)
@@ -58,6 +63,7 @@ def test_table_is_what_the_simulation_draws(unknowns):
     assert p_value(0.0, unknowns) == pytest.approx(0.5)
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_size_with_constant_parameters(memory):
     runs = 600
@@ -112,7 +118,7 @@ def test_leverage_is_the_estimate_without_the_stretch():
     theta = np.linalg.lstsq(X, y, rcond=None)[0]
     sums = scores.reshape(10, -1, 2).sum(axis=1)
     own = np.einsum("kti,ktj->kij", X.reshape(10, -1, 2), X.reshape(10, -1, 2))
-    found = segment_leverage(sums, own, np.array([0.1, 0.2]))
+    found = segment_leverage(sums, own, np.array([0.1, 0.2]), tenths(len(sums)))
     for k in range(10):
         rest = np.ones(len(y), dtype=bool)
         rest[k * 256 : (k + 1) * 256] = False
@@ -126,7 +132,7 @@ def test_leverage_is_the_estimate_without_the_stretch():
 
 def test_a_stretch_that_alone_determines_a_parameter():
     sensitivities = np.stack([np.diag([1.0, 0.0]), np.diag([1.0, 2.0])])
-    found = segment_leverage(np.array([[1.0, 0.0], [-1.0, 0.0]]), sensitivities, np.ones(2))
+    found = segment_leverage(np.array([[1.0, 0.0], [-1.0, 0.0]]), sensitivities, np.ones(2), tenths(2))
     assert np.isnan(found.shift[1]).all()
     assert found.most[0] == 0
 
@@ -137,6 +143,8 @@ def test_alike_stretches_move_the_estimate_by_a_third_of_its_error():
         scores, M, X, _ = scores_of(seed)
         own = np.einsum("kti,ktj->kij", X.reshape(10, -1, 2), X.reshape(10, -1, 2))
         errors = np.sqrt(np.diag(np.linalg.inv(M)))
-        shifts.append(segment_leverage(scores.reshape(10, -1, 2).sum(axis=1), own, errors).in_std_errors)
+        shifts.append(
+            segment_leverage(scores.reshape(10, -1, 2).sum(axis=1), own, errors, tenths(10)).in_std_errors
+        )
     spread = np.std(shifts)
     assert spread == pytest.approx(1.0 / 3.0, abs=4.0 * spread / np.sqrt(2.0 * 20 * runs) + 0.01)

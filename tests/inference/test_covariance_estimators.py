@@ -12,11 +12,13 @@ import pytest
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
+from eivor.estimation.inferred import equation_of
 from eivor.inference.covariances import TABLE
 from eivor.inference.verdict import Status
-from eivor.models.parameter import Parameter
-from eivor.models.regression import Regression, SampleRows
-from eivor.studies.scenario_file import shipped_scenario
+from eivor.models.equation import Parameter
+from eivor.models.regression import Regression
+from eivor.models.rows import SampleRows
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
 from reference import constants as truth
 
 cov = ev.covariances
@@ -133,8 +135,6 @@ def test_chunks_give_the_covariance_of_the_whole_record(record, method, instrume
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
 def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, method, instruments):
     """At the solution the scores sum to nothing, and M is minus the derivative of their sum."""
-    from eivor.estimation.equation_rows import MethodEquations, estimating_equation
-
     problem = MOTION.regression(record, instruments)
     fit = ev.identify(problem, method)
     equation, solved = fit.best.equation, fit.best.solved
@@ -146,11 +146,7 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
 
         def total(theta):
             moved = replace(solved.solution, theta=theta)
-            constant = method.assembler.score_constants(problem, theta)
-            pieces = MethodEquations(method, solved.system, solved.factor, moved)
-            return estimating_equation(
-                pieces, constant, problem.blocks, solved.count, np.empty((0, 0))
-            ).scores.sum(axis=0)
+            return equation_of(replace(solved, solution=moved)).scores.sum(axis=0)
 
         step = 1e-3 * fit.best.values
         columns = [

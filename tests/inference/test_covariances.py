@@ -27,7 +27,7 @@ ONE_FLIGHT = np.zeros(400, dtype=np.int64)
 
 def least_squares_equation(G, e, flight_of_row):
     rows = EquationRows(G, e, G * e[:, None], flight_of_row)
-    return EstimatingEquation(G.T @ G, e.size, lambda: [rows])
+    return EstimatingEquation(np.eye(G.shape[1]), G.T @ G, e.size, lambda: [rows])
 
 
 def test_cosine_averages_are_their_formula():
@@ -70,6 +70,7 @@ def test_robust_covariance_agrees_with_the_white_one_on_white_noise():
     assert np.all(np.abs(np.mean(ratios, axis=0) - 1.0) < 4.5 * error)
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("memory", [0.0, 0.6, 0.9])
 def test_intervals_of_a_mean_cover_in_autocorrelated_noise(memory):
     runs, count, level = 2000, 2000, 0.95

@@ -103,6 +103,7 @@ def test_a_pair_of_a_longer_vector_and_two_combinations_of_it() -> None:
         Ellipse(values, C)
 
 
+@pytest.mark.calibration
 def test_means_of_autocorrelated_pairs_are_covered_as_often_as_promised() -> None:
     """Cosine averages of AR(1) pairs with Hotelling's quantile: binomial error about the level."""
     random, runs, length = np.random.default_rng(7), 2_000, 1_000

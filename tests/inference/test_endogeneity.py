@@ -8,12 +8,12 @@ import pytest
 from scipy import stats
 
 from eivor.inference.diagnostics.endogeneity import endogeneity
-from eivor.inference.diagnostics.time_products import TimeProducts, time_products
+from eivor.inference.diagnostics.equation_products import EquationProducts, equation_products
 
 linearmodels = pytest.importorskip("linearmodels")
 
 
-def two_stage_weights(products: TimeProducts) -> np.ndarray:
+def two_stage_weights(products: EquationProducts) -> np.ndarray:
     return np.linalg.solve(products.instrument_mean, products.sensitivity)
 
 
@@ -71,6 +71,7 @@ def drawn(seed, endogenous=0.0, count=800, memory=0.8):
     return x + e, x[:, None], np.ones((count, 1)), Z
 
 
+@pytest.mark.calibration
 def test_size_and_power_in_autocorrelated_data():
     runs = 600
     under = [endogeneity_of(drawn(seed), 128) for seed in range(runs)]
@@ -97,7 +98,7 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
         shared[0] = variance
         A = Psi.T @ X / count - shared
         theta = float(A[:, 0] @ (Psi.T @ y) / count / (A[:, 0] @ A[:, 0]))
-        products = time_products(
+        products = equation_products(
             instruments=Psi,
             jacobian=X,
             residual=y - X[:, 0] * theta,
@@ -113,7 +114,7 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
 
 def test_least_squares_is_not_compared_with_itself():
     X = np.random.default_rng(0).standard_normal((400, 2))
-    products = time_products(instruments=X, jacobian=X, residual=np.ones(400), blocks=50)
+    products = equation_products(instruments=X, jacobian=X, residual=np.ones(400), blocks=50)
     assert endogeneity(products, np.eye(2)) is None
 
 

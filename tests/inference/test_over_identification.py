@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import instrument_data as data
 import numpy as np
 import pytest
 from scipy import stats
 
+from eivor.inference.covariances.equal_weighted_cosines import cosine_averages
 from eivor.inference.covariances.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from eivor.inference.diagnostics.block_cosines import (
-    block_cosines,
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
 )
+from eivor.inference.diagnostics.equation_products import equation_products
 from eivor.inference.diagnostics.over_identification import hansen_j, robust_over_identification
-from eivor.inference.diagnostics.time_products import time_products
 from reference import constants as truth
 
 linearmodels = pytest.importorskip("linearmodels")
@@ -82,7 +84,7 @@ def test_hotelling_is_its_f():
 
 
 def test_block_cosines_are_orthonormal_and_leave_out_a_constant():
-    C = block_cosines(np.eye(40), 10)
+    C = cosine_averages(np.eye(40), 10)
     np.testing.assert_allclose(C @ C.T, 40 * np.eye(10), atol=1e-9)
     np.testing.assert_allclose(C.sum(axis=1), 0.0, atol=1e-9)
     rng = np.random.default_rng(0)
@@ -102,7 +104,7 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
     shared[0] = 0.25 + wrong
     A, b = Z.T @ X / count - shared, Z.T @ y / count
     theta = float(A[:, 0] @ b / (A[:, 0] @ A[:, 0]))
-    return time_products(
+    return equation_products(
         instruments=Z,
         jacobian=X,
         residual=y - X[:, 0] * theta,
@@ -112,6 +114,7 @@ def compensated(seed, count=1000, memory=0.8, wrong=0.0):
     )
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("memory", [0.0, 0.8])
 def test_size_of_compensated_equations(memory):
     runs = 800
@@ -129,18 +132,10 @@ def test_wrong_noise_is_noticed():
 
 def test_units_do_not_count():
     products = compensated(3)
-    mix = np.diag([1e-6, 1.0, 1e6, 3.0, 1.0, 0.1])
-    turned = type(products)(
-        products.counts,
-        mix @ products.instruments @ mix,
-        mix @ products.cross * 1e4,
-        products.residual @ mix * 1e-3,
-        products.regressors * 1e8,
-        products.regressor_residual * 10.0,
-        products.power * 1e-6,
-        mix @ products.shared * 1e4,
-        mix @ products.constant * 1e-3,
-    )
+    psi, G, e = np.array([1e-6, 1.0, 1e6, 3.0, 1.0, 0.1]), np.full(products.cross.shape[2], 1e4), 1e-3
+    unit = np.concatenate([psi, G, [e]])
+    table = replace(products.products, sums=products.products.sums * np.outer(unit, unit))
+    turned = type(products)(table, products.shared * np.outer(psi, G), products.constant * psi * e)
     assert (
         pytest.approx(robust_over_identification(products).J, rel=1e-6)
         == robust_over_identification(turned).J

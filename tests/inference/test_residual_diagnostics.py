@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from eivor.inference.diagnostics.equation_products import equation_products
 from eivor.inference.diagnostics.excitation import band_power, information
 from eivor.inference.diagnostics.residual_memory import LONGEST, residual_memory
 from eivor.inference.diagnostics.residual_whiteness import residual_whiteness
-from eivor.inference.diagnostics.time_products import time_products
 from eivor.signals.fractional import fractional_difference
 
 
@@ -99,7 +99,7 @@ def test_information_names_the_combination_that_is_worst():
     rng = np.random.default_rng(5)
     one = rng.standard_normal(1000)
     X = np.column_stack([one, 1e3 * (one + 0.1 * rng.standard_normal(1000)), rng.standard_normal(1000)])
-    products = time_products(instruments=X, jacobian=X, residual=np.ones(1000), blocks=10)
+    products = equation_products(instruments=X, jacobian=X, residual=np.ones(1000), blocks=10)
     found = information(products, instrumental=False)
     correlation = np.array([[a @ b / np.sqrt((a @ a) * (b @ b)) for a in X.T] for b in X.T])
     np.testing.assert_allclose(found.matrix, correlation, rtol=1e-6, atol=1e-9)

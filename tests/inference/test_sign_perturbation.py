@@ -46,6 +46,7 @@ def one_thread() -> Iterator[None]:
         yield
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("kind", ERRORS)
 def test_coverage_is_exact_at_fifty_rows(kind):
     """Within 3.5 binomial errors of the level, at two levels: one of them where a shortfall shows best."""
@@ -59,6 +60,7 @@ def test_coverage_is_exact_at_fifty_rows(kind):
         assert abs(covered / RUNS - level) < 3.5 * np.sqrt(level * (1.0 - level) / RUNS), covered / RUNS
 
 
+@pytest.mark.calibration
 def test_ties_are_broken_so_that_coverage_stays_exact():
     """Five rows of errors +-1: most sums are as long as another, and the rank still has to be uniform."""
     rng, covered, runs, level = np.random.default_rng(8), 0, 2000, 0.5

@@ -34,10 +34,10 @@ def exact_least_squares(A, b):
 def exact_total_least_squares(A, b):
     """From the smallest eigenvector of [A b]'[A b], by inverse iteration in 50 digits."""
     M = mpmath.matrix(np.column_stack([A, b]).tolist())
-    gram = M.T * M
+    inverse = mpmath.inverse(M.T * M)  # of a condition that leaves half of the digits
     vector = mpmath.matrix([mpmath.mpf(1)] * (UNKNOWNS + 1))
     for _ in range(40):
-        vector = mpmath.lu_solve(gram, vector)
+        vector = inverse * vector
         vector = vector / mpmath.norm(vector)
     return np.array([float(-vector[i] / vector[UNKNOWNS]) for i in range(UNKNOWNS)])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -34,6 +35,23 @@ def filip():
 @pytest.mark.parametrize(("solver", "digits"), [(AugmentedLeastSquares(), 6.0), (LeastSquares(), 7.0)])
 def test_filip_to_certified_digits(solver, digits):
     assert certified_digits(solver.solve(filip()).theta, truth.FILIP) >= digits
+
+
+@pytest.mark.parametrize("solver", [AugmentedLeastSquares(), LeastSquares()])
+def test_what_is_lost_of_filip_is_the_rounding_of_its_powers(solver):
+    """A step of refinement on all rows, its residual in extended precision, and what no step can pass."""
+    system = filip()
+    A, b = system.matrix, system.right
+    theta = solver.solve(system).theta
+    residual = (b - A.astype(np.longdouble) @ theta.astype(np.longdouble)).astype(float)
+    refined = theta + solver.solve(LinearSystem(A, residual)).theta
+    with mpmath.workdps(60):
+        powers, right = mpmath.matrix(A.tolist()), mpmath.matrix(b.tolist())
+        exact = mpmath.lu_solve(powers.T * powers, powers.T * right)
+        limit = np.array([float(value) for value in exact])
+    digits = [certified_digits(values, truth.FILIP) for values in (theta, refined, limit)]
+    assert digits[1] - digits[0] < 0.1
+    assert digits[2] == pytest.approx(digits[1], abs=0.1)
 
 
 def test_filip_is_lost_by_the_normal_equations():

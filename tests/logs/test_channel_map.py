@@ -1,12 +1,18 @@
+import json
+import re
+
 import numpy as np
 import polars as pl
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError
 from eivor.logs import load_channel_map, read_log, shipped_maps
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
 
+PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
 
 
@@ -77,27 +83,33 @@ optional = true
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("name = ", "TOML in m.toml"),
-        ("[" * 5000, "TOML in m.toml"),
+        ("name = ", "a channel map in TOML"),
+        ("[" * 5000, "a channel map in TOML"),
         (
             '[time]\ncolumn = "t"\n[channels.input]\ncolumn = "pwm"\n',
-            "a text at m.toml, key name; received nothing",
+            "a text in quotes at name of m.toml; received nothing",
         ),
-        (HEAD, "key channels; received nothing"),
+        (HEAD, "at least one channel at channels of m.toml; received none"),
         (HEAD + "[channels]\n", "at least one channel"),
-        (HEAD + '[channels.speed]\ncolumn = "pwm"\n', "canonical channel name .*key channels.speed"),
+        (HEAD + '[channels.speed]\ncolumn = "pwm"\n', "canonical channel name .*at channels.speed of m.toml"),
         (HEAD + "[channels.input]\n", "exactly one of column.*received none"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\nexpression = "pwm"\n', "column and expression"),
-        (HEAD + "[channels.input]\ncolumn = 3\n", "a text at m.toml, key channels.input.column; received 3"),
-        (HEAD + '[channels.input]\ncolumn = ""\n', "must not be empty"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\ncolour = 1\n', "unknown key 'colour'"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\nsign = 2\n', "one of \\(-1.0, 1.0\\)"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\nscale = nan\n', "finite number other than 0"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\nscale = true\n', "finite number"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\nheld = "yes"\n', "true or false"),
+        (HEAD + PWM + 'expression = "pwm"\n', "column and expression"),
+        (
+            HEAD + "[channels.input]\ncolumn = 3\n",
+            "a text in quotes at channels.input.column of m.*; received 3",
+        ),
+        (HEAD + '[channels.input]\ncolumn = ""\n', "a text in quotes at channels.input.column"),
+        (HEAD + PWM + "colour = 1\n", "unknown key 'colour'"),
+        (
+            HEAD + PWM + "sign = 2\n",
+            "1 or -1 at channels.input.sign of m.toml; received 2",
+        ),
+        (HEAD + PWM + "scale = nan\n", "a finite number at .*; received nan"),
+        (HEAD + PWM + "scale = true\n", "finite number"),
+        (HEAD + PWM + 'held = "yes"\n', "true or false"),
         (
             HEAD + '[channels.velocity_z]\ncolumn = "v down"\nunit = "furlong"\n',
-            "one of .*'m/s'.*received 'furlong'",
+            "one of .*, m/s, .*received 'furlong'",
         ),
         (HEAD + '[channels.velocity_z]\ncolumn = "v down"\nunit = "m"\n', "a unit of the kind 'm/s'"),
         (HEAD + '[channels.landed]\ncolumn = "pwm"\nunit = "V"\n', "no unit"),
@@ -108,19 +120,50 @@ optional = true
         (HEAD + '[channels.input]\nexpression = "pwn * 2"\n', "key channels.input.*Did you mean 'pwm'"),
         (HEAD + '[columns.pwn]\nvalid=[0,1]\n[channels.input]\ncolumn = "pwm"\n', "key columns.pwn"),
         (HEAD + '[columns.pwm]\nvalid=[1,0]\n[channels.input]\ncolumn = "pwm"\n', "low < high"),
-        (HEAD + '[columns]\npwm=3\n[channels.input]\ncolumn = "pwm"\n', "a table at m.toml, key columns.pwm"),
-        (HEAD + '[channels.input]\ncolumn = "pwm"\n[channels.input]\ncolumn = "volt"\n', "TOML in m.toml"),
         (
-            HEAD.replace("ms", "h") + '[channels.input]\ncolumn = "pwm"\n',
-            "'s', 'ms', 'us', 'ns'.*received 'h'",
+            HEAD + '[columns]\npwm=3\n[channels.input]\ncolumn = "pwm"\n',
+            "a table .* at columns.pwm of m.toml",
         ),
-        (HEAD.replace('"t"', '"tt"') + '[channels.input]\ncolumn = "pwm"\n', "key time.column"),
+        (
+            HEAD + PWM + '[channels.input]\ncolumn = "volt"\n',
+            "a channel map in TOML",
+        ),
+        (
+            HEAD.replace("ms", "h") + PWM,
+            "one of s, ms, us, ns at time.unit of m.toml; received 'h'",
+        ),
+        (HEAD.replace('"t"', '"tt"') + PWM, "key time.column"),
         (
             HEAD + '[channels.input]\ncolumn = "t"\n',
             "time column that no channel is made of.*received 't' as both",
         ),
-        ('frame = "up"\n' + HEAD + '[channels.input]\ncolumn = "pwm"\n', "'z_up', 'ned'"),
+        (
+            'frame = "up"\n' + HEAD + PWM,
+            "one of z_up, ned at frame of m.toml",
+        ),
         (HEAD + '[channels.input]\ncolumn = "absent"\noptional = true\n', "at least one channel of m.toml"),
+        (HEAD + PWM + "scale = 0\n", "other than 0 at channels.input.scale"),
+        (
+            HEAD + PWM + f"scale = {'9' * 400}\n",
+            "numbers of 64 bits at channels.in",
+        ),
+        (HEAD + PWM + f"scale = {'9' * 9000}\n", "a channel map in TOML"),
+        (HEAD + PWM + "scale = 1e300\n", "1e-30 to 1e\\+30 in size"),
+        (HEAD + '[columns.pwm]\nvalid=[0,1,2]\n[channels.input]\ncolumn = "pwm"\n', "low < high"),
+        (HEAD + f'[columns.pwm]\nvalid=[0,{"9" * 400}]\n[channels.input]\ncolumn = "pwm"\n', "64 bits"),
+        (
+            'input_map = "sqare"\n' + HEAD + PWM,
+            "at input_map of m.toml.*'sqare'",
+        ),
+        (
+            'input_map = "power:-1"\n' + HEAD + PWM,
+            "positive exponent .*at input_map",
+        ),
+        (
+            'input_map = "mixed:2"\n' + HEAD + PWM,
+            "between 0 and 1 at input_map",
+        ),
+        (HEAD + '[channels.velocty_z]\ncolumn = "volt"\n', "Did you mean 'velocity_z'"),
     ],
 )
 def test_wrong_maps(table, text, words):
@@ -134,6 +177,10 @@ def test_maps_that_are_not_there(table):
     with pytest.raises(ChannelMapError, match="is no file"):
         read_log(table / "t.csv", channel_map=table)
     (table / "big.toml").write_bytes(b"#" * (2 << 20))
+    with pytest.raises(ChannelMapError, match="is no file"):
+        read_log(table / "t.csv", channel_map="x" * 5000)
+    with pytest.raises(ChannelMapError, match="is no file"):
+        read_log(table / "t.csv", channel_map="a\x00b")
     with pytest.raises(ChannelMapError, match="larger than"):
         read_log(table / "t.csv", channel_map=table / "big.toml")
     (table / "latin.toml").write_bytes(b"\xff")
@@ -141,6 +188,30 @@ def test_maps_that_are_not_there(table):
         read_log(table / "t.csv", channel_map=table / "latin.toml")
     with pytest.raises(ChannelMapError, match=r"a column 't'|a column"):
         read_log(table / "t.csv", channel_map="rotorpy")
+
+
+@pytest.mark.parametrize(
+    ("valid", "stated", "low", "high"),
+    [
+        ([0, 10], "", 0, 1),  # motors that stand still are not saturated
+        ([-5, 10], "", 2, 1),
+        ([0, 10], "both", 3, 1),
+        ([0, 10], "none", 0, 0),
+        ([-5, 10], "upper", 0, 1),
+        ([-5, 10], "lower", 2, 0),
+    ],
+)
+def test_which_bounds_are_saturation(tmp_path, valid, stated, low, high):
+    values = [0.0, 0.0, 0.0, 4.0, 10.0] if valid[0] == 0 else [-5.0, 0.0, -5.0, 4.0, 10.0]
+    pl.DataFrame({"t": np.arange(5.0), "pwm": values}).write_csv(tmp_path / "t.csv")
+    said = f'saturates = "{stated}"\n' if stated else ""
+    r = read(tmp_path, HEAD + f'[columns.pwm]\nvalid = {valid}\n{said}[channels.input]\ncolumn = "pwm"\n')
+    assert r.channels["input"].quality.saturated == low + high
+
+
+def test_the_input_map_is_said_in_its_own_words(table):
+    r = read(table, 'input_map = "power:2"\n' + HEAD + PWM)
+    assert r.input_map == "square"
 
 
 def test_shipped_maps_are_sound():
@@ -177,6 +248,96 @@ def test_shipped_maps_are_sound():
 def test_expressions(text, value):
     columns = {"a": np.full(3, 2.0), "b": np.full(3, 3.0), "select": np.full(3, 4.0), "sin": np.full(3, 5.0)}
     np.testing.assert_allclose(parse_expression(text, "here").evaluate(columns), value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1/275247*a", 30009.0 / 275247.0),
+        ("4.2/275247*a", 4.2 / 275247.0 * 30009.0),
+        ("a*(1/65535)", 30009.0 / 65535.0),
+        ("1/100000000*a", 30009.0e-8),
+        ("-1/65535*a", -30009.0 / 65535.0),
+        ("-(1/65535)*-a", 30009.0 / 65535.0),
+        ("(1/3)/(7/11)*a", 30009.0 * 11.0 / 21.0),
+        ("1/(2/(3/7))*a", 30009.0 * 3.0 / 14.0),
+        ("a*1e-7/3e5", 30009.0e-7 / 3e5),
+        ("pow(1/3, 2)*a", 30009.0 / 9.0),
+        ("pow(a, 1/3)", 30009.0 ** (1.0 / 3.0)),
+        ("sqrt(1/275247)*a", 30009.0 / 275247.0**0.5),
+        ("greatest(1/7, 1/9)*a", 30009.0 / 7.0),
+        ("7/2*a", 3.5 * 30009.0),
+        ("a/65535/65535*4200", 4200.0 * 30009.0 / 65535.0**2),
+        ("1e15*1e15*1e15*a/1e45", 30009.0),
+        ("12345678901234567890/9876543210987654321*a", 30009.0 * 12345678901234567890 / 9876543210987654321),
+    ],
+)
+def test_numbers_are_floats_whether_they_meet_a_column_or_not(tmp_path, text, value):
+    """Not integers, and not decimals of some digits, whatever the type of the table's column."""
+    whole = {"time": np.arange(3) * 0.1, "a": np.full(3, 30009)}
+    for suffix in ("csv", "parquet"):
+        table = tmp_path / f"t.{suffix}"
+        frame = pl.DataFrame(whole)
+        frame.write_csv(table) if suffix == "csv" else frame.write_parquet(table)
+        (tmp_path / "m.toml").write_text(
+            f'name = "m"\n[time]\ncolumn = "time"\n[channels.input]\nexpression = "{text}"\n'
+        )
+        r = read_log(table, channel_map=tmp_path / "m.toml")
+        np.testing.assert_allclose(r.channels["input"].values, value, rtol=1e-14)
+
+
+_LEAVES = st.one_of(
+    st.sampled_from(["a", "b"]),
+    st.integers(1, 10**9).map(str),
+    st.floats(1e-9, 1e9).map(repr),
+)
+_ARITHMETIC = st.recursive(
+    _LEAVES,
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from("+-*/"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})"),
+        inner.map(lambda t: f"(-{t})"),
+    ),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(_ARITHMETIC)
+def test_arithmetic_is_that_of_floats(text):
+    """Against Python's own arithmetic, with every number written as a float."""
+    floats = re.sub(r"(?<![\w.])\d[\w.]*(?:(?<=e)[+-]\d+)?", lambda match: f"float({match.group()!r})", text)
+    try:
+        expected = eval(floats, {"a": 3.0, "b": -7.0, "float": float})  # noqa: S307 - made above
+    except ZeroDivisionError:
+        return
+    values = parse_expression(f"{text} + 0*a", "here").evaluate({"a": np.full(2, 3.0), "b": np.full(2, -7.0)})
+    np.testing.assert_array_equal(values, np.full(2, expected + 0.0))
+
+
+def test_a_missing_value_stays_missing():
+    columns = {"a": np.array([np.nan, 2.0]), "b": np.array([1.0, 1.0])}
+    for text in ("greatest(a, b)", "least(a, b)", "a + b", "b / a", "atan2(a, b)"):
+        assert np.isnan(parse_expression(text, "here").evaluate(columns)).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("text", ["0/0*a", "1/0*a", "ln(0)*a", "sqrt(-1)*a", "a/0", "pow(-1, 0.5)*a"])
+def test_what_is_not_defined_is_no_value(table, text):
+    expression = text.replace("a", "pwm")
+    channels = f'[channels.velocity_z]\ncolumn = "volt"\n[channels.input]\nexpression = "{expression}"\n'
+    r = read(table, HEAD + channels)
+    assert "input" not in r.channels
+    assert "never_valid" in {finding.name for finding in r.findings}
+
+
+@pytest.mark.parametrize("column", ["*", "^a$", "^.*$", "a.b", "time::x", "𝔞"])
+def test_columns_of_any_name(tmp_path, column):
+    frame = pl.DataFrame({"t": [0.0, 1.0], "a": [5.0, 6.0], column: [1.0, 2.0]})
+    frame.write_csv(tmp_path / "t.csv")
+    frame.write_parquet(tmp_path / "t.parquet")
+    (tmp_path / "m.toml").write_text(HEAD + f"[channels.input]\nexpression = '\"{column}\" * 2 + a'\n")
+    for table in ("t.csv", "t.parquet"):
+        r = read_log(tmp_path / table, channel_map=tmp_path / "m.toml")
+        assert r.channels["input"].values.tolist() == [7.0, 10.0]
 
 
 @pytest.mark.parametrize(
@@ -262,6 +423,19 @@ def test_angles_in_another_unit_are_told(tmp_path, unit, scale, words):
     r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     doubts = [f.message for f in r.findings if f.name == "mixed_units"]
     assert (len(doubts) == 1 and words in doubts[0]) if words else doubts == []
+
+
+def test_tilt_from_columns_of_any_name(tmp_path):
+    names = ["w, *", 'x "1"', "^y.*$", "z" * 300]
+    columns = dict(zip(names, ([1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]), strict=True))
+    pl.DataFrame({"t": [0.0, 1.0], **columns}).write_parquet(tmp_path / "t.parquet")
+    (tmp_path / "m.toml").write_text(HEAD + f"[channels.cos_tilt]\nquaternion = {json.dumps(names)}\n")
+    r = read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(r.channels["cos_tilt"].values, [1.0, 0.0], atol=1e-15)
+    (tmp_path / "m.toml").write_text(HEAD + f"[channels.cos_tilt]\nroll_pitch = {json.dumps(names[:2])}\n")
+    r = read_log(tmp_path / "t.parquet", channel_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(r.channels["cos_tilt"].values, [np.cos(1.0), np.cos(1.0) ** 2])
+    assert r.channels["cos_tilt"].source == 'cos(1.0 * "w, *") * cos(1.0 * "x "1"")'
 
 
 def test_tilt_from_a_quaternion_of_any_norm(tmp_path):

@@ -1,6 +1,11 @@
-"""Damaged files: every reader answers with a Recording or an `InputError`, in bounded time."""
+"""Damaged files: every reader answers with a Recording or an `InputError`, in bounded time.
+
+The time is that of the processor: it does not grow when others use the machine too.
+"""
 
 import contextlib
+import csv
+import re
 import sys
 import time
 
@@ -12,9 +17,10 @@ from hypothesis import strategies as st
 from ulog_writer import flight
 
 from eivor.errors import InputError
-from eivor.logs import parquet_probe, read_log, table_parquet
+from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
+from eivor.logs.table import parquet, parquet_probe
 from eivor.signals.recording import Recording
 
 QUICK = settings(
@@ -49,8 +55,9 @@ def damaged(blob, rng):
 
 
 def survives(path, blob, limit_s=10.0):
+    """Raise unless a file is read or refused within so much time of this processor."""
     path.write_bytes(blob)
-    started = time.monotonic()
+    started = time.process_time()
     try:
         recording = read_log(path)
     except InputError as error:
@@ -60,7 +67,7 @@ def survives(path, blob, limit_s=10.0):
         assert isinstance(recording, Recording)
         assert recording.channels
     assert len(text) < 20_000
-    assert time.monotonic() - started < limit_s
+    assert time.process_time() - started < limit_s
 
 
 def canonical():
@@ -124,6 +131,28 @@ def test_any_text_below_a_header(tmp_path, text):
     survives(tmp_path / "c", b"time,velocity_z\n" + text.encode("utf-8", "replace"))
 
 
+NOTES = st.text(alphabet=st.sampled_from("ab1.;,|\t\"\n\r 'é"), max_size=8)
+
+
+@settings(QUICK, max_examples=150)
+@given(st.lists(NOTES, min_size=1, max_size=12), st.sampled_from(",;\t|"), st.sampled_from(["\n", "\r\n"]))
+def test_notes_of_any_kind_change_no_number(tmp_path, notes, delimiter, end):
+    """A column that holds delimiters, quotes and line breaks, as Python writes it, beside the numbers."""
+    with (tmp_path / "t.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, delimiter=delimiter, lineterminator=end)
+        table.writerow(["time", "note", "velocity_z"])
+        table.writerows([0.5 * row, note, -0.25 * row] for row, note in enumerate(notes))
+    z = read_log(tmp_path / "t.csv").channels["velocity_z"]
+    np.testing.assert_array_equal(z.time_s, 0.5 * np.arange(len(notes)))
+    np.testing.assert_array_equal(z.values, -0.25 * np.arange(len(notes)))
+
+
+@QUICK
+@given(st.text(alphabet='ab1.,;"\n', max_size=60))
+def test_any_quotes_below_a_header(tmp_path, text):
+    survives(tmp_path / "q", b"time,velocity_z,n\n0,1,2\n" + text.encode())
+
+
 @QUICK
 @given(st.binary(max_size=200))
 def test_any_bytes(tmp_path, blob):
@@ -148,10 +177,11 @@ def test_any_text_as_an_expression(text):
     assert expression.evaluate(values).shape == (3,)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")  # the checks of a million calls take most of the time
 @pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"D", b"\x01\x00D"])
 def test_long_runs_of_nonsense_take_bounded_time(tmp_path, filler):
     blob = flight().bytes() + filler * (1_000_000 // len(filler))
-    survives(tmp_path / "long.ulg", blob, limit_s=20.0)
+    survives(tmp_path / "long.ulg", blob, limit_s=5.0)
 
 
 def test_a_parquet_that_aborts_its_decoder(tmp_path, monkeypatch):
@@ -170,10 +200,55 @@ def test_a_parquet_that_aborts_its_decoder(tmp_path, monkeypatch):
 
 def test_a_small_parquet_of_many_rows_is_refused(tmp_path, monkeypatch):
     canonical().write_parquet(tmp_path / "t.parquet")
-    monkeypatch.setattr(table_parquet, "MAX_ROWS", 50)  # instead of writing half a gigabyte
+    monkeypatch.setattr(parquet, "MAX_ROWS", 50)  # instead of writing half a gigabyte
     with pytest.raises(InputError, match="at most 50 rows"):
         read_log(tmp_path / "t.parquet")
-    monkeypatch.setattr(table_parquet, "MAX_ROWS", 500)
-    monkeypatch.setattr(table_parquet, "MAX_CELLS", 50)
+    monkeypatch.setattr(parquet, "MAX_ROWS", 500)
+    monkeypatch.setattr(parquet, "MAX_CELLS", 50)
     with pytest.raises(InputError, match="at most 50 numbers"):
         read_log(tmp_path / "t.parquet")
+
+
+def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
+    rows = 6_000_000
+    frame = pl.DataFrame({"time": np.arange(rows) // 1000, "velocity_z": np.ones(rows), "x": np.ones(rows)})
+    frame.write_parquet(tmp_path / "t.parquet")
+    assert (tmp_path / "t.parquet").stat().st_size < 200_000
+    monkeypatch.setattr(parquet, "probe_parquet", None)
+    with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
+        read_log(tmp_path / "t.parquet")
+
+
+def test_only_needed_columns_of_a_parquet_are_decoded(tmp_path):
+    """The others are damaged, which nobody notices. Lists, which hold no number, are not decoded either."""
+    notes = pl.Series([[b"not to be decoded" * 50, b"x"]] * 100)
+    frame = canonical().with_columns(note=notes, position_z=notes.reverse())
+    frame.write_parquet(tmp_path / "t.parquet", compression="uncompressed", statistics=False)
+    blob = bytearray((tmp_path / "t.parquet").read_bytes())
+    starts = [column.start() for column in re.finditer(b"not to be decoded" * 50, blob)]
+    assert len(starts) > 1
+    for start in starts:
+        blob[start - 4 : start] = b"\xff\xff\xff\x7f"
+    (tmp_path / "t.parquet").write_bytes(blob)
+    with pytest.raises((pl.exceptions.PolarsError, pl.exceptions.PanicException)):
+        pl.read_parquet(tmp_path / "t.parquet")
+    r = read_log(tmp_path / "t.parquet")
+    assert set(r.channels) == {"velocity_z", "input", "landed"}
+    assert any(f.name == "unreadable_text" and "'position_z' 100" in f.message for f in r.findings)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit what a process maps")
+def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
+    rows = 4_000_000
+    time_s = np.cumsum(np.random.default_rng(0).random(rows))
+    pl.DataFrame({"time": time_s, "velocity_z": time_s}).write_parquet(tmp_path / "t.parquet")
+    monkeypatch.setattr(parquet, "DECODER_BYTES", 32 << 20)
+    monkeypatch.setattr(parquet, "ROW_BYTES", 0)
+    with pytest.raises(InputError, match=r"makes the decoder fail .*it may use 32 MiB"):
+        read_log(tmp_path / "t.parquet")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such names there")
+def test_file_names_of_several_lines(tmp_path):
+    canonical().write_parquet(tmp_path / "a\nb.parquet")
+    assert read_log(tmp_path / "a\nb.parquet").channels

@@ -37,7 +37,13 @@ def test_canonical_names_need_no_map(tmp_path):
     [
         "time;velocity_z\n0;1,5\n0,1;2,5\n",
         "time\tvelocity_z\r\n0\t1.5\r\n0.1\t2.5\r\n",
-        "time|velocity_z\n0|1.5\n0.1|2.5",
+        "time|velocity_z\n0|1.5\n0.1|2.5\n",
+        '"time","velocity_z"\n"0","1.5"\n"0.1","2.5"',
+        "time,velocity_z,\n0,1.5,\n0.1,2.5,",
+        'time,velocity_z,5" prop\n0,1.5,5" prop\n0.1,2.5,7"\n',
+        'time,velocity_z,"a\nnote"\n0,1.5,"one\ntwo, ""three"""\n0.1,2.5,x\n',
+        "time;velocity_z;note\n0;1.5;a,b\n0.1;2.5;c\n",
+        "time;velocity_z;rotor_speed_1\n0;1,5;10\n0.1;2.5;11\n",
         "\ufefftime,velocity_z\n0,1.5\n0.1,2.5\n",
         '"time","velocity_z"\n"0","1.5"\n"0.1","2.5"\n',
         "\n\n time , velocity_z \n 0 , 1.5 \n\n 0.1 , 2.5 \n\n",
@@ -94,12 +100,51 @@ def test_calendar_stamps_start_at_zero(tmp_path):
         ("time,velocity_z,velocity_z\n0,1,2\n", ChannelMapError, "two columns called 'velocity_z'"),
         (",".join(f"c{i}" for i in range(5000)) + "\n1\n", CorruptLogError, "5000 columns"),
         ("time,velocity_z\n0," + "1" * (2 << 20) + "\n", CorruptLogError, "longer than"),
+        ('time,velocity_z,n\n0,1,"a"\n1,2,b" c\n', CorruptLogError, "line 3 has a quote inside a cell"),
+        ('time,velocity_z,n\n0,1,b" c\n1,2,"a"\n', CorruptLogError, "line 2 has a quote inside a cell"),
+        (
+            'time,velocity_z,n\n0,1,"a\n1,2,b\n2,3,c\n',
+            CorruptLogError,
+            "line 2 opens a quote that is not clo",
+        ),
+        ('time,velocity_z,n\n0,1,"' + "1,2,b\n" * 200_000, CorruptLogError, "line 2 opens a quote"),
         (b"time,velocity_z\n" + b"0,1\n" * 20000 + b"\xff\xfe,2\n", CorruptLogError, "UTF-8"),
     ],
 )
 def test_clear_errors(tmp_path, text, error, words):
     with pytest.raises(error, match=words):
         csv(tmp_path, text)
+
+
+def test_decimal_commas_in_any_row(tmp_path):
+    r = csv(tmp_path, "time;velocity_z;input\n0;0;0\n1;1,5;10\n2;-,5e1;20\n")
+    assert r.channels["velocity_z"].values.tolist() == [0.0, 1.5, -5.0]
+    assert r.findings == ()
+
+
+def test_thousands_are_not_taken_for_fractions(tmp_path):
+    r = csv(tmp_path, "time;rotor_speed_1;velocity_z\n0;1,234;0.5\n1;999;0.6\n2;12,345,678;0.7\n")
+    np.testing.assert_array_equal(r.channels["rotor_speed_1"].values, [np.nan, 999.0, np.nan])
+    assert any(f.name == "unreadable_text" and "'rotor_speed_1' 2" in f.message for f in r.findings)
+
+
+@pytest.mark.parametrize("cut", range(1, 8))
+def test_a_file_cut_inside_its_last_number(tmp_path, cut):
+    """A number that is not there beats one that is wrong; the line break makes it whole."""
+    text = "time,velocity_z\n0,1.5\n0.5,2.5\n1.25,31.4159\n"
+    r = csv(tmp_path, text[:-cut])
+    z = r.channels["velocity_z"]
+    assert z.time_s.tolist() == [0.0, 0.5, 1.25]
+    np.testing.assert_array_equal(z.values, [1.5, 2.5, np.nan])
+    assert any(f.name == "truncated" and "the last cell, of 'velocity_z'" in f.message for f in r.findings)
+    assert csv(tmp_path, text).findings == ()
+
+
+@pytest.mark.parametrize("end", ['0.2,3,"', '0.2,3,"x', '0.2,3,"x,'])
+def test_a_file_cut_inside_a_quoted_cell(tmp_path, end):
+    r = csv(tmp_path, 'time,velocity_z,note\n0,1,"a\nb"\n0.1,2,"b"\n' + end)
+    assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
+    assert names(r)[0] == "truncated"
 
 
 def test_a_cut_last_line_is_left_out(tmp_path):

@@ -1,5 +1,6 @@
 import contextlib
 import io
+import sys
 
 import numpy as np
 import pytest
@@ -234,6 +235,55 @@ def test_unsound_formats_are_left_out(tmp_path, definition):
     r = read(tmp_path, writer)
     assert "pilot_in_control" not in r.channels
     assert "corrupt_parts" in names(r)
+
+
+@pytest.mark.parametrize(
+    ("found", "bits"),
+    [
+        (b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;", [7]),
+        (b"sensor_combined:", range(8)),
+        (b"float[3] gyro", range(3, 8)),  # the lowest bits make other numbers of other fields
+    ],
+)
+def test_a_damaged_definition_is_told(tmp_path, capfd, found, bits):
+    """Whatever bit of it is wrong: the topic is named as lost, and nothing is printed."""
+    t = np.arange(50) * 0.1
+    force = np.tile([0.1, 0.2, -9.8], (50, 1))
+    writer = UlogWriter().topic("vehicle_attitude", t, q=np.tile([1.0, 0, 0, 0], (50, 1)))
+    writer.topic("sensor_combined", t, gyro_rad=0 * force, accelerometer_m_s2=force)
+    blob = writer.bytes()
+    for place in range(blob.index(found), blob.index(found) + len(found)):
+        for bit in bits:
+            damaged = bytearray(blob)
+            damaged[place] ^= 1 << bit
+            r = read(tmp_path, bytes(damaged))
+            told = [f.message for f in r.findings if f.name == "corrupt_parts"]
+            assert (len(told) == 1 and "all of sensor_combined" in told[0]) or (
+                # a field of another name is no damage that a reader can know
+                bit != 7 and "specific_force_body_z" in r.channels
+            )
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_damaged_subscription_is_counted(tmp_path):
+    blob = flight().bytes()
+    place = blob.rindex(b"vehicle_attitude")
+    r = read(tmp_path, blob[:place] + b"\xf6" + blob[place + 1 :])
+    assert "attitude_w" not in r.channels
+    assert "corrupt_parts" in names(r)
+
+
+def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):
+    from pyulog import core
+
+    class Chatty(core.ULog):
+        def __init__(self, *arguments, **options):
+            sys.stdout.write("unexpected format\n")
+            super().__init__(*arguments, **options)
+
+    monkeypatch.setattr(core, "ULog", Chatty)
+    assert "corrupt_parts" in names(read(tmp_path, flight()))
+    assert capfd.readouterr().out == ""
 
 
 def test_a_nested_format(tmp_path):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from eivor.errors import InstrumentError, MissingChannelError, TooFewSamplesError
-from eivor.models.input_map import Power
-from eivor.models.instruments import LaggedInputs, LaggedReferences, NoInstruments
-from eivor.models.vertical import GRAVITY, VerticalMotion
-from eivor.models.vertical_flights import VerticalFlight, VerticalFlights
+from eivor.models.instruments import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments
+from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.signals.input_map import Power
 from eivor.signals.signals import Signals
 
 STEP_S = 0.01
@@ -29,9 +29,14 @@ def flight_signals(count: int = 800, seed: int = 0, **more: np.ndarray) -> Signa
     return Signals(1.0 / STEP_S, channels | more)
 
 
+AT = {"actuator_lag": 0.05, "delay": 0.02}
+
+
 def test_references_come_with_successive_lags_each_started_at_rest():
     signals = flight_signals()
-    found = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(signals, np.zeros(800))
+    found = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(
+        DrivenSignals(signals, np.zeros(800))
+    )
     assert found.shape == (800, 5 + 2)
     wanted = [signals.channel("reference_position_z")]
     for _ in range(4):
@@ -41,21 +46,21 @@ def test_references_come_with_successive_lags_each_started_at_rest():
         wanted.append(np.array(state))
     np.testing.assert_allclose(found[:, :5], np.column_stack(wanted), atol=1e-10)
     np.testing.assert_array_equal(found[:, 5], signals.channel("reference_velocity_z"))
-    assert LaggedReferences(()).columns(signals, np.zeros(800)).shape == (800, 0)
+    assert LaggedReferences(()).columns(DrivenSignals(signals, np.zeros(800))).shape == (800, 0)
     assert LaggedReferences(("a", "b")).label == "a, b"
     with pytest.raises(MissingChannelError, match="pilot_throttle"):
-        LaggedReferences(("pilot_throttle",)).columns(signals, np.zeros(800))
+        LaggedReferences(("pilot_throttle",)).columns(DrivenSignals(signals, np.zeros(800)))
 
 
 def test_lagged_inputs_are_the_past_and_rest_before_it():
     mapped = np.random.default_rng(1).standard_normal(50)
-    found = LaggedInputs(1, 4).columns(flight_signals(50), mapped)
+    found = LaggedInputs(1, 4).columns(DrivenSignals(flight_signals(50), mapped))
     for j, lag in enumerate(range(1, 5)):
         np.testing.assert_allclose(found[lag:, j], mapped[:-lag], atol=1e-12)
         np.testing.assert_allclose(found[:lag, j], mapped[0], atol=1e-12)
-    short = LaggedInputs(1, 15).columns(flight_signals(6), mapped[:6])
+    short = LaggedInputs(1, 15).columns(DrivenSignals(flight_signals(6), mapped[:6]))
     np.testing.assert_allclose(short[:, 10], mapped[0], atol=1e-12)
-    assert NoInstruments().columns(flight_signals(6), mapped[:6]).shape == (6, 0)
+    assert NoInstruments().columns(DrivenSignals(flight_signals(6), mapped[:6])).shape == (6, 0)
 
 
 def test_several_rotors_enter_by_the_mean_of_their_mapped_states_times_the_tilt():
@@ -84,7 +89,7 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
         VerticalFlight(other, "input", False, (slice(100, 700),)),
     )
     problem = VerticalFlights(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))
-    rows = problem.samples(0.05, 0.02)
+    rows = problem.rows(AT)
     assert rows.response.size == 300 + 450 + 600
     np.testing.assert_array_equal(rows.layout.flight_of_row, np.repeat([0, 1], [750, 600]))
     start = 0
@@ -102,8 +107,8 @@ def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
         np.testing.assert_allclose(rows.regressors[here, 0], v.mean() - v, atol=1e-12)
         np.testing.assert_allclose(rows.regressors[here, 1], U - U.mean(), atol=1e-12)
     # In frequency: a run's block is what its own flight alone gives.
-    bins = problem.bins(0.05, 0.02)
-    alone = VerticalFlights((flights[1],), VerticalMotion(), problem.rule).bins(0.05, 0.02)
+    bins = problem.bins(AT)
+    alone = VerticalFlights((flights[1],), VerticalMotion(), problem.rule).bins(AT)
     count = alone.layout.runs[0].count
     np.testing.assert_allclose(bins.regressors[-count:], alone.regressors, atol=1e-12)
     np.testing.assert_allclose(bins.instruments[-count:], alone.instruments, atol=1e-12)
@@ -116,8 +121,9 @@ def test_flights_that_cannot_share_a_problem_are_refused():
         VerticalFlights((VerticalFlight(flight_signals(), "input", False, ()),), VerticalMotion())
 
     class Uneven(LaggedInputs):
-        def columns(self, signals, mapped_command):  # noqa: ARG002 - the interface's
-            return np.zeros((signals.sample_count, 1 + int(signals.channel("velocity_z")[0] > 0.0)))
+        def columns(self, driven):
+            rising = driven.signals.channel("velocity_z")[0] > 0.0
+            return np.zeros((driven.signals.sample_count, 1 + int(rising)))
 
     flights = [
         VerticalFlight(flight_signals(velocity_z=sign * np.ones(800)), "input", False, runs)
@@ -130,5 +136,6 @@ def test_flights_that_cannot_share_a_problem_are_refused():
 def test_measured_actuators_have_nothing_to_search_for():
     flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
     problem = VerticalFlights((flight,), VerticalMotion())
-    np.testing.assert_array_equal(problem.lag_grid_s, [0.0])
-    assert problem.delays_s == (0.0,)
+    for nuisance in problem.nuisances:
+        np.testing.assert_array_equal(nuisance.grid, [0.0])
+        assert not nuisance.searched

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from eivor.errors import (
     TooFewSamplesError,
 )
 from eivor.models.regression import check_covariance, regression
+from eivor.models.rows import SampleRows
 
 RNG = np.random.default_rng(0)
 PHI, Y = RNG.standard_normal((10, 2)), RNG.standard_normal(10)
@@ -30,6 +33,19 @@ def test_arrays_of_any_number_are_taken_and_left_alone():
     named = regression(response=Y, regressors=PHI, names=["K", "K_u"])
     assert named.names == ("K", "K_u")
     assert named.rows() is named
+
+
+@pytest.mark.parametrize("count", [0, 9, 11])
+def test_a_layout_of_another_length_is_no_single_flight(count):
+    """Rows of two flights would be clustered as one."""
+    made = regression(response=Y, regressors=PHI)
+    flights = np.arange(count) // 5
+    with pytest.raises(ShapeError, match=rf"a layout of 10 rows.*; received one of shape \({count},\)"):
+        replace(made, layout=SampleRows(flights))
+    kept = replace(made, layout=SampleRows(np.arange(10) // 5))
+    np.testing.assert_array_equal(kept.layout.flight_of_row, [0] * 5 + [1] * 5)
+    with pytest.raises(ShapeError, match="a layout of 5 rows"):
+        replace(kept, response=Y[:5], regressors=PHI[:5], instruments=np.empty((5, 0)))
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from eivor.errors import MissingChannelError, MissingNoiseError, TooFewSamplesError, UsageError
 from eivor.models.column import Column, lags
-from eivor.models.equation import Equation
-from eivor.models.parameter import Parameter
+from eivor.models.equation import Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
-from eivor.models.vertical import VerticalMotion
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.fractional import fractional_difference
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
@@ -38,7 +37,7 @@ def test_names_of_columns():
     assert lags("input", 3, 3) == (Column("input", 3),)
 
 
-@pytest.mark.parametrize(("first", "last"), [(2, 1), (-1, 3)])
+@pytest.mark.parametrize(("first", "last"), [(2, 1), (-1, 3), (0, 99_999_999_999), (0, 10_000)])
 def test_impossible_lags_are_refused(first, last):
     with pytest.raises(UsageError, match="Expected"):
         lags("input", first, last)
@@ -119,6 +118,25 @@ def test_a_channel_that_is_not_there_is_named():
     signals = Signals(5.0, {"velocity_z": np.zeros(4), "input": np.zeros(4)})
     with pytest.raises(MissingChannelError, match="'specific_force_z'"):
         VerticalMotion().regression(signals).rows()
+
+
+def test_the_response_is_the_specific_force_and_else_the_acceleration():
+    """One meaning each: z'' + g and z''. What differs is the weight: in the input, or in the intercept."""
+    rng = np.random.default_rng(5)
+    velocity, deviation = rng.standard_normal((2, 50))
+    acceleration = 0.02 * deviation - 0.3 * velocity
+    about_hover = {"velocity_z": velocity, "input": deviation, "acceleration_z": acceleration}
+    whole = {"velocity_z": velocity, "input": deviation + GRAVITY / 0.02}
+    with_force = whole | {"specific_force_z": acceleration + GRAVITY, "acceleration_z": np.zeros(50)}
+
+    def parameters(channels: dict[str, np.ndarray], *, intercept: bool) -> np.ndarray:
+        rows = VerticalMotion(intercept=intercept).regression(Signals(5.0, channels)).rows()
+        return np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
+
+    for channels in (about_hover, with_force):
+        assert parameters(channels, intercept=False) == pytest.approx([0.3, 0.02])
+    logged = parameters(whole | {"acceleration_z": acceleration}, intercept=True)
+    assert logged == pytest.approx([0.3, 0.02, -GRAVITY])
 
 
 # -- shared noise -----------------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ import eivor as ev
 from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.sets.ellipse import Ellipse
-from eivor.models.scenario import Scenario
 from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
 from eivor.report.interval_figures import (
     ShownInterval,
@@ -25,6 +24,7 @@ from eivor.report.interval_figures import (
     pair_figure,
 )
 from eivor.report.residual_figures import residual_figure, robust_band
+from eivor.simulation.records.scenario import Scenario
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.run import StudyResult
 from eivor.studies.study import MethodChoice, Study

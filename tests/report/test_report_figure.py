@@ -2,16 +2,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from eivor.estimation.estimate import Estimate
+from eivor.flights.motion import Trace
 from eivor.flights.options import FlightOptions
-from eivor.flights.recipe import identify_flight
 from eivor.flights.result import FlightEstimate
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.motion import Vertical
 from eivor.report.flight_figure import flight_figure, save_figure
 from eivor.signals.recording import Recording
 
@@ -57,6 +61,27 @@ def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
     lags, heights = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
     assert lags[np.argmin(heights)] == pytest.approx(1e3 * fit.quantities["actuator_lag"].value, rel=1e-3)
     assert heights.min() == pytest.approx(0.0, abs=1e-9)
+
+
+@dataclass(frozen=True)
+class TwoAxes(Vertical):
+    """A motion that has two axes to draw."""
+
+    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
+        (up,) = super().traces(problem, estimate)
+        return up, replace(up, axis="forward acceleration", measured=-up.measured)
+
+
+def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
+    figure = flight_figure(replace(fit, motion=TwoAxes()))
+    assert [axes.get_ylabel().split("\n")[0] for axes in figure.axes[:4]] == [
+        "vertical acceleration",
+        "residual",
+        "forward acceleration",
+        "residual",
+    ]
+    assert len(figure.axes[-1].lines) == 4
+    assert _inside(figure)
 
 
 def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:

@@ -60,6 +60,8 @@ SCHEMA: dict[str, Any] = {
         "delay": QUANTITY,
     },
     "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY, "time_constant": QUANTITY},
+    "covariance": (dict, type(None)),
+    "prediction": (dict, type(None)),
     "diagnostics": dict,
     "findings": [{"name": str, "message": str}],
     "flights": [{"log": str, **ROW}],

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from eivor.flights.result import Quantity
+from eivor.flights.quantity import Choice, Quantity, Wording
 from eivor.inference.verdict import Status
-from eivor.report.wording import NO_NUMBER, QUANTITIES, Wording, numbers, printable
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.printable import printable
+from eivor.report.wording import NO_NUMBER, numbers
 
 NAN, INFINITY = float("nan"), float("inf")
 PLAIN = Wording("x", "x", "")
@@ -39,7 +43,24 @@ def test_the_interval_decides_the_digits(
 
 
 def test_lags_are_in_milliseconds() -> None:
-    assert numbers(_quantity(0.0718, 0.0703, 0.0733), QUANTITIES["effective_lag"])[0] == "71.8"
+    assert numbers(_quantity(0.0718, 0.0703, 0.0733), Vertical.wording["effective_lag"])[0] == "71.8"
+
+
+@pytest.mark.parametrize(
+    ("fitting", "shown"),
+    [
+        ((0.0,), "0 (3 tried)"),
+        ((0.0, 0.01), "0 or 10 (3 tried)"),
+        ((0.0, 0.01, 0.02), "0, 10 or 20 (3 tried)"),
+    ],
+)
+def test_a_choice_is_no_interval(fitting: tuple[float, ...], shown: str) -> None:
+    chosen = Quantity(
+        0.01, "s", NAN, (fitting[0], fitting[-1]), Status.WEAK, Choice(fitting, (0.0, 0.01, 0.02))
+    )
+    assert numbers(chosen, Vertical.wording["delay"]) == ("10", shown)
+    alone = replace(chosen, choice=Choice((0.0,), (0.0,)))
+    assert numbers(alone, Vertical.wording["delay"]) == ("10", NO_NUMBER)
 
 
 def test_any_size_gives_short_text() -> None:

@@ -8,7 +8,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from eivor.errors import MissingChannelError, NonFiniteError, UsageError
-from eivor.models.scenario import Scenario
 from eivor.report.noise_figures import noise_spectrum_figure
 from eivor.report.paper_figures import histogram_figure, signal_figure
 from eivor.report.signal_figures import axis_label, signals_figure
@@ -16,10 +15,11 @@ from eivor.report.study_figures import nrmse_figure, study_figure
 from eivor.signals.long_memory import LongMemory
 from eivor.signals.noise import FractionalNoise
 from eivor.signals.signals import Signals
+from eivor.simulation.records.scenario import Scenario
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.metrics import Spread
-from eivor.studies.paper import run_example
-from eivor.studies.paper_readings import EXAMPLES, named_readings
+from eivor.studies.paper.examples import run_example
+from eivor.studies.paper.readings import EXAMPLES, named_readings
 from eivor.studies.run import StudyResult
 from eivor.studies.study import MethodChoice, Study
 

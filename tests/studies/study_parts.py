@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.signals.excitation import Excitation
 from eivor.signals.noise import WhiteNoise
+from eivor.simulation.sources.excitation import Excitation
 from eivor.studies.difference_equation import DifferenceEquation
 from eivor.studies.study import MethodChoice, Study
 from eivor.studies.trial_shards import TABLE_FILE

@@ -11,8 +11,8 @@ from typer.testing import CliRunner, Result
 from eivor.cli.main import app
 from eivor.report import paper_table
 from eivor.studies.generated_page import page_with
-from eivor.studies.paper import run_paper
-from eivor.studies.paper_readings import named_readings
+from eivor.studies.paper.examples import run_paper
+from eivor.studies.paper.readings import named_readings
 
 PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
 SMALL = ("paper", "--runs", "3", "--workers", "1")
@@ -36,6 +36,27 @@ def test_tables_have_measured_beside_printed():
     assert "none" in run.output  # two delayed inputs have no total least squares solution
     assert "No reading gives the printed tables." in run.output
     assert max(map(len, run.output.splitlines())) <= 80
+
+
+def test_without_names_there_is_an_overview(two_readings, monkeypatch):
+    """The nearest reading in full, every reading in a line; a screen or two, not hundreds of lines."""
+    monkeypatch.setattr("eivor.studies.paper.examples.run_paper", lambda *_, **__: iter(two_readings))
+    short = eivor(*SMALL)
+    assert short.exit_code == 0, short.output
+    assert "187.2 ± 119.4" in short.output
+    assert short.output.count("example 1: NRMSE") == 1
+    for name in ("ratios-of-variances", "white-input"):
+        assert f"\n{name} " in short.output
+    assert "Every reading's tables: eivor paper --readings all" in short.output
+    assert len(short.output.splitlines()) < 60
+    full = eivor(*SMALL, "--readings", "all")
+    assert full.output.count("example 1: NRMSE") == 2
+
+
+def test_help_names_the_paper():
+    said = " ".join(eivor("paper", "--help").output.replace("│", " ").split())
+    assert "D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with" in said
+    assert "(2024)" in said
 
 
 def test_json_is_finite_and_complete(two_readings):
@@ -111,7 +132,7 @@ def test_readings_are_listed():
     ],
 )
 def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatch):
-    monkeypatch.setattr("eivor.studies.paper.run_paper", None)
+    monkeypatch.setattr("eivor.studies.paper.examples.run_paper", None)
     run = eivor("paper", *arguments)
     assert run.exit_code in (1, 2)
     assert message in run.output

@@ -14,24 +14,39 @@ from eivor.estimation import methods
 from eivor.estimation.fit import identify
 from eivor.inference.verdict import Status
 from eivor.models.column import lags
-from eivor.models.scenario import Intersample
-from eivor.models.vertical import VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
-from eivor.studies import paper_trials
+from eivor.simulation.records.scenario import Intersample
 from eivor.studies.metrics import Spread
-from eivor.studies.paper import PaperResult, nearness, run_example, run_paper, trial_generator
-from eivor.studies.paper_readings import (
+from eivor.studies.paper import trials as paper_trials
+from eivor.studies.paper.examples import (
+    PaperResult,
+    nearness,
+    run_example,
+    run_paper,
+    trial_generator,
+)
+from eivor.studies.paper.readings import (
     EXAMPLES,
     METHODS,
+    RATE_HZ,
     READINGS,
     SOURCES,
     TRUTH,
+    Compensation,
     Motion,
     Reading,
     named_readings,
 )
-from eivor.studies.paper_trials import AlternatingNoise, estimates, integrated_height, nrmse, record
+from eivor.studies.paper.trials import (
+    AlternatingNoise,
+    estimates,
+    euler_steps,
+    integrated_height,
+    nrmse,
+    record,
+)
 
 RUNS = 30
 PROTOTYPE_RUNS = 100
@@ -55,6 +70,7 @@ def results() -> dict[tuple[str, int], PaperResult]:
     }
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize(("name", "number"), list(PROTOTYPE))
 def test_the_prototype_is_met_within_three_standard_errors(results, name, number):
     result = results[name, number]
@@ -73,6 +89,7 @@ def test_central_differences_bias_least_squares_as_in_the_prototype():
     assert friction.std < 0.25
 
 
+@pytest.mark.calibration
 def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
     result = results["ratios-of-variances", 1]
     truth = np.array(list(TRUTH.values()))
@@ -98,6 +115,38 @@ def test_shared_moments_give_what_identify_gives(name):
         columns = instruments.get(method.partition("_iv")[0], ())
         expected = identify(model.regression(signals, columns), getattr(methods, method)())
         assert found == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
+
+
+@pytest.mark.parametrize(
+    ("compensation", "row", "counted"),
+    [
+        (Compensation.SHARED, 0, True),
+        (Compensation.PRINTED_ROW, 1, True),
+        (Compensation.WITHOUT_COUNT, 0, False),
+    ],
+)
+def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
+    """(29), (30) and (32) from sums over all rows, with the 1 of H in its row and N there or not."""
+    chosen = reading("larger-on-input", compensation=compensation)
+    signals = record(chosen, EXAMPLES[0], trial_generator(4)).signals
+    velocity, drive, response = (signals.channels[n] for n in ("velocity_z", "input", "acceleration_z"))
+    first, count = chosen.lags, signals.sample_count
+    Psi = np.column_stack([drive[first - lag : count - lag] for lag in range(chosen.lags + 1)])
+    Phi = np.column_stack([-velocity[first:], drive[first:]])
+    H = np.zeros((chosen.lags + 1, 2))
+    H[row, 1] = 1.0
+    X = Psi.T @ Phi - (len(Phi) if counted else 1.0) * signals.noise["input"].variance * H
+    b = Psi.T @ response[first:]
+    smallest = np.linalg.svd(np.column_stack([X, b]), compute_uv=False)[-1]
+    least = np.linalg.solve(X.T @ X, X.T @ b)
+    total = np.linalg.solve(X.T @ X - smallest**2 * np.eye(2), X.T @ b)
+    found = dict(zip(METHODS, estimates(chosen, signals).theta, strict=True))
+    assert found["generalized_iv"] == pytest.approx(least, rel=1e-8)
+    assert found["generalized_iv_tls"] == pytest.approx(total, rel=1e-8)
+    # What rounding leaves is far below what the misprints do.
+    shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals).theta[-2]
+    far = np.abs(found["generalized_iv"] / shared - 1.0).max()
+    assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 
 
 @pytest.mark.parametrize("name", ["white-input", "ratios-of-variances"])
@@ -169,7 +218,7 @@ def test_noise_that_is_differentiated_is_in_both_channels():
     made = record(chosen, EXAMPLES[0], trial_generator(1))
     plain = record(replace(chosen, motion=Motion.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
     assert np.array_equal(made.signals.channels["velocity_z"], plain.signals.channels["velocity_z"])
-    added = made.signals.channels["specific_force_z"] - plain.signals.channels["specific_force_z"]
+    added = made.signals.channels["acceleration_z"] - plain.signals.channels["acceleration_z"]
     error = plain.signals.channels["velocity_z"] - plain.truth.channels["velocity_z"]
     assert added[1:-1] == pytest.approx(2.5 * (error[2:] - error[:-2]), abs=1e-12)
 
@@ -207,17 +256,26 @@ def test_ratios_are_of_what_the_reading_says():
 
 
 @pytest.mark.parametrize("source", SOURCES)
-def test_the_larger_ratio_belongs_to_one_source(source):
-    made = paper_trials.scenario(reading("ratios-of-std", larger_on=source), EXAMPLES[0])
+@pytest.mark.parametrize(("example", "smaller"), [(EXAMPLES[0], 2e-3), (EXAMPLES[1], 5e-3)], ids=["1", "2"])
+def test_the_larger_ratio_belongs_to_one_source(source, example, smaller):
+    made = paper_trials.scenario(reading("ratios-of-std", larger_on=source), example)
     ratios = {**made.noise_to_signal, "disturbance": made.disturbance_to_signal}
     assert {name for name, ratio in ratios.items() if ratio == 1e-2} == {source}
-    assert {ratio for name, ratio in ratios.items() if name != source} == {2e-3}
+    assert {ratio for name, ratio in ratios.items() if name != source} == {smaller}
+
+
+def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
+    """The disturbance likewise: ratios of the paper to what is in a record."""
+    made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))
+    noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
+    # 4000 samples tell a standard deviation to 1.1 %
+    assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
 
 
 def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
     noise = {"velocity_z": FractionalNoise(0.3, -0.4), "input": WhiteNoise(0.1)}
-    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "specific_force_z", "input")}
-    signals = Signals(5.0, channels, noise=noise | {"specific_force_z": FractionalNoise(0.2, -0.5)})
+    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "acceleration_z", "input")}
+    signals = Signals(5.0, channels, noise=noise | {"acceleration_z": FractionalNoise(0.2, -0.5)})
     model = VerticalMotion(intercept=False)
     exact = model.regression(signals).regressor_noise_covariance()
     simpler = model.regression(paper_trials._known_by_variance(signals)).regressor_noise_covariance()
@@ -232,6 +290,23 @@ def test_results_do_not_depend_on_the_number_of_processes():
     one, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))
     for left, right in zip(one, other, strict=True):
         assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
+
+
+def test_euler_steps_scale_both_parameters():
+    """y[k] (1 - K T) = -K v[k] + K_u u[k]: least squares errs alike in both, by 100 K T / (1 - K T) %."""
+    drive = np.random.default_rng(0).standard_normal(200)
+    velocity, acceleration = euler_steps(drive)
+    np.testing.assert_allclose(np.diff(velocity), acceleration[1:] / RATE_HZ, rtol=1e-9, atol=1e-15)
+    theta = np.array(list(TRUTH.values()))
+    np.testing.assert_allclose(
+        acceleration[1:], np.column_stack([-velocity[:-1], drive[1:]]) @ theta, atol=1e-14
+    )
+    fitted = np.linalg.lstsq(np.column_stack([-velocity, drive]), acceleration, rcond=None)[0]
+    shrunk = 1.0 - TRUTH["viscous_friction"] / RATE_HZ
+    np.testing.assert_allclose(fitted, theta / shrunk, rtol=1e-9)
+    for example in EXAMPLES:
+        friction, gain, _ = run_example(reading("euler-steps"), example, 10).spreads("least_squares")
+        assert (friction.mean, gain.mean) == pytest.approx((100 / shrunk - 100,) * 2, abs=0.1)
 
 
 def test_readings_with_records_in_common_give_what_they_give_alone():
@@ -293,5 +368,9 @@ def test_names_and_runs_are_checked():
 
 def test_printed_tables_are_those_of_the_paper():
     first, second = EXAMPLES
+    assert (first.number, first.ratio) == (1, 2e-3)
+    assert (second.number, second.ratio) == (2, 5e-3)
+    assert first.printed["least_squares"] == (Spread(6.43, 0.074), Spread(6.32, 0.075), Spread(6.42, 0.074))
+    assert second.printed["least_squares"] == (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10))
     assert first.printed["extended_iv"][0] == Spread(187.2, 119.4)
     assert second.printed["generalized_iv"][2] == Spread(5.739, 2.70)

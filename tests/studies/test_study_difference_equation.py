@@ -7,8 +7,8 @@ import pytest
 
 import eivor
 from eivor.errors import ParameterError
-from eivor.signals.disturbance import WhiteDisturbance
 from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.simulation.sources.disturbance import WhiteDisturbance
 from eivor.studies.difference_equation import DifferenceEquation, recursion
 from studies.study_parts import Coin
 

@@ -31,6 +31,7 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Scored:
     return run
 
 
+@pytest.mark.calibration
 def test_dynamic_errors_in_variables(scored):
     """Within three standard errors of what another implementation found in 200 runs."""
     found = scored("dynamic-errors-in-variables.toml", 200)
@@ -53,6 +54,7 @@ def test_dynamic_errors_in_variables(scored):
             assert abs(own - std) < 3.0 * error + 0.0005, (label, score)
 
 
+@pytest.mark.calibration
 def test_white_input(scored):
     """Delayed white inputs are weak instruments, are called so, and cost more than a factor of ten."""
     found = scored("white-input.toml", 50)
@@ -65,6 +67,7 @@ def test_white_input(scored):
     assert abs(gains[1].bias) < 4.0 * gains[1].estimate.std / math.sqrt(generalized.trials)
 
 
+@pytest.mark.calibration
 def test_altitude_control(scored):
     """Only the reference is an instrument that the controller's answers do not spoil."""
     found = scored("altitude-control.toml", 100)

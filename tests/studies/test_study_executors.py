@@ -16,14 +16,25 @@ import pytest
 
 from eivor.errors import InputError, UsageError
 from eivor.studies.dask_executor import DaskCluster
-from eivor.studies.executors import InProcess, LocalProcesses
+from eivor.studies.executors import (
+    TASKS_PER_WORKER,
+    InProcess,
+    LocalProcesses,
+    in_order,
+    local_executor,
+)
 from eivor.studies.run import run_study
 from eivor.studies.trial_shards import SHARD_TRIALS
+from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
 from studies.study_parts import content, small_study
 
 #: Enough shards that every worker has some and a killed one leaves some.
 RUNS = 9 * SHARD_TRIALS + 10
+#: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
+PATIENCE_S = 600.0
 ROOT = Path(__file__).parents[2]
+#: Where processes that are begun here find this checkout and the parts of its tests.
+SOURCES = os.pathsep.join(str(ROOT / folder) for folder in ("src", "tests"))
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +75,7 @@ def test_killed_and_resumed(expected, tmp_path, executor):
     folder = tmp_path / "study"
     script = tmp_path / "script.py"
     script.write_text(SCRIPT.format(runs=RUNS, folder=str(folder), executor=executor), encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "tests")}
+    environment = os.environ | {"PYTHONPATH": SOURCES}
     with subprocess.Popen([sys.executable, script], env=environment, start_new_session=True) as process:
         wait_until(lambda: len(list(folder.glob("shards/*.parquet"))) >= 2, process)
         process.kill()
@@ -87,7 +98,7 @@ def group_lives(group: int) -> bool:
     return True
 
 
-def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s: float = 60.0) -> None:
+def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s: float = PATIENCE_S) -> None:
     end = time.monotonic() + patience_s
     while not true():
         assert process is None or process.poll() is None, "the process ended before it was killed"
@@ -120,8 +131,56 @@ def children() -> list[int]:
 
 
 def test_workers_are_counted():
-    with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
-        LocalProcesses(0)
+    for refused in (lambda: LocalProcesses(0), lambda: local_executor(0, 5)):
+        with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
+            refused()
+
+
+def test_no_more_processes_than_tasks(monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    assert local_executor(None, 100) == LocalProcesses(8)
+    assert local_executor(None, 3) == local_executor(5, 3) == LocalProcesses(3)
+    assert local_executor(1, 3) == local_executor(5, 1) == local_executor(None, 0) == InProcess()
+
+
+@pytest.mark.parametrize("executor", [InProcess(), LocalProcesses(2)])
+def test_any_function_is_mapped(executor):
+    """A flight, a scenario or a study: an executor does not know what a task is."""
+    items = ["a", ("b", 1), None, 3.5]
+    assert dict(executor.map(text_of, items)) == {place: text_of(item) for place, item in enumerate(items)}
+    assert list(executor.map(text_of, [])) == []
+    with pytest.raises(InputError, match=r"Expected no 7; received one\. Leave it out"):
+        list(executor.map(refusing, [7]))
+
+
+def test_a_worker_that_begins_is_not_interrupted(capfd):
+    """Ctrl-C reaches a worker while it still imports; it is the parent's business all the same."""
+    assert dict(LocalProcesses(2).map(Arriving(), [1, 2])) == {0: "<1>", 1: "<2>"}
+    assert capfd.readouterr().err == ""
+
+
+def test_results_in_the_order_of_their_items():
+    mapped = LocalProcesses(2).map(late_first, range(6))
+    assert list(in_order(mapped)) == list(range(6))
+    shuffled = ((place, 10 * place) for place in (3, 0, 2, 1))
+    assert list(in_order(shuffled)) == [0, 10, 20, 30]
+
+
+def test_items_are_taken_as_there_is_room():
+    """Memory does not grow with their number."""
+    taken: list[int] = []
+    items = (taken.append(item) or item for item in range(1000))
+    with contextlib.closing(LocalProcesses(2).map(text_of, items)) as results:
+        next(results)
+        assert len(taken) <= 2 * TASKS_PER_WORKER
+
+
+def test_closing_ends_the_work(tmp_path):
+    """Workers that nobody waits for end between two parts of a task, and are gone."""
+    with contextlib.closing(LocalProcesses(1).map(Patient(tmp_path), range(5))) as results:
+        assert next(results) == (0, 0)
+    assert not children()
+    assert not (tmp_path / "4").exists()
 
 
 @dataclass
@@ -135,7 +194,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     """A Dask scheduler and two workers on loopback, each a process of its own."""
     scheduler_file = tmp_path / "scheduler.json"
     environment = os.environ | {
-        "PYTHONPATH": str(ROOT / "tests"),
+        "PYTHONPATH": SOURCES,
         # A worker that was killed is missed at once.
         "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "5s",
     }
@@ -192,8 +251,8 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
 def wait_for_workers(address: str, count: int) -> None:
     from distributed import Client
 
-    with Client(address, timeout=10, set_as_default=False) as client:
-        client.wait_for_workers(count, timeout=30)
+    with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
+        client.wait_for_workers(count, timeout=PATIENCE_S)
 
 
 def test_dask_without_a_scheduler(tmp_path, monkeypatch):

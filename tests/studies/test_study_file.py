@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from eivor.errors import InputError
-from eivor.models.scenario import Scenario
-from eivor.signals.binary_excitation import PseudoRandomBinary
-from eivor.signals.disturbance import WhiteDisturbance
 from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.simulation.records.scenario import Scenario
+from eivor.simulation.sources.binary_excitation import PseudoRandomBinary
+from eivor.simulation.sources.disturbance import WhiteDisturbance
 from eivor.studies.difference_equation import DifferenceEquation
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.study import MethodChoice
@@ -29,6 +29,26 @@ seed = 3
 [[methods]]
 name = "least_squares"
 """
+HUGE, ENORMOUS, HEXADECIMAL = "1" + 400 * "0", "1" + 5000 * "0", "0x" + 5000 * "f"
+#: Key, what it is in `STUDY`, numbers that no float or array holds, and what is said.
+EXTREMES = [
+    ("runs", "5", HUGE, "Expected whole numbers of 64 bits at runs of mine.toml; received one of 1330"),
+    ("runs", "5", ENORMOUS, "Expected a study in TOML; received .*mine.toml', which is not"),
+    ("runs", "5", HEXADECIMAL, "64 bits at runs of mine.toml; received one of 20001"),
+    ("seed", "3", "9223372036854775808", "64 bits at seed of mine.toml; received one of 65"),
+    ("seed", "3", f"3\nlevel = {HUGE}", "64 bits at level of mine.toml"),
+    ("seed", "3", f"3\nx = [1, {{ y = {HUGE} }}]", r"64 bits at x\[2\].y of mine.toml"),
+    (
+        "viscous_friction",
+        "0.3",
+        "1e308",
+        "numbers of 1e-30 to 1e.30 in size, at scenario.viscous_friction of mine",
+    ),
+    ("viscous_friction", "0.3", "1e155", "received 1e.155"),
+    ("viscous_friction", "0.3", HUGE, "64 bits at scenario.viscous_friction of mine.toml"),
+    ("input_gain", "0.02", "-1e308", "received -1e.308"),
+    ("samples", "300", "300\nrate_hz = 1e-308", "at scenario.rate_hz of mine.toml; received 1e-308"),
+]
 
 
 def read(folder: Path, text: str):
@@ -160,6 +180,13 @@ excitation = { kind = "white" }
             EQUATION + "noise.input = { kind = 'white', std = -1.0 }",
             "at scenario.noise.input of mine.toml; received std=-1",
         ),
+        *((f"{key} = {value}", f"{key} = {number}", message) for key, value, number, message in EXTREMES),
+        (
+            '"least_squares"',
+            '"extended_iv"\nlags = [0, 99999999999]',
+            "10000 lags or fewer at methods.1. of mine",
+        ),
+        (VERTICAL, EQUATION + "samples = 99999999999", "50000000 samples or fewer at scenario.samples"),
     ],
 )
 def test_what_is_refused(tmp_path, old, new, message):
@@ -176,6 +203,9 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError, match="unreadable: "):
         read_study(tmp_path / "binary.toml")
+    (tmp_path / "deep.toml").write_text(f"x = {'[' * 100_000}", encoding="utf-8")
+    with pytest.raises(InputError, match=r"deep.toml', which is not"):
+        read_study(tmp_path / "deep.toml")
     (tmp_path / "large.toml").write_bytes(b"#" * 1_000_001)
     with pytest.raises(InputError, match="larger than 1000000 bytes"):
         read_study(tmp_path / "large.toml")

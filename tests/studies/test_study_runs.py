@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
-from collections.abc import Generator, Iterable
+import shutil
+import time
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
-from scipy import stats
 
 from eivor.errors import InputError, UsageError
-from eivor.studies.executors import Executor, InProcess, ShardResult
-from eivor.studies.metrics import Coverage, scores, trial_nrmse
+from eivor.studies.executors import Executor, InProcess, Item, Result
+from eivor.studies.metrics import scores, trial_nrmse
 from eivor.studies.run import StudyResult, run_study
-from eivor.studies.study import MethodChoice, Study
+from eivor.studies.share import Share
+from eivor.studies.study import MethodChoice
 from eivor.studies.trial import MethodRecord, ParameterRecord, TrialRecord, trial
 from eivor.studies.trial_shards import SHARD_TRIALS, frame, shard_trials
+from eivor.whole_file import ABANDONED_S, PREFIX, SUFFIX
 from studies.study_parts import METHODS, content, small_study
 
 
@@ -30,12 +34,14 @@ class Recorder(Executor):
     asked: list[int] = field(default_factory=list)
     stop_after: int = 1000
 
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        for count, number in enumerate(reversed(list(shards))):
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        for count, (place, item) in enumerate(reversed(list(enumerate(items)))):
             if count == self.stop_after:
                 raise KeyboardInterrupt
-            self.asked.append(number)
-            yield from InProcess().results(study, [number])
+            self.asked.append(item)
+            yield place, function(item)
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +102,69 @@ def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
     assert content(tmp_path) == content(finished.folder)
 
 
+@pytest.mark.parametrize("part", np.linspace(0.0, 1.0, 12))
+def test_a_flipped_byte_is_mended(finished, tmp_path, part):
+    """Wherever it is in a shard, the next run computes that shard anew, and the table is the same."""
+    shutil.copytree(finished.folder, tmp_path, dirs_exist_ok=True)
+    shard = tmp_path / "shards" / "000001.parquet"
+    damaged = bytearray(shard.read_bytes())
+    damaged[int(part * (len(damaged) - 1))] ^= 0x10
+    shard.write_bytes(damaged)
+    recorder = Recorder()
+    assert run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
+    assert recorder.asked == [1]
+    assert content(tmp_path) == content(finished.folder)
+
+
+def test_shards_of_another_place_are_made_again(finished, tmp_path):
+    """One of another study with the same columns, and one of other trials of this study."""
+    other = tmp_path / "other"
+    run_study(small_study(seed=8), other)
+    here = tmp_path / "here"
+    shutil.copytree(finished.folder, here)
+    shards = here / "shards"
+    shutil.copy(other / "shards" / "000000.parquet", shards / "000000.parquet")
+    shutil.copy(shards / "000002.parquet", shards / "000001.parquet")
+    recorder = Recorder()
+    run_study(small_study(), here, executor=recorder)
+    assert recorder.asked == [1, 0]
+    assert content(here) == content(finished.folder)
+
+
+@dataclass(frozen=True)
+class Damaging(Executor):
+    """Something else changes a shard while the study runs."""
+
+    shard: Path
+
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        yield from InProcess().map(function, items)
+        content = self.shard.read_bytes()
+        self.shard.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
+
+
+def test_a_shard_that_changes_meanwhile_is_told(finished, tmp_path):
+    shard = tmp_path / "shards" / "000001.parquet"
+    with pytest.raises(InputError, match=r"000001.parquet' as it was written; received other bytes\. .*anew"):
+        run_study(small_study(), tmp_path, executor=Damaging(shard))
+    run_study(small_study(), tmp_path)
+    assert content(tmp_path) == content(finished.folder)
+
+
+def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
+    """It is no Exception, and would end the program with a traceback."""
+
+    def panic(*parts: object, **options: object) -> None:
+        raise pl.exceptions.PanicException("index out of bounds")
+
+    run_study(small_study(30), tmp_path)
+    monkeypatch.setattr(pl, "read_parquet", panic)
+    with pytest.raises(InputError, match="what the system says: index out of bounds"):
+        run_study(small_study(30), tmp_path)
+
+
 def test_another_study_is_refused(tmp_path):
     run_study(small_study(5), tmp_path)
     before = content(tmp_path)
@@ -118,20 +187,46 @@ def test_folders_that_are_not_a_studys(tmp_path):
     with pytest.raises(UsageError, match=r"which has trials and no study.json"):
         run_study(small_study(5), other)
     assert (other / "trials.parquet").read_bytes() == b"precious"
-    (other / "study.json").write_text("[]", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"Expected the study.json of a study"):
-        run_study(small_study(5), other)
+    for text in ("[]", "[" * 100_000, "1" * 5000, '"x'):
+        (other / "study.json").write_text(text, encoding="utf-8")
+        with pytest.raises(UsageError, match=r"Expected the study.json of a study"):
+            run_study(small_study(5), other)
+
+
+def of_another_version(folder: Path) -> dict[str, object]:
+    """Say in a study's folder that another version has made it; returns what its study.json says then."""
+    path = folder / "study.json"
+    document: dict[str, object] = json.loads(path.read_text(encoding="utf-8"))
+    document["versions"] = dict(document["versions"]) | {"eivor": "0.0.9"}  # type: ignore[call-overload]
+    path.write_text(json.dumps(document), encoding="utf-8")
+    return document
 
 
 def test_other_versions_do_not_finish_it(tmp_path):
-    """What is complete can still be looked at."""
     with pytest.raises(KeyboardInterrupt):
         run_study(small_study(), tmp_path, executor=Recorder(stop_after=1))
-    path = tmp_path / "study.json"
-    document = json.loads(path.read_text(encoding="utf-8"))
-    document["versions"]["numpy"] = "1.0"
-    path.write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(InputError, match=r"the versions that .* numpy 1\.0, .*; received eivor"):
+    of_another_version(tmp_path)
+    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*; received eivor .*--out"):
+        run_study(small_study(), tmp_path)
+
+
+def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tmp_path):
+    """The folder goes on saying who made it, so that more runs are refused the second time as well."""
+    shutil.copytree(finished.folder, tmp_path, dirs_exist_ok=True)
+    said = of_another_version(tmp_path)
+    recorder = Recorder()
+    for name in ("small", "renamed"):
+        result = run_study(small_study(name=name), tmp_path, executor=recorder)
+        assert result.trials.equals(finished.trials)
+    assert recorder.asked == []
+    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8")) == said | {"name": "renamed"}
+    kept = content(tmp_path)
+    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
+        run_study(small_study(90), tmp_path)
+    assert content(tmp_path) == kept
+    shard = tmp_path / "shards" / "000001.parquet"
+    shard.write_bytes(shard.read_bytes()[:-1])
+    with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
         run_study(small_study(), tmp_path)
 
 
@@ -141,11 +236,13 @@ class FullDisk(Executor):
 
     shards: int
 
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        for count, number in enumerate(shards):
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        for count, result in enumerate(InProcess().map(function, items)):
             if count == self.shards:
                 resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-            yield from InProcess().results(study, [number])
+            yield result
 
 
 def test_a_full_disk_keeps_what_was_complete(finished, tmp_path):
@@ -170,7 +267,7 @@ def test_failed_methods_are_counted(tmp_path):
     assert (good.trials, good.failed, good.first_failure) == (30, 0, None)
     assert (bad.trials, bad.failed, bad.first_failure) == (30, 30, 0)
     assert np.isnan(bad.together.mean)
-    assert bad.parameters[0].coverage == Coverage(0, 0)
+    assert bad.parameters[0].coverage == Share(0, 0)
     assert result.trials["blind.error"].unique().to_list() == ["MissingNoiseError"]
     assert result.trials["blind.output_lag_1"].null_count() == 30
 
@@ -201,19 +298,26 @@ def test_scores_by_hand():
     assert a.nrmse.std == pytest.approx(10.0)
     assert (a.bias, a.rmse) == pytest.approx((0.05 / 3, np.sqrt((0.1**2 + 0.05**2) / 3)))
     assert (b.bias, b.estimate.mean) == pytest.approx((0.2 / 3, 6.2 / 3))
-    assert (a.coverage, b.coverage) == (Coverage(3, 3), Coverage(2, 3))
+    assert (a.coverage, b.coverage) == (Share(3, 3), Share(2, 3))
     length = np.hypot(0.5, 2.0)
     expected = 100.0 * np.hypot([0.1, 0.0, -0.05], [0.0, -0.2, 0.4]) / length
     np.testing.assert_allclose(trial_nrmse(result, "least_squares"), expected)
     assert (found.together.mean, found.together.std) == pytest.approx((expected.mean(), expected.std(ddof=1)))
 
 
-@pytest.mark.parametrize(("hits", "count"), [(0, 10), (7, 10), (95, 100), (200, 200)])
-def test_bounds_of_a_share(hits, count):
-    """Another implementation of Wilson's interval."""
-    expected = stats.binomtest(hits, count).proportion_ci(method="wilson")
-    assert Coverage(hits, count).bounds == pytest.approx((expected.low, expected.high), abs=1e-12)
-    assert Coverage(0, 0).bounds == (0.0, 1.0)
+def test_what_a_killed_run_left_is_removed(tmp_path):
+    """Half a file under a hidden name belongs to nobody; one that is being written is younger than that."""
+    shards = tmp_path / "shards"
+    shards.mkdir()
+    left = [folder / f"{PREFIX}left{SUFFIX}" for folder in (tmp_path, shards)]
+    young = shards / f"{PREFIX}young{SUFFIX}"
+    for path in (*left, young):
+        path.write_bytes(b"half")
+    past = time.time() - 2.0 * ABANDONED_S
+    for path in left:
+        os.utime(path, (past, past))
+    run_study(small_study(5), tmp_path)
+    assert [path for path in (*left, young) if path.exists()] == [young]
 
 
 def test_shards_cover_every_trial_once():

@@ -9,8 +9,8 @@ import pytest
 
 import eivor
 from eivor.errors import UsageError
-from eivor.models.scenario import Scenario
 from eivor.signals.signals import Signals
+from eivor.simulation.records.scenario import Scenario
 from eivor.studies.difference_equation import DifferenceEquation
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.metrics import scores

@@ -1,4 +1,4 @@
-"""From what is typed to what the library takes: shared options, logs with windows, names, files."""
+"""From what is typed to what the library takes: shared options, logs with windows, names."""
 
 from __future__ import annotations
 
@@ -12,16 +12,62 @@ from typing import Annotated
 
 import typer
 
-from eivor.errors import EivorError, InputError, UsageError
+from eivor.errors import EivorError, UsageError
 
-#: Formats of a figure, by the file's extension.
-FIGURE_FORMATS = (".png", ".svg", ".pdf")
 #: The word for standard output.
 STANDARD_OUTPUT = "-"
 
 Window = tuple[float, float]
 
-#: Options that several commands have.
+#: Arguments and options that several commands have.
+LogsArgument = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="LOG",
+        help="ULog, CSV or Parquet; - is standard input. Several are pooled as flights of one vehicle. "
+        "LOG@START:END takes a window of one log.",
+        show_default=False,
+    ),
+]
+ExampleOption = Annotated[
+    bool, typer.Option("--example", help="Use the example flight that comes with Eivor.")
+]
+WindowOption = Annotated[
+    str,
+    typer.Option(
+        "--window",
+        metavar="START:END",
+        help="Use this window of each log, in seconds from its start.",
+        show_default=False,
+    ),
+]
+MaxTiltOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-tilt",
+        metavar="DEG",
+        help="Leave out what is tilted further (default: 25.8 degrees).",
+        show_default=False,
+    ),
+]
+InputOption = Annotated[
+    str,
+    typer.Option(
+        "--input",
+        metavar="CHANNEL",
+        help="Channel, or family such as rotor_command, that drives the vehicle.",
+        show_default=False,
+    ),
+]
+InputMapOption = Annotated[
+    str,
+    typer.Option(
+        "--input-map",
+        metavar="MAP",
+        help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE.",
+        show_default=False,
+    ),
+]
 MapOption = Annotated[
     str,
     typer.Option(
@@ -29,6 +75,14 @@ MapOption = Annotated[
         metavar="FILE.toml",
         help="Channel map of a table, or the name of a shipped one: nanobench, rotorpy.",
         show_default=False,
+    ),
+]
+ModelOption = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="What to identify: vertical, or a motion that another package brings.",
     ),
 ]
 JsonOption = Annotated[
@@ -111,69 +165,6 @@ def names(text: str) -> tuple[str, ...]:
             "Give references or lags alone. `eivor inspect LOG` lists the channels.",
         )
     return found
-
-
-def output_file(text: str, *, option: str, logs: list[LogArgument]) -> Path:
-    """Path of a file that can be written, as far as one can know beforehand.
-
-    Raises
-    ------
-    UsageError
-        When it is one of the logs, or a folder.
-    InputError
-        When its folder does not exist or may not be written.
-    """
-    path = Path(text)
-    if path.is_dir() or not path.name:
-        raise UsageError(f"a file for {option}", f"the folder '{text}'", "Add a file name.")
-    if any(log.path.exists() and path.exists() and path.samefile(log.path) for log in logs):
-        raise UsageError(
-            f"a file for {option} other than the logs", f"'{text}'", "Choose another name: it would be lost."
-        )
-    folder = path.parent
-    if not folder.is_dir() or not os.access(path if path.exists() else folder, os.W_OK):
-        problem = "which may not be written" if folder.is_dir() else f"whose folder '{folder}' does not exist"
-        raise InputError(
-            f"a file for {option} that can be written", f"'{text}', {problem}", "Choose another."
-        )
-    return path
-
-
-def figure_file(text: str, *, logs: list[LogArgument]) -> Path:
-    """Path of a figure, see `output_file`.
-
-    Raises
-    ------
-    UsageError
-        When the extension is of no format that can be drawn.
-    InputError
-        See `output_file`.
-    """
-    if Path(text).suffix.lower() not in FIGURE_FORMATS:
-        raise UsageError(
-            f"a figure that ends in {', '.join(FIGURE_FORMATS)}",
-            f"'{text}'",
-            "The ending chooses the format.",
-        )
-    return output_file(text, option="--figure", logs=logs)
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn the system's error for an output file into one of Eivor's.
-
-    Raises
-    ------
-    InputError
-        When the file could not be written after all.
-    """
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise InputError(
-            "a file that can be written", f"'{path}', for which the system says: {reason}", "Choose another."
-        ) from error
 
 
 @contextmanager

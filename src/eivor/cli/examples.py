@@ -8,16 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from eivor.cli.exit_codes import ExitCode, guarded
+from eivor.cli.readable_help import ReadableCommand, ReadableGroup
 from eivor.cli.terminal import show, step, write
 from eivor.errors import CorruptLogError, InputError, UsageError
-
-if TYPE_CHECKING:
-    from eivor.signals.recording import Recording
 
 EXAMPLE_FLIGHT = "example_flight.parquet"
 REGISTRY = "public_logs.toml"
@@ -97,6 +95,7 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
 
     pooch.get_logger().setLevel("ERROR")
     downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
+    kept = folder / log.file_name
     try:
         found = pooch.retrieve(
             log.url, f"sha256:{log.sha256}", fname=log.file_name, path=folder, downloader=downloader
@@ -108,9 +107,10 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
             "Try again later; nothing was kept. If it persists, the file has changed at its origin.",
         ) from error
     except OSError as error:  # every error of requests is one
+        wrong = f"; and '{kept}' is there with another content" if kept.is_file() else ""
         raise InputError(
             f"a download of {log.url} to {folder}",
-            _cause(error),
+            f"{_cause(error)}{wrong}",
             f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
         ) from error
     return Path(found)
@@ -137,23 +137,16 @@ def _cause(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def example_recording() -> Recording:
-    """Recording of the bundled example flight."""
-    from eivor.logs import read_log
-
-    with resources.as_file(resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT)) as path:
-        return read_log(path)
-
-
 app = typer.Typer(
     name="example",
     help="The example flight that comes with Eivor, and public real logs to try it on.",
     no_args_is_help=True,
     add_completion=False,
+    cls=ReadableGroup,
 )
 
 
-@app.command("list", epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@app.command("list", cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
 @guarded
 def list_logs() -> ExitCode:
     """List the public real logs that can be fetched."""
@@ -170,8 +163,9 @@ def list_logs() -> ExitCode:
 
 
 @app.command(
+    cls=ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that "
-    "cannot be written; 2 wrong usage."
+    "cannot be written; 2 wrong usage.",
 )
 @guarded
 def fetch(
@@ -192,7 +186,7 @@ def fetch(
     return ExitCode.IDENTIFIED
 
 
-@app.command(epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@app.command(cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
 @guarded
 def path() -> ExitCode:
     """Print where the bundled example flight is."""

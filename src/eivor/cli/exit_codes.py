@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import sys
 from collections.abc import Callable
 from enum import IntEnum
 from typing import ParamSpec
@@ -50,7 +49,6 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
         complain("interrupted")
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
-        _drop_standard_output()
         return ExitCode.FAILED
     except MemoryError:
         complain("Not enough memory for this log.", "Cut it to the manoeuvre of interest, or use --window.")
@@ -64,10 +62,3 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
             f"{DEBUG_VARIABLE}=1 shows where it happened.",
         )
         return ExitCode.FAILED
-
-
-def _drop_standard_output() -> None:
-    """Point standard output to nowhere, so that the interpreter does not fail again on its way out."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)

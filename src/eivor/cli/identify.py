@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-import math
-from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from eivor.cli import arguments
-from eivor.cli.arguments import STANDARD_OUTPUT, LogArgument, named, writing
+from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.terminal import show, step, write
+from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, write_out, writing
+from eivor.cli.recordings import chosen_logs, flight_options, named_motion
+from eivor.cli.terminal import show, step
 from eivor.errors import MissingChannelError, UsageError
+from eivor.motions import DEFAULT as DEFAULT_MODEL
 
 if TYPE_CHECKING:
+    from eivor.flights.motion import Motion
     from eivor.flights.options import FlightOptions
     from eivor.flights.result import FlightEstimate
     from eivor.signals.recording import Recording
 
 EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 identified; 3 weak, provisional or refused (the numbers are printed all the "
-    "same); 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written.\n\n"
+    "same); 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written (the numbers are "
+    "printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.identify/1): verdict and reasons; parameters and derived quantities, "
     "each with value, unit, std_error, interval and its own verdict; diagnostics, findings and provenance."
 )
@@ -39,60 +44,24 @@ class Outputs:
         File, "-" for standard output, empty for none.
     figure : Path or None
         File.
+    card : bool
+        Whether the report ends with the flight card.
     """
 
     json: str
     figure: Path | None
+    card: bool = False
 
 
 @guarded
 def identify(
-    logs: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="LOG",
-            help="ULog, CSV or Parquet. Several are pooled as flights of one vehicle. LOG@START:END takes a "
-            "window of one log.",
-            show_default=False,
-        ),
-    ] = None,
+    logs: arguments.LogsArgument = None,
     *,
-    example: Annotated[
-        bool, typer.Option("--example", help="Use the example flight that comes with Eivor.")
-    ] = False,
-    window: Annotated[
-        str,
-        typer.Option(
-            metavar="START:END",
-            help="Use this window of each log, in seconds from its start.",
-            show_default=False,
-        ),
-    ] = "",
-    max_tilt: Annotated[
-        float | None,
-        typer.Option(
-            metavar="DEG",
-            help="Leave out what is tilted further (default: 25.8 degrees).",
-            show_default=False,
-        ),
-    ] = None,
-    input_channel: Annotated[
-        str,
-        typer.Option(
-            "--input",
-            metavar="CHANNEL",
-            help="Channel, or family such as rotor_command, that drives the vehicle.",
-            show_default=False,
-        ),
-    ] = "",
-    input_map: Annotated[
-        str,
-        typer.Option(
-            metavar="MAP",
-            help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE.",
-            show_default=False,
-        ),
-    ] = "",
+    example: arguments.ExampleOption = False,
+    window: arguments.WindowOption = "",
+    max_tilt: arguments.MaxTiltOption = None,
+    input_channel: arguments.InputOption = "",
+    input_map: arguments.InputMapOption = "",
     instruments: Annotated[
         str,
         typer.Option(
@@ -101,6 +70,7 @@ def identify(
             show_default=False,
         ),
     ] = "",
+    model: arguments.ModelOption = DEFAULT_MODEL,
     method: Annotated[
         str,
         typer.Option(metavar="NAME", help="reference_iv, least_squares, total_least_squares, extended_iv."),
@@ -114,16 +84,16 @@ def identify(
             metavar="FILE", help="Draw the fit: FILE.png, FILE.svg or FILE.pdf.", show_default=False
         ),
     ] = "",
+    card: Annotated[
+        bool, typer.Option("--card", help="Print the flight card too: what to fly and to log instead.")
+    ] = False,
 ) -> ExitCode:
-    """Identify the vertical motion of a drone from flight logs."""
-    given = [arguments.log_argument(text) for text in logs or []]
-    outputs = Outputs(
-        json
-        if json in ("", STANDARD_OUTPUT)
-        else str(arguments.output_file(json, option="--json", logs=given)),
-        arguments.figure_file(figure, logs=given) if figure else None,
-    )
+    """Identify a motion from logs: the vertical one of a drone, or another with --model."""
+    motion = named_motion(model)
+    chosen = chosen_logs(logs, example=example, channel_map=channel_map)
+    outputs = chosen_outputs(json, figure, chosen.files)
     options = flight_options(
+        motion,
         window=window,
         max_tilt=max_tilt,
         input_channel=input_channel,
@@ -132,112 +102,30 @@ def identify(
         method=method,
         compare=compare,
     )
-    recordings = read_logs(given, example=example, channel_map=channel_map)
-    windows = [log.window for log in given] or [None] * len(recordings)
-    check_windows(recordings, [own or options.window for own in windows])
+    recordings, windows = chosen.read(options)
     check_instruments(recordings, options.instruments)
-    result = identified(recordings, options, windows)
-    deliver(result, outputs)
+    result = identified(recordings, motion, options, windows)
+    deliver(*deliveries(result, replace(outputs, card=card)))
     return exit_code(result)
 
 
-def flight_options(
-    *,
-    window: str = "",
-    max_tilt: float | None = None,
-    input_channel: str = "",
-    input_map: str = "",
-    instruments: str = "",
-    method: str = "reference_iv",
-    compare: bool = False,
-    own_window: arguments.Window | None = None,
-) -> FlightOptions:
-    """Options of the library, checked before any log is read.
+def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]]) -> Outputs:
+    """Outputs that can be written, and over nothing that is read.
 
     Raises
     ------
     UsageError
-        When one of them does not exist or makes no sense.
-    """
-    from eivor.estimation.methods import by_name
-    from eivor.flights.options import FlightOptions
-    from eivor.models.input_map import input_map as named_input_map
-
-    by_name(method)
-    if input_map:
-        named_input_map(input_map)
-    if max_tilt is not None and not math.isfinite(max_tilt):
-        max_tilt = 0.0  # refused below, in the library's words
-    options = FlightOptions(
-        window=own_window or (arguments.window(window) if window else None),
-        input=input_channel,
-        input_map=input_map,
-        instruments=arguments.names(instruments) if instruments else (),
-        method=method,
-        compare=compare,
-    )
-    return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
-
-
-def read_logs(given: list[LogArgument], *, example: bool, channel_map: str) -> list[Recording]:
-    """Recordings of the logs, or of the bundled example; logs of the same file name are told by their paths.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to read, or both logs and the example.
+        When one of them is a log, the map, or the other one.
     InputError
-        With the name of the log that cannot be read.
+        When one cannot be written.
     """
-    if example == bool(given):
-        raise UsageError(
-            "one or more logs, or --example",
-            "both" if example else "neither",
-            "Try: eivor identify flight.ulg, or: eivor identify --example",
-        )
-    if example:
-        from eivor.cli.examples import example_recording
-
-        return [example_recording()]
-    from eivor.logs import read_log
-
-    recordings = []
-    for log in given:
-        with step(f"Reading {log.path.name}"), named(str(log.path), several=len(given) > 1):
-            recordings.append(read_log(log.path, channel_map=channel_map or None))
-    return told_apart(given, recordings)
-
-
-def told_apart(given: list[LogArgument], recordings: list[Recording]) -> list[Recording]:
-    """Recordings of one file name renamed: to their paths, and to path and window for parts of one log."""
-    paths: dict[str, set[Path]] = {}
-    parts: Counter[Path] = Counter()
-    for log, recording in zip(given, recordings, strict=True):
-        paths.setdefault(recording.name, set()).add(log.path)
-        parts[log.path] += 1
-    renamed = []
-    for log, recording in zip(given, recordings, strict=True):
-        name = str(log.path) if len(paths[recording.name]) > 1 else recording.name
-        if parts[log.path] > 1 and log.window is not None:
-            name += f"@{log.window[0]:g}:{log.window[1]:g}"
-        renamed.append(recording if name == recording.name else replace(recording, name=name))
-    return renamed
-
-
-def check_windows(recordings: list[Recording], windows: list[tuple[float, float] | None]) -> None:
-    """Refuse windows outside their logs, and name the log.
-
-    Raises
-    ------
-    UsageError
-        For the first one.
-    """
-    from eivor.signals.recording import interval_within
-
-    for recording, window in zip(recordings, windows, strict=True):
-        if window is not None:
-            with named(recording.name, several=len(recordings) > 1):
-                interval_within(window, recording.span_s)
+    files: dict[str, Path] = {}
+    if json not in ("", STANDARD_OUTPUT):
+        files["--json"] = output_file(json, option="--json")
+    if figure:
+        files["--figure"] = figure_file(figure)
+    keep_apart(files, inputs)
+    return Outputs(json, files.get("--figure"))
 
 
 def check_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
@@ -259,7 +147,10 @@ def check_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> N
 
 
 def identified(
-    recordings: list[Recording], options: FlightOptions, windows: list[tuple[float, float] | None]
+    recordings: list[Recording],
+    motion: Motion[Any],
+    options: FlightOptions,
+    windows: list[tuple[float, float] | None],
 ) -> FlightEstimate:
     """Result of the logs.
 
@@ -268,56 +159,57 @@ def identified(
     MissingChannelError
         With what to log so that the channel is there.
     """
-    from eivor.flights.recipe import identify_flight
+    from eivor.motions.identify import identify_flight
 
     try:
         with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
-            return identify_flight(recordings, options, windows=windows)
+            return identify_flight(recordings, options, windows=windows, model=motion)
     except MissingChannelError as error:
         raise MissingChannelError(
-            error.expected, error.received, " ".join((error.remedy, *_advice(recordings)))
+            error.expected, error.received, " ".join((error.remedy, *_advice(recordings, motion)))
         ) from error
 
 
-def _advice(recordings: list[Recording]) -> tuple[str, ...]:
+def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
     from eivor.report.card import logging_advice_for, missing_channels
 
     sentences = [
         sentence
         for recording in recordings
-        for channel in missing_channels(recording)
+        for channel in missing_channels(recording, motion)
         for sentence in logging_advice_for(recording, channel)
     ]
     return tuple(dict.fromkeys(sentences))
 
 
-def deliver(result: FlightEstimate, outputs: Outputs) -> None:
-    """Write the files, then print.
-
-    Raises
-    ------
-    InputError
-        When a file cannot be written.
-    """
+def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[], None]]:
+    """What is to be done with a result, in order: what is printed comes first."""
+    if outputs.json != STANDARD_OUTPUT:
+        yield partial(_print_report, result, card=outputs.card)
+    if outputs.json:
+        yield partial(_write_json, result, outputs.json)
     if outputs.figure is not None:
-        from eivor.report.flight_figure import flight_figure, save_figure
+        yield partial(_draw, result, outputs.figure)
 
-        with step(f"Drawing {outputs.figure.name}"), writing(outputs.figure):
-            save_figure(flight_figure(result), outputs.figure)
-    text = ""
-    if outputs.json:
-        from eivor.report.json_document import json_document, json_text
 
-        text = json_text(json_document(result))
-    if outputs.json == STANDARD_OUTPUT:
-        write(text)
-        return
-    if outputs.json:
-        with writing(Path(outputs.json)):
-            Path(outputs.json).write_text(text, encoding="utf-8")
-    from eivor.report.table import identification_report
+def _print_report(result: FlightEstimate, *, card: bool) -> None:
+    from eivor.report.flight_document import flight_document
+    from eivor.report.terminal import on_terminal
 
-    show(identification_report(result))
+    show(on_terminal(flight_document(result, card=card)))
+
+
+def _write_json(result: FlightEstimate, place: str) -> None:
+    from eivor.report.json_document import json_document, json_text
+
+    write_out(json_text(json_document(result)), place)
+
+
+def _draw(result: FlightEstimate, path: Path) -> None:
+    from eivor.report.flight_figure import flight_figure, save_figure
+
+    with step(f"Drawing {path.name}"), writing(path):
+        save_figure(flight_figure(result), path)
 
 
 def exit_code(result: FlightEstimate) -> ExitCode:

@@ -2,39 +2,47 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import warnings
+from contextlib import nullcontext
 from typing import Annotated
 
 import typer
 
-from eivor.cli import examples
-from eivor.cli.exit_codes import DEBUG_VARIABLE
+from eivor.cli import examples, plain_text
+from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.identify import EXIT_CODES, identify
 from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
 from eivor.cli.inspect import inspect
 from eivor.cli.paper import EXIT_CODES as PAPER_EXIT_CODES
 from eivor.cli.paper import paper
+from eivor.cli.readable_help import ReadableCommand, ReadableGroup
 from eivor.cli.simulate import EXIT_CODES as SIMULATE_EXIT_CODES
 from eivor.cli.simulate import simulate
 from eivor.cli.study import EXIT_CODES as STUDY_EXIT_CODES
 from eivor.cli.study import study
+from eivor.cli.terminal import complain, printing
+from eivor.errors import InputError
 
 app = typer.Typer(
     name="eivor",
     help="Identify the vertical parameters of a drone from its flight logs, with intervals and a verdict.",
     epilog="Try it: [bold]eivor identify --example[/bold]",
     no_args_is_help=True,
-    add_completion=False,
+    cls=ReadableGroup,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
-app.command(epilog=EXIT_CODES)(identify)
-app.command(epilog=INSPECT_EXIT_CODES)(inspect)
-app.command(epilog=SIMULATE_EXIT_CODES)(simulate)
-app.command(epilog=STUDY_EXIT_CODES)(study)
-app.command(epilog=PAPER_EXIT_CODES)(paper)
+for command, exit_codes in (
+    (identify, EXIT_CODES),
+    (inspect, INSPECT_EXIT_CODES),
+    (simulate, SIMULATE_EXIT_CODES),
+    (study, STUDY_EXIT_CODES),
+    (paper, PAPER_EXIT_CODES),
+):
+    app.command(epilog=exit_codes, cls=ReadableCommand)(command)
 app.add_typer(examples.app)
 
 
@@ -64,11 +72,24 @@ def _eivor(
 
 def run() -> None:
     """Run the command line with the arguments of the process and leave with its exit code."""
+    if sys.stderr is None:  # closed by the caller, who does not want to know
+        sys.stderr = io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors=plain_text.ERRORS)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
     if os.environ.get(DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
-    app(prog_name="eivor")
+    try:
+        with printing() if sys.stdout else nullcontext():
+            try:
+                app(prog_name="eivor")
+            finally:  # what others print, such as help, waits until here for its room
+                if sys.stdout:
+                    sys.stdout.flush()
+    except BrokenPipeError:
+        raise SystemExit(ExitCode.FAILED) from None
+    except InputError as error:
+        complain(str(error))
+        raise SystemExit(ExitCode.FAILED) from None

@@ -5,22 +5,26 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, output_file, writing
+from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.terminal import console, show, step, write
+from eivor.cli.outputs import deliver, keep_apart, output_file, write_out, writing
+from eivor.cli.terminal import console, show, step
 from eivor.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from eivor.studies.paper import PaperResult
-    from eivor.studies.paper_readings import Reading
+    from eivor.studies.paper.examples import PaperResult
+    from eivor.studies.paper.readings import Reading
 
+#: The word for every reading.
+ALL = "all"
 EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 done, whatever came out; 2 wrong usage; 1 a file that cannot be written."
 )
@@ -40,7 +44,12 @@ def paper(
     ] = "",
     readings: Annotated[
         str,
-        typer.Option(metavar="NAMES", help="Readings with commas between; default: all.", show_default=False),
+        typer.Option(
+            metavar="NAMES",
+            help="Readings with commas between, or all: print their tables in full. Default: run all, and "
+            "print the nearest one's tables and an overview.",
+            show_default=False,
+        ),
     ] = "",
     list_readings: Annotated[
         bool, typer.Option("--list", help="List the readings, what each says, and leave.")
@@ -56,10 +65,17 @@ def paper(
         ),
     ] = "",
 ) -> ExitCode:
-    """Run examples 1 and 2 of the paper, under each way to read it, and print measured beside printed."""
-    from eivor.studies.paper_readings import named_readings
+    """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
 
-    chosen = named_readings(tuple(name.strip() for name in readings.split(",") if name.strip()))
+    The paper: D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with time-varying
+    disturbances and fractional errors-in-variables. Application example to a drone model (2024).
+
+    Its text can be read in several ways; each is run, and none gives the printed tables.
+    """
+    from eivor.studies.paper.readings import named_readings
+
+    named = tuple(name.strip() for name in readings.split(",") if name.strip())
+    chosen = named_readings(() if named == (ALL,) else named)
     if list_readings:
         _list(chosen)
         return ExitCode.IDENTIFIED
@@ -69,11 +85,9 @@ def paper(
             f"--runs {runs} --workers {workers}",
             "The paper has 100 runs.",
         )
-    for option, text in (("--json", json), ("--page", page)):
-        if text not in ("", STANDARD_OUTPUT):
-            output_file(text, option=option, logs=[])
     folder = _folder(out) if out else None
-    from eivor.studies.paper import run_paper
+    _check_files(json, page, folder)
+    from eivor.studies.paper.examples import run_paper
 
     begun = time.perf_counter()
     with _bar(2 * len(chosen)) as advance:
@@ -82,42 +96,116 @@ def paper(
             results.append(result)
             advance()
     seconds = time.perf_counter() - begun
-    _deliver(results, seconds, json=json, page=page, folder=folder)
+    report = partial(_print_report if named else _print_overview, results)
+    deliver(*_deliveries(results, seconds, report, json=json, page=page, folder=folder))
     return ExitCode.IDENTIFIED
 
 
-def _deliver(
-    results: Sequence[PaperResult], seconds: float, *, json: str, page: str, folder: Path | None
-) -> None:
+def _check_files(json: str, page: str, folder: Path | None) -> None:
+    """Refuse, before anything runs, files that cannot be written and files that are one.
+
+    Raises
+    ------
+    UsageError
+        When two of them are one file.
+    InputError
+        When one cannot be written, or the page cannot be read.
+    """
+    outputs = {
+        option: output_file(text, option=option)
+        for option, text in (("--json", json), ("--page", page))
+        if text not in ("", STANDARD_OUTPUT)
+    }
+    if page:
+        _page_text(page)
+    figures: tuple[Path, ...] = ()
+    if folder:
+        from eivor.report.paper_figures import figure_files
+
+        figures = figure_files(folder)
+        for path in figures:
+            output_file(str(path), option="--out")
+    keep_apart(outputs, {"the figures of --out": figures})
+
+
+def _page_text(page: str) -> str:
+    """Text of the page that the tables go into.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    try:
+        return Path(page).read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            "a page with marks for the tables, in UTF-8", f"'{page}', unreadable: {reason}", "Check the name."
+        ) from error
+
+
+def _deliveries(
+    results: Sequence[PaperResult],
+    seconds: float,
+    report: Callable[[], None],
+    *,
+    json: str,
+    page: str,
+    folder: Path | None,
+) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield report
+    if json:
+        yield partial(_write_json, results, seconds, json)
+    if page:
+        yield partial(_fill_page, results, page)
+    if folder:
+        yield partial(_draw, results, folder)
+
+
+def _print_overview(results: Sequence[PaperResult]) -> None:
+    from rich.text import Text
+
     from eivor.report import paper_table
 
-    if folder:
-        from eivor.report.paper_figures import write_figures
+    for part in paper_table.reading_report(paper_table.by_reading(results)[paper_table.nearest(results)]):
+        show(part)
+    for part in paper_table.overview_report(results):
+        show(part)
+    show(Text(f"Every reading's tables: eivor paper --readings {ALL}"))
 
-        shown = paper_table.by_reading(results)[paper_table.nearest(results)]
-        with step("Drawing the figures"), writing(folder):
-            write_figures(shown, folder)
-    if page:
-        from eivor.studies.generated_page import page_with
 
-        parts = paper_table.page_parts(results)
-        with writing(Path(page)):
-            text = Path(page).read_text(encoding="utf-8")
-            Path(page).write_text(page_with(text, parts), encoding="utf-8")
-    if json:
-        from eivor.report.json_document import json_text
+def _print_report(results: Sequence[PaperResult]) -> None:
+    from eivor.report import paper_table
 
-        text = json_text(paper_table.paper_document(results, seconds=seconds))
-        if json == STANDARD_OUTPUT:
-            write(text)
-            return
-        with writing(Path(json)):
-            Path(json).write_text(text, encoding="utf-8")
     for group in paper_table.by_reading(results).values():
         for part in paper_table.reading_report(group):
             show(part)
     for part in paper_table.overview_report(results):
         show(part)
+
+
+def _write_json(results: Sequence[PaperResult], seconds: float, place: str) -> None:
+    from eivor.report.json_document import json_text
+    from eivor.report.paper_table import paper_document
+
+    write_out(json_text(paper_document(results, seconds=seconds)), place)
+
+
+def _fill_page(results: Sequence[PaperResult], page: str) -> None:
+    from eivor.report.paper_table import page_parts
+    from eivor.studies.generated_page import page_with
+
+    write_out(page_with(_page_text(page), page_parts(results)), page)
+
+
+def _draw(results: Sequence[PaperResult], folder: Path) -> None:
+    from eivor.report.paper_figures import write_figures
+    from eivor.report.paper_table import by_reading, nearest
+
+    with step("Drawing the figures"), writing(folder):
+        write_figures(by_reading(results)[nearest(results)], folder)
 
 
 def _list(readings: Sequence[Reading]) -> None:

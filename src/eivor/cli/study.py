@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, output_file, writing
+from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.terminal import complain, console, show, step, write
+from eivor.cli.outputs import deliver, keep_apart, output_file, write_out, writing
+from eivor.cli.terminal import complain, console, show, step
 from eivor.errors import UsageError
 
 if TYPE_CHECKING:
@@ -75,17 +77,19 @@ def study(
     json: JsonOption = "",
 ) -> ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
-    if json not in ("", STANDARD_OUTPUT):
-        output_file(json, option="--json", logs=[])
+    outputs = {"--json": output_file(json, option="--json")} if json not in ("", STANDARD_OUTPUT) else {}
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    from eivor.studies.study_file import read_study
+    from eivor.studies.study_file import study_from_table
+    from eivor.toml_table import read_toml
 
-    chosen = read_study(Path(study_file))
+    table = read_toml(Path(study_file), "a study")
+    chosen = study_from_table(table)
     if runs is not None:
         chosen = replace(chosen, runs=runs)
     executor = _executor(chosen, workers, dask)
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
+    _keep_files(chosen, folder, outputs, table.files, figures=figures)
     from eivor.studies.metrics import scores
     from eivor.studies.run import run_study
 
@@ -96,28 +100,19 @@ def study(
         complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
         return ExitCode.INTERRUPTED
     found = scores(result)
-    if figures:
-        from eivor.report.study_pictures import write_study_figures
-
-        with step("Drawing the figures"), writing(folder):
-            write_study_figures(result)
-    _tell(result, found, json)
+    deliver(*_deliveries(result, found, json, figures=figures))
     return ExitCode.FAILED if all(one.failed == one.trials for one in found) else ExitCode.IDENTIFIED
 
 
 def _executor(study: Study, workers: int | None, dask: str) -> Executor:
-    from eivor.studies.executors import InProcess, LocalProcesses
+    from eivor.studies.executors import local_executor
     from eivor.studies.trial_shards import SHARD_TRIALS
 
     if dask:
         from eivor.studies.dask_executor import DaskCluster
 
         return DaskCluster(dask)
-    import os
-
-    processes = LocalProcesses(workers if workers is not None else os.cpu_count() or 1)
-    useful = min(processes.workers, -(-study.runs // SHARD_TRIALS))
-    return LocalProcesses(useful) if useful > 1 else InProcess()
+    return local_executor(workers, tasks=-(-study.runs // SHARD_TRIALS))
 
 
 @contextmanager
@@ -129,7 +124,7 @@ def _bar(name: str) -> Iterator[Progress]:
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-    from eivor.report.wording import printable
+    from eivor.report.printable import printable
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=screen, transient=True) as bar:
@@ -137,24 +132,58 @@ def _bar(name: str) -> Iterator[Progress]:
         yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
-def _tell(result: StudyResult, found: tuple[MethodScore, ...], json: str) -> None:
-    if json:
-        from eivor.report.json_document import json_text
+def _keep_files(
+    study: Study, folder: Path, outputs: Mapping[str, Path], inputs: set[Path], *, figures: bool
+) -> None:
+    """Refuse to write over the study's own description, or over its trials.
 
-        text = json_text(_document(result, found))
-        if json == STANDARD_OUTPUT:
-            write(text)
-            return
-        with writing(Path(json)):
-            Path(json).write_text(text, encoding="utf-8")
-    show(_report(result, found))
+    Raises
+    ------
+    UsageError
+        For the first two that are one file.
+    """
+    from eivor.studies.trial_shards import TrialShards
+
+    shards = TrialShards(study, folder)
+    own = [*shards.tables, *shards.path(0).parent.glob("*")]
+    if figures:
+        from eivor.report.study_pictures import picture_files
+
+        own += picture_files(folder)
+    keep_apart(outputs, {"the study's files": inputs, "the files of its trials": own})
+    for path in own:
+        keep_apart({f"{path.name} in --out": path}, {"the study's files": inputs})
+
+
+def _deliveries(
+    result: StudyResult, found: tuple[MethodScore, ...], json: str, *, figures: bool
+) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield lambda: show(_report(result, found))
+    if json:
+        yield partial(_write_json, result, found, json)
+    if figures:
+        yield partial(_draw, result)
+
+
+def _write_json(result: StudyResult, found: tuple[MethodScore, ...], place: str) -> None:
+    from eivor.report.json_document import json_text
+
+    write_out(json_text(_document(result, found)), place)
+
+
+def _draw(result: StudyResult) -> None:
+    from eivor.report.study_pictures import write_study_figures
+
+    with step("Drawing the figures"), writing(result.folder):
+        write_study_figures(result)
 
 
 def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableType:
     from rich.console import Group
     from rich.text import Text
 
-    from eivor.report.wording import printable
+    from eivor.report.printable import printable
     from eivor.studies.trial import failure
 
     study = result.study
@@ -201,8 +230,8 @@ def _coverage_table(found: tuple[MethodScore, ...], level: float) -> Table:
     for one in found:
         for score in one.parameters:
             if score.coverage is not None:
-                low, high = score.coverage.bounds
-                share = f"{100 * score.coverage.share:.1f} %"
+                low, high = score.coverage.interval
+                share = f"{100 * score.coverage.value:.1f} %"
                 table.add_row(f"{one.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %")
     return table
 
@@ -257,7 +286,11 @@ def _method(one: MethodScore) -> dict[str, object]:
             "nrmse_percent": _spread(score.nrmse),
             "coverage": None
             if coverage is None
-            else {"share": number(coverage.share), "bounds": list(coverage.bounds), "count": coverage.count},
+            else {
+                "share": number(coverage.value),
+                "bounds": list(coverage.interval),
+                "count": coverage.count,
+            },
         }
     return {
         "label": one.label,

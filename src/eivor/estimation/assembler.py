@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import InstrumentError, MissingNoiseError, UsageError
+from eivor.errors import CovarianceError, InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
-from eivor.estimation.products import MeanProducts, mean_cross_products, root_of_rows
+from eivor.estimation.products.of_problem import products_of, root_of_rows
+from eivor.inference.covariances.covariance import unit_scale
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression, RowBlock
 
@@ -33,8 +34,12 @@ class Assembler(ABC):
         """True when the equations are mean cross-products, False when they are rows or their root."""
 
     @abstractmethod
-    def moments(self, problem: LinearProblem, *, instrument_products: bool = False) -> Moments:
-        """Summary of the problem's rows; with mean(psi psi') and mean(phi phi') when they are needed."""
+    def moments(self, problem: LinearProblem) -> Moments:
+        """Summary of the problem's rows: what the equations need."""
+
+    def full_moments(self, problem: LinearProblem) -> Moments:
+        """With mean(psi psi') and mean(phi phi'), for weights and strength; without instruments no more."""
+        return self.moments(problem)
 
     @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
@@ -49,12 +54,6 @@ class Assembler(ABC):
     @abstractmethod
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """Functions psi whose products with the residual the equations are made of."""
-
-    @abstractmethod
-    def score_constants(
-        self, problem: LinearProblem, theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " p"]:
-        """What the measurement noises add to each row's products on average, C theta - c."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +70,14 @@ class Direct(Assembler):
         """No."""
         return False
 
-    def moments(self, problem: LinearProblem, *, instrument_products: bool = False) -> TriangularMoments:
+    def moments(self, problem: LinearProblem) -> TriangularMoments:
         """Triangular root of [Phi y], and its noise covariance where that is declared."""
-        del instrument_products
         count, root = root_of_rows(problem)
         try:
             noise = problem.regressor_noise_covariance()
         except MissingNoiseError:
             noise = None
-        return TriangularMoments(count, root, noise)
+        return TriangularMoments(float(count), root, noise)
 
     def system(self, moments: Moments) -> LinearSystem:
         """The root's rows: the same solutions, n + 1 equations."""
@@ -90,13 +88,6 @@ class Direct(Assembler):
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The regressors."""
         return rows.regressors
-
-    def score_constants(
-        self, problem: LinearProblem, theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " p"]:
-        """Zero."""
-        del problem
-        return np.zeros(theta.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +108,7 @@ class Instrumental(Assembler):
         """Yes."""
         return True
 
-    def moments(self, problem: LinearProblem, *, instrument_products: bool = False) -> CrossMoments:
+    def moments(self, problem: LinearProblem) -> CrossMoments:
         """mean(psi [phi' y]).
 
         Raises
@@ -125,14 +116,20 @@ class Instrumental(Assembler):
         InstrumentError
             When an instrument shares declared noise with a regressor or the response.
         """
+        return self._moments(problem, whole=False)
+
+    def full_moments(self, problem: LinearProblem) -> CrossMoments:
+        """With mean(psi psi') and mean(phi phi'), see `moments`."""
+        return self._moments(problem, whole=True)
+
+    def _moments(self, problem: LinearProblem, *, whole: bool) -> CrossMoments:
         if problem.instruments_share_noise():
             raise InstrumentError(
                 "instruments whose measurement noise no regressor and no response shares",
                 "an instrument of the same channel and lag as a noisy regressor",
                 "Use lags from 1 on, another channel, or a compensated method: generalized_iv.",
             )
-        found = mean_cross_products(problem, instruments=True, own=instrument_products)
-        return _cross_moments(found, None)
+        return CrossMoments(products_of(problem, whole=whole))
 
     def system(self, moments: Moments) -> LinearSystem:
         """Mean cross-products as equations."""
@@ -141,13 +138,6 @@ class Instrumental(Assembler):
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The instruments."""
         return rows.instruments
-
-    def score_constants(
-        self, problem: LinearProblem, theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " p"]:
-        """Zero."""
-        del theta
-        return np.zeros(problem.instrument_count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +170,7 @@ class Compensated(Assembler):
             return problem.instrument_noise_covariance()
         return problem.regressor_noise_covariance()[:-1]
 
-    def moments(self, problem: LinearProblem, *, instrument_products: bool = False) -> CrossMoments:
+    def moments(self, problem: LinearProblem) -> CrossMoments:
         """mean(psi [phi' y]) and the mean covariance of the noises in it.
 
         Raises
@@ -188,50 +178,69 @@ class Compensated(Assembler):
         MissingNoiseError
             When a noise that instruments and regressors share is not declared: none is never assumed.
         """
+        return self._moments(problem, whole=False)
+
+    def full_moments(self, problem: LinearProblem) -> CrossMoments:
+        """With mean(psi psi') and mean(phi phi'), see `moments`."""
+        return self._moments(problem, whole=True)
+
+    def _moments(self, problem: LinearProblem, *, whole: bool) -> CrossMoments:
         noise = self._noise(problem)
-        found = mean_cross_products(problem, instruments=self.by_instruments, own=instrument_products)
-        return CrossMoments(
-            found.count, found.cross, noise, found.instruments, found.regressors, found.blocks
-        )
+        products = products_of(problem, instruments=self.by_instruments, whole=whole)
+        return CrossMoments(products, noise)
 
     def system(self, moments: Moments) -> LinearSystem:
-        """Compensated mean cross-products as equations."""
-        return _instrumental_system(moments, compensated=True)
+        """Compensated mean cross-products as equations.
+
+        Raises
+        ------
+        CovarianceError
+            When the declared noise leaves nothing of the regressors' own moments in some direction. With
+            instruments the moments are no covariance, and there is nothing of that kind to see in them.
+        """
+        found = _instrumental_system(moments, compensated=True)
+        if not self.by_instruments and isinstance(moments, CrossMoments):
+            _check_compensated(moments.equations[:, :-1], found.matrix)
+        return found
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The instruments, or the regressors."""
         return rows.instruments if self.by_instruments else rows.regressors
 
-    def score_constants(
-        self, problem: LinearProblem, theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " p"]:
-        """C theta - c."""
-        noise = self._noise(problem)
-        return noise[:, :-1] @ theta - noise[:, -1]
-
-
-def _cross_moments(found: MeanProducts, noise: Float[np.ndarray, "p n_plus_1"] | None) -> CrossMoments:
-    return CrossMoments(
-        found.count, found.cross, noise, found.instruments, found.regressors, blocks=found.blocks
-    )
-
 
 def _instrumental_system(moments: Moments, *, compensated: bool) -> LinearSystem:
     if not isinstance(moments, CrossMoments):
         raise _other_kind("cross moments", moments)
-    available, columns = moments.products.shape
+    available, columns = moments.equations.shape
     if available < columns - 1:
         raise InstrumentError(
             f"at least {columns - 1} instruments for {columns - 1} parameters",
             f"{available}",
             "Add lags or exogenous columns, or use a direct method.",
         )
-    equations = moments.products
+    equations = moments.equations
     if compensated:
         if moments.noise is None:
             raise _other_kind("cross moments with the noises' covariance", moments)
         equations = equations - moments.noise
     return LinearSystem(equations[:, :-1], equations[:, -1])
+
+
+def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.ndarray, "n n"]) -> None:
+    """Refuse regressors that are less than their declared noise; without noise there is nothing to refuse."""
+    powers = np.diag(moments)
+    if np.array_equal(moments, compensated):
+        return
+    scale = unit_scale(powers)
+    smallest = float(np.linalg.eigvalsh(np.outer(scale, scale) * compensated)[0])
+    if smallest <= 0.0:
+        variances = np.diag(moments - compensated)
+        raise CovarianceError(
+            "regressors whose mean squares exceed the noise that is declared of them, in every direction",
+            f"mean squares {powers} and noise variances {variances}, whose difference, in columns of unit "
+            f"length, has the eigenvalue {smallest:.3g}",
+            "Declare a smaller noise, or use instruments: generalized_iv.",
+        )
 
 
 def _other_kind(expected: str, moments: Moments) -> UsageError:

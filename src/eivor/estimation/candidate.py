@@ -1,16 +1,17 @@
-"""The estimate at one delay, with everything that inference needs."""
+"""The estimate at one combination of discrete nuisances, with everything that inference needs."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import EstimationError
-from eivor.estimation.inferred import Inference, Solved
-from eivor.estimation.nuisance import LagProfile
+from eivor.estimation.inferred import Inference
+from eivor.estimation.search import NuisanceProfile
+from eivor.estimation.solved import Solved
 from eivor.inference.covariances.covariance import JointCovariance
 from eivor.inference.covariances.estimators import DEFAULT, CovarianceEstimator
 from eivor.inference.estimating_equation import EstimatingEquation
@@ -20,38 +21,38 @@ from eivor.models.regression import Regression
 
 @dataclass(frozen=True)
 class Candidate:
-    """The estimate at one delay.
+    """The estimate at one combination of discrete nuisances.
 
     Parameters
     ----------
-    delay_s : float
-        Delay [s]; zero when none is searched.
-    values : ndarray, shape (n,)
-        Joint vector.
-    solution : Solution
-        Linear parameters, and the condition of their equations.
-    profile : LagProfile
-        Objective over the lags; a single lag of zero when none was searched for.
-    solved : Solved or None
-        What inference needs; None for an estimate from moments, whose rows are gone.
+    at : mapping of str to float
+        Value of every nuisance; empty for a problem without any.
+    solved : Solved
+        Linear parameters, and how they were found.
+    profiles : tuple of NuisanceProfile
+        One for each continuous nuisance that was searched for.
     covariance_estimator : CovarianceEstimator
         How the covariance is estimated.
     streamed_covariance : JointCovariance, optional
         Covariance made by a second pass over chunks, for an estimate from moments.
     """
 
-    delay_s: float
-    values: Float[np.ndarray, " n"]
-    solution: Solution
-    profile: LagProfile
-    solved: Solved | None
+    at: Mapping[str, float]
+    solved: Solved
+    profiles: tuple[NuisanceProfile, ...] = ()
     covariance_estimator: CovarianceEstimator = DEFAULT
-    streamed_covariance: JointCovariance | None = None
+    streamed_covariance: JointCovariance | None = field(default=None, repr=False)
+
+    @cached_property
+    def values(self) -> Float[np.ndarray, " n"]:
+        """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
+        nuisances = [self.at[profile.nuisance.name] for profile in self.profiles]
+        return np.append(self.solution.theta, nuisances)
 
     @property
-    def lag_s(self) -> float:
-        """Lag of the actuator [s]; zero when none was searched for."""
-        return self.profile.lag_s
+    def solution(self) -> Solution:
+        """Linear parameters, and the condition of their equations."""
+        return self.solved.solution
 
     @property
     def theta(self) -> Float[np.ndarray, " m"]:
@@ -67,7 +68,7 @@ class Candidate:
         EstimationError
             For an estimate from moments.
         """
-        return self._solved().problem.rows()
+        return self.solved.rows
 
     @property
     def residuals(self) -> Float[np.ndarray, " rows"]:
@@ -81,16 +82,10 @@ class Candidate:
         rows = self.rows
         return rows.response - rows.regressors @ self.theta
 
-    @property
+    @cached_property
     def inference(self) -> Inference:
-        """Tests of the instruments, made by a second pass over the rows when they are first asked for.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        return self._solved().inference
+        """Tests of the instruments, made by a second pass over the rows when they are first asked for."""
+        return Inference(self.solved)
 
     @property
     def equation(self) -> EstimatingEquation:
@@ -104,13 +99,18 @@ class Candidate:
         return self.inference.equation
 
     @property
+    def has_rows(self) -> bool:
+        """Whether the rows are at hand; they are not for an estimate from moments."""
+        return self.solved.problem is not None
+
+    @property
     def has_covariance(self) -> bool:
         """Whether intervals can be had: the rows are at hand, or chunks were passed over."""
-        return self.solved is not None or self.streamed_covariance is not None
+        return self.has_rows or self.streamed_covariance is not None
 
     @property
     def criterion(self) -> float:
-        """What delays are compared by, see `Inference.criterion`."""
+        """What candidates are compared by, see `Inference.criterion`."""
         return self.inference.criterion
 
     @cached_property
@@ -125,12 +125,3 @@ class Candidate:
         if self.streamed_covariance is not None:
             return self.streamed_covariance
         return self.covariance_estimator.joint(self.equation)
-
-    def _solved(self) -> Solved:
-        if self.solved is None:
-            raise EstimationError(
-                "an estimate with its rows at hand, for residuals and standard errors",
-                "an estimate from moments, which do not keep the rows",
-                "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem.",
-            )
-        return self.solved

@@ -5,28 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
-import numpy as np
-
+from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.equation_rows import MethodEquations, estimating_equation
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
-from eivor.estimation.method import Method
-from eivor.estimation.moments import CrossMoments
-from eivor.estimation.solve import solve_moments
-from eivor.estimation.streaming import chunk_problems, moments
-from eivor.inference.covariances.estimators import DEFAULT, CovarianceEstimator
+from eivor.estimation.inferred import estimating_equation
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.streaming import check_chunked, chunk_problems, moments
+from eivor.inference.covariances.estimators import (
+    DEFAULT,
+    CovarianceEstimator,
+    check_covariance_estimator,
+)
 from eivor.models.column import Column
 from eivor.models.regression import RowBlock
-from eivor.models.vertical import VerticalMotion
+from eivor.models.signal_regression import SignalModel
 from eivor.signals.signals import Signals
 
 
 def identify_chunks(
     chunks: Callable[[], Iterable[Signals]],
     *,
-    model: VerticalMotion,
-    method: Method,
+    model: SignalModel,
+    method: LinearMethod,
     instruments: tuple[Column, ...] = (),
     covariance: CovarianceEstimator = DEFAULT,
 ) -> Estimate:
@@ -37,8 +38,8 @@ def identify_chunks(
     chunks : callable
         Gives the chunks, in order, as `eivor.moments` takes them; each call starts anew, as in
         ``lambda: read_chunks("flight.parquet")``. The first pass makes the estimate; robust covariances
-        need its residuals, hence a second one, and direct methods a third.
-    model, method, instruments : VerticalMotion, Method, tuple of Column
+        need its residuals, hence a second one, and instrumental methods a third.
+    model, method, instruments : SignalModel, LinearMethod, tuple of Column
         See `eivor.moments`.
     covariance : CovarianceEstimator
         One of `eivor.covariances`.
@@ -57,14 +58,18 @@ def identify_chunks(
     TooFewSamplesError
         When there is no row.
     """
+    check_chunked(model, method, instruments)
+    check_covariance_estimator(covariance)
+    if not callable(chunks):
+        raise UsageError(
+            "a function that gives the chunks anew in every pass",
+            checks.described(chunks),
+            "Give lambda: ev.read_chunks(file, ...), for example.",
+        )
     first = moments(chunks(), model=model, method=method, instruments=instruments)
     estimate = identify(first, method)
     total = first.moments
-    solved = solve_moments(method, total, None)
-    theta = solved.solution.theta
-    constant = np.zeros(solved.system.right.size)
-    if isinstance(total, CrossMoments) and total.noise is not None:
-        constant = total.noise[:, :-1] @ theta - total.noise[:, -1]
+    (candidate,) = estimate.candidates
 
     def blocks() -> Iterator[RowBlock]:
         found = 0
@@ -74,13 +79,11 @@ def identify_chunks(
                 yield block
         if found != total.rows:
             raise UsageError(
-                f"chunks of {total.rows} rows in every pass",
+                f"chunks of {total.rows:.0f} rows in every pass",
                 f"{found} in a later one",
                 "Give a function that starts the same chunks anew each time it is called.",
             )
 
-    equations = MethodEquations(method, solved.system, solved.factor, solved.solution)
-    equation = estimating_equation(equations, constant, blocks, total.rows, np.empty((0, 0)))
-    (candidate,) = estimate.candidates
+    equation = estimating_equation(candidate.solved, blocks)
     streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
     return replace(estimate, candidates=(streamed,))

@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.candidate import Candidate
-from eivor.estimation.estimate import Estimate, check_level
+from eivor.estimation.estimate import Estimate
 from eivor.inference.covariances.covariance import CovariancePart
-from eivor.inference.quantiles import t_quantile
+from eivor.inference.quantiles import check_level, t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.fieller import fieller_set
 from eivor.inference.sets.profile import gradient_of, principal_axes, profile_interval
@@ -62,7 +63,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     estimate : Estimate
         With its covariance at hand.
     function : callable
-        From the mapping of names to values, such as ``lambda p: p["input_gain"] / p["viscous_friction"]``.
+        From the mapping of names to values, such as ``lambda p: p["gain"] / p["friction"]``.
         For a ratio whose denominator may be near zero use `ratio`.
     level : float
         Confidence level.
@@ -73,9 +74,18 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         When the level is not between 0 and 1, or the function is not finite within the interval.
     """
     check_level(level)
+    _check_estimate(estimate)
+    if not callable(function):
+        raise UsageError(
+            "a function of the parameters",
+            checks.described(function),
+            'Give lambda p: p["theta_1"] ** 2, for example.',
+        )
 
     def of_vector(values: Float[np.ndarray, " n"]) -> float:
-        return float(function(dict(zip(estimate.names, (float(value) for value in values), strict=True))))
+        found = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
+        checks.number("what the function gives", found)
+        return float(found)
 
     pieces = [
         _of_part(of_vector, candidate, part, level)
@@ -107,7 +117,7 @@ def ratio(
     estimate : Estimate
         With its covariance at hand.
     numerator, denominator : str or float
-        Name of a parameter, or an exact number: ``ratio(fit, 1.0, "viscous_friction")`` is the time
+        Name of a parameter, or an exact number: ``ratio(fit, 1.0, "friction")`` is the time
         constant 1/K [s].
     level : float
         Confidence level.
@@ -115,7 +125,7 @@ def ratio(
     Returns
     -------
     ConfidenceSet
-        Without a bound when the denominator cannot be told from zero. A union over the delays that fit,
+        Without a bound when the denominator cannot be told from zero. A union over the candidates that fit,
         and over the assumptions of the covariance.
 
     Raises
@@ -124,6 +134,10 @@ def ratio(
         When a name is unknown, or the level is not between 0 and 1.
     """
     check_level(level)
+    _check_estimate(estimate)
+    for name, one in (("numerator", numerator), ("denominator", denominator)):
+        if not isinstance(one, str):
+            checks.number(name, one)
     size = len(estimate.names)
     exact = np.array([0.0 if isinstance(one, str) else float(one) for one in (numerator, denominator)])
     rows = np.stack(
@@ -140,6 +154,10 @@ def ratio(
     return ConfidenceSet.union(intervals)
 
 
+def _check_estimate(estimate: object) -> None:
+    checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
+
+
 def _half_widths(part: CovariancePart, level: float) -> float:
     return t_quantile(level, part.degrees) / math.sqrt(part.share)
 
@@ -150,7 +168,7 @@ def _of_part(
     part: CovariancePart,
     level: float,
 ) -> DerivedQuantity:
-    """Quantity at one delay, under one assumption on the residual."""
+    """Quantity of one candidate, under one assumption on the residual."""
     values, t = candidate.values, _half_widths(part, level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
     error = math.sqrt(part.variance(gradient))

@@ -2,43 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from functools import cached_property
-from itertools import pairwise
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, field
+from typing import TYPE_CHECKING, TypeVar
 
-import numpy as np
-
-from eivor.errors import EstimationError
-from eivor.estimation.diagnosis_reasons import reasons_of
-from eivor.estimation.diagnosis_table import summary_of, table_of
+from eivor import checks
+from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.inferred import Solved
-from eivor.estimation.record_products import RecordProducts, record_products
-from eivor.inference.diagnostics.constancy import GROUPS, Constancy, constancy
-from eivor.inference.diagnostics.endogeneity import Endogeneity, endogeneity
-from eivor.inference.diagnostics.excitation import BandPower, Information, band_power, information
-from eivor.inference.diagnostics.first_stage import FirstStage, first_stage
-from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
-from eivor.inference.diagnostics.over_identification import OverIdentification, robust_over_identification
-from eivor.inference.diagnostics.residual_memory import residual_memory
-from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness, residual_whiteness
-from eivor.inference.diagnostics.time_products import block_edges
+from eivor.estimation.evidence import DIAGNOSTICS, Evidence
+from eivor.inference.diagnostics.constancy import Constancy
+from eivor.inference.diagnostics.diagnostic import Diagnostic
+from eivor.inference.diagnostics.endogeneity import Endogeneity
+from eivor.inference.diagnostics.excitation import BandPower, Information
+from eivor.inference.diagnostics.leverage import SegmentLeverage
+from eivor.inference.diagnostics.over_identification import OverIdentification
+from eivor.inference.diagnostics.residual_memory import ResidualMemory
+from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness
+from eivor.inference.diagnostics.strength import Strength
 from eivor.inference.verdict import Reason
-from eivor.models.signal_regression import SignalRegression
-from eivor.signals.long_memory import LongMemory
 
 if TYPE_CHECKING:
     import polars as pl
 
-#: Segments that are left out one at a time.
-SEGMENTS = 10
-#: A residual below this share of the terms of its equation is rounding.
-ROUNDING = 1e-13
+D = TypeVar("D", bound=Diagnostic)
 
 
 def diagnose(estimate: Estimate) -> Diagnostics:
-    """Diagnostics of an estimate at its best delay.
+    """Diagnostics of an estimate at its best candidate.
 
     Parameters
     ----------
@@ -60,14 +50,14 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
     endogeneity, constancy and leverage follow; whiteness, memory and spectra read the residual.
     """
-    solved = estimate.best.solved
-    if solved is None:
+    checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
+    if not estimate.best.has_rows:
         raise EstimationError(
             "an estimate with its rows at hand, for diagnostics",
             "an estimate from moments, which do not keep the rows",
             "Identify a chunk that fits in memory, or the whole problem.",
         )
-    return Diagnostics(estimate, solved)
+    return Diagnostics(Evidence(estimate, estimate.best.solved))
 
 
 @dataclass(frozen=True)
@@ -76,120 +66,110 @@ class Diagnostics:
 
     Parameters
     ----------
-    estimate : Estimate
-        The estimate; everything is said of its best delay.
-    solved : Solved
-        How that was solved.
+    evidence : Evidence
+        The estimate and its record; everything is said of its best candidate.
     """
 
-    estimate: Estimate = field(repr=False)
-    solved: Solved = field(repr=False)
+    evidence: Evidence = field(repr=False)
+    _made: dict[str, Diagnostic | None] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def estimate(self) -> Estimate:
+        """What it is said of."""
+        return self.evidence.estimate
 
     @property
     def names(self) -> tuple[str, ...]:
         """Name of each joint parameter, in the order of every array."""
-        return self.estimate.names
+        return self.evidence.estimate.names
 
-    @cached_property
-    def first_stage(self) -> FirstStage | None:
+    def __getitem__(self, name: str) -> Diagnostic | None:
+        """Diagnostic of that name; None where it cannot be made.
+
+        Raises
+        ------
+        UsageError
+            When there is none of that name.
+        """
+        if name not in DIAGNOSTICS:
+            raise UsageError(
+                f"a diagnostic out of {', '.join(DIAGNOSTICS)}", f"'{name}'", "Name one of them."
+            )
+        if name not in self._made:
+            self._made[name] = DIAGNOSTICS[name](self.evidence)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[Diagnostic]:
+        """Return every diagnostic that can be made, in the order of tables."""
+        return (found for found in map(self.__getitem__, DIAGNOSTICS) if found is not None)
+
+    @property
+    def first_stage(self) -> Strength | None:
         """Strength of the instruments; None without instruments."""
-        if not self._instrumental or self._too_short:
-            return None
-        return first_stage(self._record.products)
+        return self._of_kind("first_stage", Strength)
 
-    @cached_property
+    @property
     def over_identification(self) -> OverIdentification | None:
-        """Hansen's J with a weight that allows for autocorrelation; None without instruments."""
-        if not self._instrumental or self._too_short:
-            return None
-        return robust_over_identification(self._record.products)
+        """Hansen's J; None without instruments."""
+        return self._of_kind("over_identification", OverIdentification)
 
-    @cached_property
+    @property
     def endogeneity(self) -> Endogeneity | None:
         """Least squares against the estimate; None when the estimate is a kind of least squares."""
-        if not self._instrumental or self._too_short:
-            return None
-        return endogeneity(self._record.products, self._record.weights)
+        return self._of_kind("endogeneity", Endogeneity)
 
-    @cached_property
+    @property
     def whiteness(self) -> ResidualWhiteness:
-        """Autocorrelation of the residual in time; of rows in frequency, of the residual in their band."""
-        return residual_whiteness(np.ascontiguousarray(self._record.residual[:: self._record.thinning]))
+        """Autocorrelation of the residual."""
+        return self._needed("whiteness", ResidualWhiteness)
 
-    @cached_property
-    def memory(self) -> LongMemory | None:
-        """Long memory of the residual.
+    @property
+    def memory(self) -> ResidualMemory | None:
+        """Long memory of the residual; None where it cannot be told."""
+        return self._of_kind("memory", ResidualMemory)
 
-        None for a record that is too short, a residual of zero, or rows in frequency, which lack the lowest.
-        """
-        return None if self._record.thinning is not None else residual_memory(self._record.residual)
-
-    @cached_property
+    @property
     def information(self) -> Information:
-        """Scaled information matrix: which combination of parameters is determined worst."""
-        return information(self._record.products, instrumental=self._instrumental)
+        """Which combination of parameters is determined worst."""
+        return self._needed("information", Information)
 
-    @cached_property
+    @property
     def bands(self) -> BandPower:
         """Power of each column against that of the residual, in bands."""
-        record = self._record
-        rate_hz = 1.0 if record.step_s is None else 1.0 / record.step_s
-        return band_power(record.columns, record.factors, record.residual, rate_hz)
+        return self._needed("bands", BandPower)
 
-    @cached_property
+    @property
     def constancy(self) -> Constancy | None:
         """Whether the parameters changed during the record; None for fewer than 64 samples."""
-        sums = self._record.score_sums
-        if sums.shape[0] % GROUPS:
-            return None
-        return constancy(sums, np.asarray(self._record.sensitivities.sum(axis=0)))
+        return self._of_kind("constancy", Constancy)
 
-    @cached_property
+    @property
     def leverage(self) -> SegmentLeverage | None:
-        """What leaving out each of ten segments of equal length does.
+        """What leaving out each of ten segments does; None for too few samples."""
+        return self._of_kind("leverage", SegmentLeverage)
 
-        None for too few samples, or for a residual that is nothing but rounding.
-        """
-        if self._record.products.counts.size < 2 * SEGMENTS or self._fits_exactly:
-            return None
-        std_errors = np.array([self.estimate.std_error(name) for name in self.names])
-        starts = block_edges(self._record.products.counts.size, SEGMENTS)[:-1]
-        return segment_leverage(
-            np.add.reduceat(self._record.score_sums, starts, axis=0),
-            np.add.reduceat(self._record.sensitivities, starts, axis=0),
-            std_errors,
-        )
+    def _of_kind(self, name: str, kind: type[D]) -> D | None:
+        found = self[name]
+        return found if isinstance(found, kind) else None
 
-    @cached_property
+    def _needed(self, name: str, kind: type[D]) -> D:
+        found = self[name]
+        assert isinstance(found, kind)  # noqa: S101 - its maker makes it of every estimate
+        return found
+
+    @property
     def segments(self) -> tuple[tuple[int, int], ...]:
         """First sample and end of each segment of `leverage`."""
-        counts = self._record.products.counts
-        ends = np.concatenate([[0.0], np.cumsum(counts)])[block_edges(counts.size, SEGMENTS)]
-        return tuple((int(a), int(b)) for a, b in pairwise(ends))
+        return self.leverage.segments if self.leverage is not None else ()
 
     def when(self, share: float) -> str:
         """Where a share of the rows is: in seconds and samples of a record, else in rows."""
-        return self.at_row(round(share * self._record.residual.size))
+        return self.evidence.subject.when(share)
 
-    def at_row(self, row: int) -> str:
-        """Where a row is: in seconds and samples of a record, gaps and first lags counted, else as it is."""
-        problem = self.solved.problem
-        if not isinstance(problem, SignalRegression):
-            step_s = self._record.step_s
-            return f"row {row}" if step_s is None else f"{row * step_s:.4g} s of the time used"
-        used = problem.used
-        beyond = row
-        if used is not None:
-            places = np.append(np.flatnonzero(used), used.size)
-            beyond = int(places[min(row, places.size - 1)])
-        sample, signals = problem.first + beyond, problem.signals
-        time = signals.start_s + sample * signals.step_s
-        return f"{time:.4g} s (sample {signals.offset + sample})"
-
-    @cached_property
+    @property
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks against the estimate or should be known of it, each with what to do."""
-        return tuple(reasons_of(self))
+        return tuple(reason for found in self for reason in found.reasons(self.evidence.subject))
 
     def to_frame(self) -> pl.DataFrame:
         """Table of every number.
@@ -202,7 +182,7 @@ class Diagnostics:
         """
         import polars as pl
 
-        rows = table_of(self)
+        rows = [astuple(row) for found in self for row in found.rows(self.evidence.subject)]
         columns = ("diagnostic", "of", "value", "compare")
         return pl.DataFrame(
             rows,
@@ -212,25 +192,7 @@ class Diagnostics:
 
     def summary(self) -> str:
         """Every diagnostic in a line or two, and what to do about those that matter."""
-        return summary_of(self)
-
-    @property
-    def _instrumental(self) -> bool:
-        return self.solved.method.assembler.needs_instruments
-
-    @property
-    def _fits_exactly(self) -> bool:
-        record = self._record
-        parts = zip(record.factors, record.columns, strict=True)
-        size = sum((abs(factor) * float(np.abs(one).max()) for factor, one in parts), start=0.0)
-        return float(np.abs(record.residual).max()) <= ROUNDING * size
-
-    @property
-    def _too_short(self) -> bool:
-        """Fewer blocks than a long-run covariance of as many scores needs."""
-        products = self._record.products
-        return products.counts.size < 4 * products.whitening.shape[1]
-
-    @cached_property
-    def _record(self) -> RecordProducts:
-        return record_products(self.solved)
+        lines = [f"diagnostics of {self.evidence.estimate.method}"]
+        lines.extend(line for found in self for line in found.lines(self.evidence.subject))
+        lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
+        return "\n".join(lines)

@@ -1,12 +1,15 @@
 """Estimates: named parameters with everything that inference needs.
 
-The vector of estimates is *joint*: the linear parameters and, where it was searched for, the actuator's
-lag, so that every interval includes the lag's uncertainty. The delay takes a few discrete values; each
-has its candidate, and an interval is the union over the candidates that the data cannot tell apart.
+The vector of estimates is *joint*: the linear parameters and the continuous nuisances that were searched for
+(an actuator's lag, say), so that every interval includes their uncertainty. Discrete nuisances (its delay)
+take a few values; each combination has its candidate, and an interval is the union over the candidates that
+the data cannot tell apart.
 """
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -15,13 +18,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.candidate import Candidate
-from eivor.inference.covariances.estimators import CovarianceEstimator
-from eivor.inference.quantiles import chi_square_quantile
+from eivor.inference.covariances.estimators import CovarianceEstimator, check_covariance_estimator
+from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.sets.ellipse import Ellipse, joint_ellipse
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.models.parameter import Parameter
+from eivor.models.equation import Parameter
+from eivor.notebook import html_table
 
 if TYPE_CHECKING:
     import polars as pl
@@ -41,7 +46,7 @@ class Estimate:
     joint_parameters : tuple of Parameter
         In the order of the joint vector.
     candidates : tuple of Candidate
-        One for each delay, in increasing order.
+        One for each combination of discrete nuisances, in the order of their grids.
     reasons : tuple of Reason
         Grounds against the estimate that were met while it was made.
     """
@@ -64,11 +69,19 @@ class Estimate:
         return min(self.candidates, key=lambda candidate: candidate.criterion)
 
     def tenable(self, level: float = 0.95) -> tuple[Candidate, ...]:
-        """Candidates whose criterion is within a chi-square quantile of the least one."""
+        """Candidates whose criterion is within a chi-square quantile of the least one.
+
+        With a degree of freedom for each discrete nuisance that has a choice.
+        """
         if len(self.candidates) == 1:
             return self.candidates
-        bound = self.best.criterion + chi_square_quantile(level)
+        refined = {profile.nuisance.name for profile in self.best.profiles}
+        chosen = [name for name in self.best.at if name not in refined and len(self._values_of(name)) > 1]
+        bound = self.best.criterion + chi_square_quantile(level, len(chosen))
         return tuple(candidate for candidate in self.candidates if candidate.criterion <= bound)
+
+    def _values_of(self, nuisance: str) -> set[float]:
+        return {candidate.at[nuisance] for candidate in self.candidates}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -82,17 +95,17 @@ class Estimate:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Value of each joint parameter at the best delay."""
+        """Value of each joint parameter of the best candidate."""
         return {name: float(value) for name, value in zip(self.names, self.best.values, strict=True)}
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance at the best delay, in the order of `names`: see `JointCovariance.matrix`."""
+        """Covariance of the best candidate, in the order of `names`: see `JointCovariance.matrix`."""
         return self.best.covariance.matrix
 
     @property
     def residuals(self) -> Float[np.ndarray, " rows"]:
-        """Residuals of the weighted rows at the best delay."""
+        """Residuals of the weighted rows of the best candidate."""
         return self.best.residuals
 
     @property
@@ -108,6 +121,7 @@ class Estimate:
         UsageError
             When there is no parameter of that name.
         """
+        checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
         return np.eye(len(self.names))[self.names.index(name)]
@@ -125,7 +139,8 @@ class Estimate:
         EstimationError
             For an estimate whose rows are not at hand.
         """
-        if any(one.solved is None for one in self.candidates):
+        check_covariance_estimator(estimator)
+        if not all(one.has_rows for one in self.candidates):
             raise EstimationError(
                 "an estimate with its rows at hand, for another covariance",
                 "one from chunks or moments, which keeps no rows",
@@ -135,7 +150,7 @@ class Estimate:
         return replace(self, candidates=candidates)
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
-        """Joint confidence region of two parameters at the best delay.
+        """Joint confidence region of two parameters of the best candidate.
 
         Of several covariances, the one whose region is largest.
 
@@ -145,6 +160,8 @@ class Estimate:
             When a name is unknown, the two are one, or the level is not between 0 and 1.
         """
         check_level(level)
+        checks.text("name", name)
+        checks.text("other", other)
         if name == other:
             raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
         pair = np.stack([self.direction(name), self.direction(other)])
@@ -155,11 +172,11 @@ class Estimate:
         return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
-        """Largest of the standard errors at the best delay."""
+        """Largest of the standard errors of the best candidate."""
         return self.best.covariance.std_error(self.direction(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a parameter, a union over the delays that fit.
+        """Confidence interval of a parameter, a union over the candidates that fit.
 
         Raises
         ------
@@ -175,7 +192,7 @@ class Estimate:
         level: float = 0.95,
         extra_variance: Callable[[Candidate], float] = lambda _: 0.0,
     ) -> tuple[float, float]:
-        """Confidence interval of a function of the joint vector, by the delta method at each delay.
+        """Confidence interval of a function of the joint vector, by the delta method at each candidate.
 
         Raises
         ------
@@ -213,6 +230,31 @@ class Estimate:
             columns["high"] = [high for _, high in intervals]
         return pl.DataFrame(columns)
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} {value:.5g}" for name, value in self.parameters.items())
+        return f"<Estimate by {self.method}: {values}; {self.status.value}>"
+
+    def _repr_html_(self) -> str:
+        frame = self.to_frame()
+        rows = [
+            [f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in row] for row in frame.rows()
+        ]
+        note = " ".join(f"{reason.sentence} {reason.remedy}" for reason in self.reasons)
+        return html_table(f"{self.method}: {self.status.value}", frame.columns, rows, note)
+
+    def to_json(self) -> str:
+        """Text of a JSON document: the table of `to_frame`, row by row, and the covariance."""
+        rows = [
+            {
+                key: None if isinstance(value, float) and not math.isfinite(value) else value
+                for key, value in row.items()
+            }
+            for row in self.to_frame().to_dicts()
+        ]
+        covariance = self.covariance.tolist() if self.best.has_covariance else None
+        document = {"method": self.method, "parameters": rows, "covariance": covariance}
+        return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
     def summary(self) -> str:
         """Table of parameters as text, with standard errors and 95 % intervals when the rows are at hand."""
         if not self.best.has_covariance:
@@ -230,15 +272,3 @@ class Estimate:
             )
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
-
-
-def check_level(level: float) -> None:
-    """Refuse a confidence level that is none.
-
-    Raises
-    ------
-    UsageError
-        With the range.
-    """
-    if not 0.0 < level < 1.0:
-        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")

@@ -1,68 +1,37 @@
-"""What may be said of a solution: joint covariance, strength of instruments, over-identification."""
+"""What may be said of a solution: its estimating equation, strength of instruments, over-identification.
+
+A direct method's test functions are its regressors G, corrected by its solver. An instrumental one's are
+psi' W A with A the equations' mean sensitivity to the joint vector and W = (L L')^-1.
+
+In orthonormal coordinates they are, with G = Q R, the rows G R^-1; and with L^-1 A = Q R and
+psi' L^-T Q = P S the rows P, whose sensitivity is N S^-T R. Neither G'G nor A' W A is formed. What is known
+beforehand of a nuisance is one row more, of G or of L^-1 A: a pseudo-observation.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
+import scipy.linalg
 from jaxtyping import Float
 
-from eivor.estimation.block_products import BlockProducts
-from eivor.estimation.equation_rows import MethodEquations, estimating_equation
-from eivor.estimation.method import Method
+from eivor.estimation.solved import Solved
 from eivor.inference.diagnostics.instrument_tests import (
     conditional_first_stage,
     orthonormal_basis,
     over_identification,
 )
-from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
-from eivor.linalg.system import LinearSystem, Solution
-from eivor.models.regression import LinearProblem, Regression, SampleRows
+from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
+from eivor.inference.quantiles import chi_square_tail
+from eivor.linalg.triangular import merged_roots, triangular_root
+from eivor.models.regression import Regression, RowBlock
+from eivor.models.rows import SampleRows
 
-
-@dataclass(frozen=True)
-class Solved:
-    """A solution with all that inference needs to know of how it was made.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-        Weighted rows.
-    method : Method
-        How they were solved.
-    system : LinearSystem
-        Equations before their weighting.
-    factor : ndarray, shape (p, p), optional
-        Factor L of the equations' weighting.
-    solution : Solution
-        What the solver found.
-    nuisance_columns : ndarray, shape (rows, q)
-        Derivatives of Phi theta by the nuisance parameters that were searched for; may have no columns.
-    count : int
-        Number of rows.
-    blocks : BlockProducts, optional
-        Products of the rows' columns over blocks of time, where they were made with the moments.
-    """
-
-    problem: LinearProblem
-    method: Method
-    system: LinearSystem
-    factor: Float[np.ndarray, "p p"] | None
-    solution: Solution
-    nuisance_columns: Float[np.ndarray, "rows q"]
-    count: int
-    blocks: BlockProducts | None = None
-
-    @property
-    def equations(self) -> MethodEquations:
-        """The method's equations, solved."""
-        return MethodEquations(self.method, self.system, self.factor, self.solution)
-
-    @cached_property
-    def inference(self) -> Inference:
-        """What a second pass over the rows tells, each part when it is asked for."""
-        return Inference(self)
+Blocks = Callable[[], Iterable[RowBlock]]
 
 
 @dataclass(frozen=True)
@@ -77,44 +46,53 @@ class Inference:
 
     solved: Solved
 
+    def __getstate__(self) -> dict[str, Solved]:
+        """Without what was made, which is made again when it is asked for."""
+        return {"solved": self.solved}
+
     @cached_property
     def equation(self) -> EstimatingEquation:
         """The estimating equation that the solution meets."""
-        return _equation(self.solved, self.constant)
+        return equation_of(self.solved)
 
     @property
     def criterion(self) -> float:
-        """What delays are compared by, in units of a chi-square on one degree of freedom.
+        """What candidates are compared by, in units of a chi-square on one degree of freedom.
 
         J with instruments; without, rows times the logarithm of the objective, twice the negative log
         likelihood of white residuals of unknown variance. (Divided by its own variance the objective
-        would be alike at every delay: the likelihood is not.)
+        would be alike for every candidate: the likelihood is not.) What is known beforehand counts as data.
         """
-        if self.solved.method.assembler.needs_instruments:
+        if self.solved.assembler.needs_instruments:
             return self.over_identification[0]
         least = np.finfo(np.float64).tiny
-        return self.solved.count * float(np.log(max(self.solved.solution.objective, least)))
+        likelihood = self.solved.count * float(np.log(max(self.solved.solution.objective, least)))
+        return likelihood + sum(self.solved.misfits)
 
     @cached_property
     def over_identification(self) -> tuple[float, float]:
         """J and its p-value; (0, 1) without instruments, NaN for compensated equations.
 
-        J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well.
+        J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well. What
+        is known of a nuisance beforehand is one more equation.
         """
-        if not self.solved.method.assembler.needs_instruments:
+        if not self.solved.assembler.needs_instruments:
             return 0.0, 1.0
-        if self.constant.any():
+        if self.solved.constant.any():
             return float("nan"), float("nan")
-        return over_identification(
-            self._basis, self.residual, self.residual_variance, self._jacobian.shape[1]
-        )
+        unknowns, misfits = self.solved.unknowns, self.solved.misfits
+        J, p_value = over_identification(self._basis, self.residual, self.residual_variance, unknowns)
+        if misfits:
+            J += sum(misfits)
+            p_value = chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
+        return J, p_value
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " n"]:
         """Conditional first-stage F of each joint parameter; NaN without instruments."""
-        if not self.solved.method.assembler.needs_instruments:
-            return np.full(self._jacobian.shape[1], np.nan)
-        return conditional_first_stage(self._basis, self._jacobian)
+        if not self.solved.assembler.needs_instruments:
+            return np.full(self.solved.unknowns, np.nan)
+        return conditional_first_stage(self._basis, self.solved.jacobian)
 
     @property
     def residual_variance(self) -> float:
@@ -122,9 +100,14 @@ class Inference:
         return self.equation.variance
 
     @property
+    def degrees(self) -> int:
+        """Equations that are left over: instruments, and nuisances known beforehand, less unknowns."""
+        return self.rank + len(self.solved.misfits) - self.solved.unknowns
+
+    @property
     def rank(self) -> int:
         """Number of independent instruments; 0 without."""
-        return self._basis.shape[1] if self.solved.method.assembler.needs_instruments else 0
+        return self._basis.shape[1] if self.solved.assembler.needs_instruments else 0
 
     @property
     def residual(self) -> Float[np.ndarray, " rows"]:
@@ -132,30 +115,146 @@ class Inference:
         return self.equation.residual
 
     @cached_property
-    def constant(self) -> Float[np.ndarray, " p"]:
-        """C theta - c, what measurement noises add to each of the method's products on average."""
-        return self.solved.method.assembler.score_constants(self.solved.problem, self.solved.solution.theta)
-
-    @cached_property
-    def _jacobian(self) -> Float[np.ndarray, "rows n"]:
-        rows = self.solved.problem.rows()
-        return np.column_stack([rows.regressors, *self.solved.nuisance_columns.T])
-
-    @cached_property
     def _basis(self) -> Float[np.ndarray, "rows q"]:
-        return orthonormal_basis(self.solved.problem.rows().instruments)
+        return orthonormal_basis(self.solved.rows.instruments)
 
 
-def _equation(solved: Solved, constant: Float[np.ndarray, " p"]) -> EstimatingEquation:
-    problem, nuisance = solved.problem, solved.nuisance_columns
-    layout = problem.layout if isinstance(problem, Regression) else None
-    if layout is None or isinstance(layout, SampleRows):
-        return estimating_equation(solved.equations, constant, problem.blocks, solved.count, nuisance)
-    # Rows in frequency go back to time run by run, all at once.
-    equation = estimating_equation(
-        solved.equations, constant, lambda: problem.blocks(solved.count), solved.count, nuisance
-    )
+def equation_of(solved: Solved) -> EstimatingEquation:
+    """Estimating equation of a solution whose rows are at hand.
+
+    Raises
+    ------
+    EstimationError
+        When they are not.
+    """
+    problem = solved.rows if solved.problem is None else solved.problem
+    if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
+        return estimating_equation(solved, problem.blocks)
+    # Rows in frequency, and of several axes, go back to time all at once.
+    equation = estimating_equation(solved, lambda: problem.blocks(round(solved.count)))
     whole = equation.rows
-    scores = layout.scores(whole.test, whole.residual)
-    rows = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row, whole.constant)
-    return EstimatingEquation(equation.sensitivity, scores.shape[0], lambda: [rows])
+    scores = problem.layout.scores(whole.test, whole.residual)
+    timed = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row, whole.constant)
+    return replace(equation, sample_count=scores.shape[0], blocks=lambda: [timed])
+
+
+def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+    """Estimating equation of a solution.
+
+    Parameters
+    ----------
+    solved : Solved
+        Which.
+    blocks : callable
+        Gives the rows of its problem, block by block; each call starts anew.
+    """
+    if solved.assembler.moment_equations:
+        return _moment_equation(solved, blocks)
+    return _direct_equation(solved, blocks)
+
+
+def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+    """Equation of mean cross-products; its root takes a pass of its own."""
+    tests, theta, factor = solved.assembler.test_functions, solved.solution.theta, solved.factor
+    A, known = solved.system.matrix, solved.prior_rows()
+    if solved.nuisance_columns.size:
+        moved = np.zeros((A.shape[0], solved.nuisance_columns.shape[1]))
+        for block, nuisance in _with_nuisance(solved, blocks):
+            moved += tests(block).T @ nuisance
+        A = np.column_stack([A, moved / solved.count])
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    equations, power = A.shape[0], solved.row_power() if known.size else 0.0
+    unit = power * solved.residual_variance() if known.size else 0.0
+    combinations, R = np.linalg.qr(np.vstack([A, np.sqrt(unit / solved.count) * known]))
+    pseudo = np.sqrt(solved.count) * combinations[equations:]
+    combinations = combinations[:equations]
+    if factor is not None:
+        combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
+    S = _root_of((tests(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
+    combinations = over_root(combinations, S)
+    combined = solved.constant @ combinations
+
+    def rows() -> Iterator[EquationRows]:
+        for block in _filled(blocks):
+            # Columns stay contiguous, as those of a block are.
+            test = (combinations.T @ tests(block).T).T
+            residual = block.response - block.regressors @ theta
+            scores = test * residual[:, None]
+            scores += combined
+            yield EquationRows(test, residual, scores, block.flights, combined)
+
+    prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
+    return EstimatingEquation(S @ R, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior)
+
+
+def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+    """Equation of a direct method.
+
+    The root is that of the system; where nuisances were searched for, whose columns are not in it, it takes
+    a pass of its own.
+    """
+    system, theta, solver = solved.system, solved.solution.theta, solved.solver
+    covariance, searched = system.error_covariance, solved.nuisance_columns.shape[1]
+    known, root = solved.prior_rows(), triangular_root(system.matrix)
+    unit = solved.residual_variance() if known.size else 0.0
+    if searched:
+        jacobians = (
+            np.column_stack([block.regressors, nuisance])
+            for block, nuisance in _with_nuisance(solved, blocks)
+        )
+        root = _root_of(jacobians, np.sqrt(unit) * known)
+    residual = system.right - system.matrix @ theta
+    correction = np.pad(solver.score_correction(residual, theta, covariance).sensitivity, (0, searched))
+    slope = root + over_root(correction, root).T if correction.any() else root
+
+    def rows() -> Iterator[EquationRows]:
+        for block, nuisance in _with_nuisance(solved, blocks):
+            residual = block.response - block.regressors @ theta
+            pulled = solver.score_correction(residual, theta, covariance).rows
+            jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
+            test = over_root(jacobian + np.pad(pulled, ((0, 0), (0, searched))), root)
+            yield EquationRows(test, residual, test * residual[:, None], block.flights)
+
+    prior = unit * over_root(known, root) if known.size else None
+    return EstimatingEquation(root, slope, round(solved.count), rows, prior)
+
+
+def _filled(blocks: Blocks) -> Iterator[RowBlock]:
+    """Blocks that have rows."""
+    return (block for block in blocks() if block.response.size)
+
+
+def _with_nuisance(solved: Solved, blocks: Blocks) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
+    """Blocks that have rows, each with its rows of the nuisances' columns."""
+    start = 0
+    for block in _filled(blocks):
+        stop = start + block.response.size
+        yield block, solved.nuisance_columns[start:stop]
+        start = stop
+
+
+def _root_of(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], beside: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "n n"]:
+    """Triangular root of rows in blocks, and of some beside them."""
+    root: Float[np.ndarray, "k n"] | None = None
+    for block in chain(blocks, [beside] if beside.size else []):
+        root = triangular_root(block) if root is None else merged_roots(root, block)
+    if root is None or root.shape[0] < root.shape[1]:
+        raise singular_sensitivity()
+    return root
+
+
+def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
+    """Rows in the coordinates of a triangular root: rows R^-1.
+
+    Raises
+    ------
+    CollinearError
+        When R is singular.
+    """
+    if not np.diag(root).all():
+        raise singular_sensitivity()
+    found: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
+    return found

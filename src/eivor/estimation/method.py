@@ -1,31 +1,58 @@
-"""Methods: an assembler times a weighting times a solver."""
+"""Methods: ways from a problem to an estimate.
+
+Linear methods, `eivor.estimation.linear.LinearMethod`, are one family: an assembler, a weighting of rows, a
+weighting of equations and a solver. A method that is none, a likelihood of all bins for example, implements
+`Method` itself; nothing else needs to know it.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from enum import Enum
 
-from eivor.estimation.assembler import Assembler
-from eivor.estimation.weighting import Weighting
-from eivor.linalg.system import Solver
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.moments import ProblemMoments
+from eivor.models.regression import LinearProblem
+from eivor.models.separable import SeparableProblem
+
+#: What methods estimate from.
+Problem = LinearProblem | SeparableProblem | ProblemMoments
 
 
-@dataclass(frozen=True, slots=True)
-class Method:
+class NaturalInstruments(Enum):
+    """What serves as instruments of a flight when nothing else is asked for."""
+
+    REFERENCES = "references"
+    LAGS = "lags"
+
+
+class Method(ABC):
     """One way to estimate.
 
-    Parameters
+    Attributes
     ----------
     name : str
-        The word that the command line uses.
-    assembler : Assembler
-        Which equations.
-    weighting : Weighting
-        How rows or equations are weighted.
-    solver : Solver
-        How the equations are solved.
+        The word that results and the command line use.
+    natural_instruments : NaturalInstruments
+        What it takes as instruments of a flight; of no account without instruments.
     """
 
     name: str
-    assembler: Assembler
-    weighting: Weighting
-    solver: Solver
+    natural_instruments: NaturalInstruments = NaturalInstruments.REFERENCES
+
+    @property
+    @abstractmethod
+    def needs_instruments(self) -> bool:
+        """True when problems must have instruments."""
+
+    @abstractmethod
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate the parameters of a problem.
+
+        Raises
+        ------
+        UsageError
+            When the method cannot use a problem of that kind.
+        EstimationError, InstrumentError, TooFewSamplesError
+            When the problem does not determine its parameters.
+        """

@@ -1,15 +1,16 @@
-"""The methods by name: a table that maps a word to an assembler, a weighting and a solver."""
+"""The methods by name: a table that maps a word to an assembler, weightings and a solver."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Compensated, Direct, Instrumental
-from eivor.estimation.equation_weighting import TwoStage, TwoStepRobust
-from eivor.estimation.method import Method
-from eivor.estimation.weighting import Unweighted, Weighting
-from eivor.estimation.whitening import SpectralWhitening
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.method import Method, NaturalInstruments
+from eivor.estimation.weighting.equations import EquationWeighting, TwoStage, TwoStepRobust, Unweighted
+from eivor.estimation.weighting.whitening import SpectralWhitening
 from eivor.linalg import AugmentedLeastSquares, AugmentedTotalLeastSquares, LeastSquares
 
 __all__ = [
@@ -29,56 +30,76 @@ __all__ = [
 ]
 
 
-def reference_iv() -> Method:
+def __dir__() -> list[str]:
+    """Names that the module offers, and not those that it uses."""
+    return __all__
+
+
+def reference_iv() -> LinearMethod:
     """Whitened reference-instrument IV, the default for flights."""
-    return Method("reference_iv", Instrumental(), SpectralWhitening(), LeastSquares())
+    return LinearMethod("reference_iv", Instrumental(), LeastSquares(), SpectralWhitening())
 
 
-def least_squares() -> Method:
+def least_squares() -> LinearMethod:
     """Least squares, the paper's (9), (10); with a lag to find, nonlinear least squares."""
-    return Method("least_squares", Direct(), Unweighted(), AugmentedLeastSquares())
+    return LinearMethod("least_squares", Direct(), AugmentedLeastSquares())
 
 
-def total_least_squares() -> Method:
+def total_least_squares() -> LinearMethod:
     """Total least squares with the columns' declared noise covariance, the paper's (13)-(16)."""
-    return Method("total_least_squares", Direct(), Unweighted(), AugmentedTotalLeastSquares())
+    return LinearMethod("total_least_squares", Direct(), AugmentedTotalLeastSquares())
 
 
-def bias_compensated_least_squares() -> Method:
+def bias_compensated_least_squares() -> LinearMethod:
     """Least squares without what the declared noises add to the regressors' moments."""
-    return Method("bias_compensated_least_squares", Compensated(False), Unweighted(), AugmentedLeastSquares())
+    return LinearMethod("bias_compensated_least_squares", Compensated(False), AugmentedLeastSquares())
 
 
-def extended_iv(weighting: Weighting | None = None) -> Method:
+def extended_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
     """Extended instrumental variables, the paper's (21)-(25).
 
     Parameters
     ----------
-    weighting : Weighting, optional
-        Of the equations: `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
+    weighting : EquationWeighting, optional
+        `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
     """
-    return Method("extended_iv", Instrumental(), weighting or Unweighted(), AugmentedLeastSquares())
+    return LinearMethod(
+        "extended_iv",
+        Instrumental(),
+        AugmentedLeastSquares(),
+        equation_weighting=_weighting(weighting),
+        natural_instruments=NaturalInstruments.LAGS,
+    )
 
 
-def extended_iv_tls() -> Method:
+def extended_iv_tls() -> LinearMethod:
     """Extended instrumental variables solved by total least squares, the paper's (26), (27)."""
-    return Method("extended_iv_tls", Instrumental(), Unweighted(), AugmentedTotalLeastSquares())
+    return LinearMethod("extended_iv_tls", Instrumental(), AugmentedTotalLeastSquares())
 
 
-def generalized_iv(weighting: Weighting | None = None) -> Method:
+def generalized_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
     """Generalized instrumental variables, the paper's (28)-(31).
 
     Parameters
     ----------
-    weighting : Weighting, optional
-        Of the equations: `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
+    weighting : EquationWeighting, optional
+        `Unweighted` (the paper's, default), `TwoStage` or `TwoStepRobust`.
     """
-    return Method("generalized_iv", Compensated(), weighting or Unweighted(), AugmentedLeastSquares())
+    weights = _weighting(weighting)
+    return LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares(), equation_weighting=weights)
 
 
-def generalized_iv_tls() -> Method:
+def generalized_iv_tls() -> LinearMethod:
     """Generalized instrumental variables solved by total least squares, the paper's (32), (33)."""
-    return Method("generalized_iv_tls", Compensated(), Unweighted(), AugmentedTotalLeastSquares())
+    return LinearMethod("generalized_iv_tls", Compensated(), AugmentedTotalLeastSquares())
+
+
+def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:
+    """Return the weighting given, or none."""
+    if weighting is None:
+        return Unweighted()
+    checks.kind("weighting", weighting, EquationWeighting, "a weighting", "Make one: ev.methods.TwoStage().")
+    return weighting
 
 
 #: What the command line offers for flights.
@@ -98,6 +119,7 @@ def by_name(name: str) -> Method:
     UsageError
         When there is none.
     """
+    checks.text("method", name)
     if name not in TABLE:
         raise UsageError(f"a method out of {', '.join(TABLE)}", f"'{name}'", "Name one of them.")
     return TABLE[name]()

@@ -14,12 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.method import Method
+from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.moments import CrossMoments
+from eivor.inference.covariances.equal_weighted_cosines import cosine_averages
 from eivor.inference.diagnostics.instrument_tests import SMALLEST_DIRECTION
-from eivor.inference.sets.anderson_rubin import LinearScores, averages_for, cosine_averages
-from eivor.models.parameter import Parameter
-from eivor.models.regression import LinearProblem, RowLayout
+from eivor.inference.sets.anderson_rubin import LinearScores, averages_for
+from eivor.models.equation import Parameter
+from eivor.models.regression import LinearProblem
+from eivor.models.rows import RowLayout
 
 
 @dataclass(frozen=True)
@@ -123,29 +127,30 @@ class MomentRows:
         return LinearScores(total, np.stack(cosines, axis=2))
 
 
-def moment_rows(problem: LinearProblem, method: Method) -> MomentRows:
+def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     """Rows of the moment equations that a method makes of a problem.
 
     Raises
     ------
     UsageError
-        When the method's equations are no moment equations.
+        When the method's equations are no moment equations, or an argument is of another type.
     InstrumentError, MissingNoiseError
         When the method refuses the problem.
     """
+    check_linear(method)
+    remedy = "Make one by ev.regression(...) or VerticalMotion().regression(signals)."
+    checks.kind("problem", problem, LinearProblem, "a regression", remedy)
     if not method.assembler.moment_equations:
         raise UsageError(
             "a method with instruments",
             method.name,
             "Use extended_iv, generalized_iv or bias_compensated_least_squares.",
         )
-    method.assembler.moments(problem)  # refuses what it cannot use
+    moments = method.assembler.moments(problem)  # refuses what it cannot use
     rows = problem.rows()
     columns = np.column_stack([rows.response, rows.regressors])
-    constant = method.assembler.score_constants(problem, np.zeros(len(rows.parameters)))
-    slopes = [
-        method.assembler.score_constants(problem, direction) - constant
-        for direction in np.eye(len(rows.parameters))
-    ]
-    noise = np.column_stack([-constant, *slopes])
-    return MomentRows(rows.parameters, method.assembler.test_functions(rows), columns, noise, rows.layout)
+    test = method.assembler.test_functions(rows)
+    noise = np.zeros((test.shape[1], columns.shape[1]))
+    if isinstance(moments, CrossMoments) and moments.noise is not None:
+        noise = np.column_stack([moments.noise[:, -1], moments.noise[:, :-1]])
+    return MomentRows(rows.parameters, test, columns, noise, rows.layout)

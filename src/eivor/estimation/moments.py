@@ -8,14 +8,15 @@ the numbers of rows: it gives streaming, pooling, and distributed reduction alik
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import UsageError
-from eivor.estimation.block_products import BlockProducts
+from eivor.inference.products import Products
 from eivor.linalg.triangular import merged_roots
+from eivor.models.equation import Parameter
 
 
 class Moments(ABC):
@@ -23,7 +24,7 @@ class Moments(ABC):
 
     @property
     @abstractmethod
-    def rows(self) -> int:
+    def rows(self) -> float:
         """Number of rows summarised."""
 
     @abstractmethod
@@ -43,7 +44,7 @@ class TriangularMoments(Moments):
 
     Parameters
     ----------
-    count : int
+    count : float
         Number of rows.
     root : ndarray, shape (k, n + 1), k <= n + 1
         R with R'R = [Phi y]'[Phi y].
@@ -51,12 +52,12 @@ class TriangularMoments(Moments):
         Mean covariance of the measurement noises of [Phi y].
     """
 
-    count: int
+    count: float
     root: Float[np.ndarray, "k n_plus_1"]
     noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
 
     @property
-    def rows(self) -> int:
+    def rows(self) -> float:
         """Number of rows."""
         return self.count
 
@@ -72,54 +73,105 @@ class TriangularMoments(Moments):
 
 @dataclass(frozen=True, slots=True)
 class CrossMoments(Moments):
-    """Mean cross-products of the instruments with [Phi y].
+    """Mean cross-products of the instruments with [Phi y], a view of a table of products.
 
     Parameters
     ----------
-    count : int
-        Number of rows.
-    products : ndarray, shape (p, n + 1)
-        mean(psi [phi' y]).
+    products : Products
+        Of [psi phi y]; whole for weights and the strength of the instruments.
     noise : ndarray, shape (p, n + 1), optional
-        C and c: what the measurement noises add to it on average.
-    instruments : ndarray, shape (p, p), optional
-        mean(psi psi'), for two-stage weighting.
-    regressors : ndarray, shape (n, n), optional
-        mean(phi phi'), for the strength of the instruments.
-    blocks : BlockProducts, optional
-        The sums that they were made of, for diagnostics; they do not merge.
+        C and c: what the measurement noises add to mean(psi [phi' y]) on average.
     """
 
-    count: int
-    products: Float[np.ndarray, "p n_plus_1"]
+    products: Products
     noise: Float[np.ndarray, "p n_plus_1"] | None = None
-    instruments: Float[np.ndarray, "p p"] | None = None
-    regressors: Float[np.ndarray, "n n"] | None = None
-    blocks: BlockProducts | None = None
 
     @property
-    def rows(self) -> int:
+    def rows(self) -> float:
         """Number of rows."""
-        return self.count
+        return self.products.count
+
+    @property
+    def equations(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """mean(psi [phi' y])."""
+        return np.asarray(self.products.equations.sum(axis=0)) / self.rows
+
+    @property
+    def instruments(self) -> Float[np.ndarray, "p p"] | None:
+        """mean(psi psi'); None when it was not made."""
+        if not self.products.layout.whole:
+            return None
+        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows
+
+    @property
+    def regressors(self) -> Float[np.ndarray, "n n"] | None:
+        """mean(phi phi'); None when it was not made."""
+        if not self.products.layout.whole:
+            return None
+        return np.asarray(self.products.regressors.sum(axis=0)) / self.rows
+
+    def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
+        """What the noises add to each row's products with the residual on average, C theta - c."""
+        if self.noise is None:
+            return np.zeros(self.products.layout.instruments)
+        return self.noise[:, :-1] @ theta - self.noise[:, -1]
 
     def merge(self, other: Moments) -> CrossMoments:
-        """Count-weighted means."""
-        if not isinstance(other, CrossMoments) or self.products.shape != other.products.shape:
+        """Sums of both; count-weighted means of the noises' covariances."""
+        if not isinstance(other, CrossMoments) or _columns(self) != _columns(other):
             raise _unlike(self, other)
-        products = _mean(self.count, self.products, other.count, other.products)
-        noise, instruments, regressors = (
-            None if one is None or two is None else _mean(self.count, one, other.count, two)
-            for one, two in (
-                (self.noise, other.noise),
-                (self.instruments, other.instruments),
-                (self.regressors, other.regressors),
+        both = [self.products, other.products]
+        if not all(products.layout.whole for products in both):
+            both = [products.equations_only for products in both]
+        noise = None
+        if self.noise is not None and other.noise is not None:
+            noise = _mean(self.rows, self.noise, other.rows, other.noise)
+        return CrossMoments((both[0].total + both[1].total).total, noise)
+
+
+def _columns(moments: CrossMoments) -> tuple[int, int]:
+    return moments.products.layout.instruments, moments.products.layout.regressors
+
+
+@dataclass(frozen=True)
+class ProblemMoments:
+    """Moments of a problem, with the names of its parameters.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        In the order of the regressors.
+    moments : Moments
+        What the method's assembler needs.
+    """
+
+    parameters: tuple[Parameter, ...]
+    moments: Moments
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter."""
+        return tuple(parameter.name for parameter in self.parameters)
+
+    def merge(self, other: ProblemMoments) -> ProblemMoments:
+        """Moments of both sets of rows: other chunks, other flights, other machines.
+
+        Raises
+        ------
+        UsageError
+            When the parameters or the kinds of moments differ.
+        """
+        if self.names != other.names:
+            raise UsageError(
+                f"moments of the parameters {', '.join(self.names)}",
+                f"moments of {', '.join(other.names)}",
+                "Merge moments of one model.",
             )
-        )
-        return CrossMoments(self.count + other.count, products, noise, instruments, regressors)
+        return replace(self, moments=self.moments.merge(other.moments))
 
 
 def _mean(
-    count: int, values: Float[np.ndarray, "m n"], other_count: int, other: Float[np.ndarray, "m n"]
+    count: float, values: Float[np.ndarray, "m n"], other_count: float, other: Float[np.ndarray, "m n"]
 ) -> Float[np.ndarray, "m n"]:
     total = count + other_count
     return values * (count / total) + other * (other_count / total)

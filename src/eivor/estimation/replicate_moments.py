@@ -12,49 +12,48 @@ is the same in every replicate.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
 
-from eivor.estimation.method import Method
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
-from eivor.estimation.solve import SolvedEquations
+from eivor.estimation.solved import Solved
+from eivor.inference.products import Products, products_of_rows
 from eivor.inference.resampling.blocks import BlockPlan, piece_sums
+from eivor.linalg.system import Solver
 from eivor.linalg.triangular import triangular_root
 from eivor.models.regression import Regression
 
-#: Products of rows that are held at a time.
-CHUNK_PRODUCTS = 4_000_000
 
-
-class BlockMoments(ABC):
-    """Sums over pieces, each flattened into a row of `table` whose first number is the count of rows.
+class PieceMoments(ABC):
+    """Products of pieces of a record, which the moments of any replicate are added up from.
 
     Attributes
     ----------
-    table : ndarray, shape (pieces, columns)
-        Sums over each piece.
+    products : Products
+        A block for each piece.
     """
 
-    table: Float[np.ndarray, "pieces columns"]
+    products: Products
 
     @abstractmethod
-    def moments(self, sums: Float[np.ndarray, " columns"]) -> Moments:
-        """Moments of a replicate, from the sum of its pieces' rows of the table."""
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> Moments:
+        """Moments of a replicate of those pieces."""
 
     @abstractmethod
     def influence(
-        self, pieces: Float[np.ndarray, "k columns"], solved: SolvedEquations, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
     ) -> Float[np.ndarray, "k n"]:
         """What each of some pieces moves the parameters by, to first order: M^-1 times the sum of its scores.
 
         Parameters
         ----------
-        pieces : ndarray, shape (k, columns)
-            Rows of the table.
-        solved : SolvedEquations
+        pieces : ndarray of int, shape (k,), or slice
+            Which.
+        solved : Solved
             What the scores are taken at.
         count : float
             Rows of the replicate that was solved.
@@ -62,40 +61,32 @@ class BlockMoments(ABC):
 
 
 @dataclass(frozen=True)
-class ProductBlocks(BlockMoments):
+class CrossPieces(PieceMoments):
     """Cross-products of the instruments with [Phi y].
 
     Parameters
     ----------
-    table : ndarray, shape (pieces, columns)
-        Counts, sums of psi [phi' y] and, when they are needed, of psi psi'.
-    instruments, unknowns : int
-        p and n.
+    products : Products
+        Of [psi phi y]; whole when psi psi' is needed.
     noise : ndarray, shape (p, n + 1), optional
         C and c.
     """
 
-    table: Float[np.ndarray, "pieces columns"]
-    instruments: int
-    unknowns: int
+    products: Products
     noise: Float[np.ndarray, "p n_plus_1"] | None
 
-    def moments(self, sums: Float[np.ndarray, " columns"]) -> CrossMoments:
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
         """Mean cross-products."""
-        p, count = self.instruments, float(sums[0])
-        means = sums[1:] / count
-        cross = means[: p * (self.unknowns + 1)].reshape(p, -1)
-        own = means[cross.size :].reshape(p, p) if means.size > cross.size else None
-        return CrossMoments(round(count), cross, self.noise, own)
+        return CrossMoments(self.products.resampled(drawn), self.noise)
 
     def influence(
-        self, pieces: Float[np.ndarray, "k columns"], solved: SolvedEquations, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
     ) -> Float[np.ndarray, "k n"]:
         """Of A'W (psi e + C theta - c)."""
-        p, away = self.instruments, np.append(-solved.solution.theta, 1.0)
-        products = pieces[:, 1 : 1 + p * (self.unknowns + 1)].reshape(-1, p, self.unknowns + 1) @ away
+        away = np.append(-solved.solution.theta, 1.0)
+        products = self.products.equations[pieces] @ away
         if self.noise is not None:
-            products = products - pieces[:, :1] * (self.noise @ away)
+            products = products - self.products.counts[pieces, None] * (self.noise @ away)
         A = solved.system.matrix
         if solved.factor is not None:
             A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
@@ -104,47 +95,49 @@ class ProductBlocks(BlockMoments):
 
 
 @dataclass(frozen=True)
-class RootBlocks(BlockMoments):
+class RootPieces(PieceMoments):
     """Gram matrices of [Phi y] in the coordinates of its triangular root.
 
     Parameters
     ----------
-    table : ndarray, shape (pieces, 1 + (n + 1)^2)
-        Counts, and sums of q q'.
+    products : Products
+        Of Q = [Phi y] R^-1, without instruments.
     root : ndarray, shape (n + 1, n + 1)
         R.
     noise : ndarray, shape (n + 1, n + 1), optional
         Covariance of the measurement noises of [Phi y].
-    method : Method
-        Whose solver corrects the scores.
+    solver : Solver
+        Which corrects the scores.
     """
 
-    table: Float[np.ndarray, "pieces columns"]
+    products: Products
     root: Float[np.ndarray, "n_plus_1 n_plus_1"]
     noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
-    method: Method
+    solver: Solver
 
-    def moments(self, sums: Float[np.ndarray, " columns"]) -> TriangularMoments:
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> TriangularMoments:
         """Root of the replicate: that of its Gram matrix, times R."""
-        size = self.root.shape[0]
-        powers, directions = np.linalg.eigh(sums[1:].reshape(size, size))
+        replicate = self.products.resampled(drawn)
+        powers, directions = np.linalg.eigh(replicate.sums[0])
         half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
-        return TriangularMoments(round(float(sums[0])), half @ self.root, self.noise)
+        return TriangularMoments(replicate.count, half @ self.root, self.noise)
 
     def influence(
-        self, pieces: Float[np.ndarray, "k columns"], solved: SolvedEquations, count: float
+        self,
+        pieces: Int[np.ndarray, " k"] | slice,
+        solved: Solved,
+        count: float,  # noqa: ARG002 - a root is of the sum already
     ) -> Float[np.ndarray, "k n"]:
         """Of Phi e + c e^2, with the solver's correction."""
-        del count  # a root is of the sum already
-        size, theta = self.root.shape[0], solved.solution.theta
+        theta = solved.solution.theta
         A, b = solved.system.matrix, solved.system.right
         away = self.root @ np.append(-theta, 1.0)
-        products = pieces[:, 1:].reshape(-1, size, size) @ away
-        solver, covariance = self.method.solver, solved.system.error_covariance
-        pull = solver.score_correction(np.ones(1), theta, covariance).rows[0]
+        products = self.products.sums[pieces] @ away
+        covariance = solved.system.error_covariance
+        pull = self.solver.score_correction(np.ones(1), theta, covariance).rows[0]
         scores = products @ self.root[:, :-1] + np.outer(products @ away, pull)
         return over_sensitivity(
-            scores, A, solver.score_correction(b - A @ theta, theta, covariance).sensitivity
+            scores, A, self.solver.score_correction(b - A @ theta, theta, covariance).sensitivity
         )
 
 
@@ -169,14 +162,14 @@ def over_sensitivity(
     return solution
 
 
-def block_moments(rows: Regression, method: Method, whole: Moments, plan: BlockPlan) -> BlockMoments:
-    """Sums over the pieces of a plan.
+def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
+    """Products of the pieces of a plan.
 
     Parameters
     ----------
     rows : Regression
         The rows.
-    method : Method
+    method : LinearMethod
         What they will be estimated by.
     whole : Moments
         Moments of all rows, from the method's assembler.
@@ -185,22 +178,23 @@ def block_moments(rows: Regression, method: Method, whole: Moments, plan: BlockP
 
     Notes
     -----
-    One pass over the rows: O(rows p n), and in memory one row of sums for each piece.
+    One pass over the rows: O(rows p n), and in memory one block of products for each piece.
     """
-    bounds = plan.bounds
-    both = np.column_stack([rows.regressors, rows.response])
-    counts = np.diff(bounds).astype(np.float64)[:, None]
+    Phi, y = rows.regressors, rows.response
     if isinstance(whole, TriangularMoments):
-        Q = _orthonormal(both, whole.root)
-        table = np.column_stack([counts, _atom_products(Q, Q, bounds)])
-        return RootBlocks(piece_sums(table, plan), whole.root, whole.noise, method)
+        Q = _orthonormal(np.column_stack([Phi, y]), whole.root)
+        of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
+        return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
     psi = method.assembler.test_functions(rows)
-    columns = [counts, _atom_products(psi, both, bounds)]
-    if method.weighting.needs_instrument_products:
-        columns.append(_atom_products(psi, psi, bounds))
-    table = np.column_stack(columns)
+    own = method.equation_weighting.needs_instrument_products
+    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=own)
     noise = whole.noise if isinstance(whole, CrossMoments) else None
-    return ProductBlocks(piece_sums(table, plan), psi.shape[1], rows.regressors.shape[1], noise)
+    return CrossPieces(_pieces(of_atoms, plan), noise)
+
+
+def _pieces(atoms: Products, plan: BlockPlan) -> Products:
+    """Products of each piece, from those of the atoms that it has."""
+    return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
 
 
 def _orthonormal(
@@ -211,21 +205,3 @@ def _orthonormal(
     safe = root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
     Q: Float[np.ndarray, "rows n_plus_1"] = scipy.linalg.solve_triangular(safe, both.T, trans="T").T
     return Q
-
-
-def _atom_products(
-    left: Float[np.ndarray, "rows p"],
-    right: Float[np.ndarray, "rows q"],
-    bounds: Int[np.ndarray, " atoms_plus_1"],
-) -> Float[np.ndarray, "atoms columns"]:
-    """Sums of all products of a left and a right column over each atom, flattened."""
-    width = left.shape[1] * right.shape[1]
-    atoms = bounds.size - 1
-    sums = np.empty((atoms, width))
-    step = max(1, int(CHUNK_PRODUCTS * atoms / (width * bounds[-1])))
-    for first in range(0, atoms, step):
-        last = min(first + step, atoms)
-        here = slice(bounds[first], bounds[last])
-        products = (left[here, :, None] * right[here, None, :]).reshape(-1, width)
-        sums[first:last] = np.add.reduceat(products, bounds[first:last] - bounds[first], axis=0)
-    return sums

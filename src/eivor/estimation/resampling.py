@@ -9,15 +9,17 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
 
+from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.method import Method
+from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.moments import Moments
-from eivor.estimation.replicate_moments import BlockMoments, block_moments, over_sensitivity
-from eivor.estimation.solve import SolvedEquations, check_rank, solve_moments
+from eivor.estimation.replicate_moments import PieceMoments, over_sensitivity, piece_moments
+from eivor.estimation.solved import Solved
 from eivor.inference.resampling.blocks import BlockScheme, automatic_block_length, block_plan
-from eivor.inference.resampling.replicates import Bootstrap
+from eivor.inference.resampling.replicates import Bootstrap, check_draws
 from eivor.linalg.system import LinearSystem
-from eivor.models.regression import LinearProblem, Regression, SampleRows
+from eivor.models.regression import LinearProblem, Regression
+from eivor.models.rows import SampleRows
 
 #: Replicates that are made when their number is not named; with one more, tails are whole numbers.
 RUNS = 999
@@ -25,7 +27,7 @@ RUNS = 999
 
 def bootstrap(
     problem: LinearProblem,
-    method: Method,
+    method: LinearMethod,
     *,
     runs: int = RUNS,
     block_length: int | None = None,
@@ -38,7 +40,7 @@ def bootstrap(
     ----------
     problem : Regression or SignalRegression
         Rows in time order. Where a mask left some out, the gaps are closed.
-    method : Method
+    method : LinearMethod
         One of `eivor.methods`.
     runs : int
         Replicates to make.
@@ -60,7 +62,7 @@ def bootstrap(
     ------
     UsageError
         For flights and moments, whose rows are not samples of one record, and for numbers out of range.
-    EstimationError
+    EstimationError, TooFewSamplesError
         When the problem itself has no estimate.
 
     Notes
@@ -71,16 +73,14 @@ def bootstrap(
     compensated methods subtract, C and c, is the declared one in every replicate; so is a weight that is
     made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
     """
+    check_linear(method)
     rows, kind = _sample_rows(problem), _scheme(scheme)
-    if runs < 2:
-        raise UsageError("two runs or more", f"runs={runs}", "A thousand are usual.")
-    whole = method.assembler.moments(problem, instrument_products=method.weighting.needs_instrument_products)
-    if method.assembler.moment_equations:
-        check_rank(method.assembler.system(whole))
-    solved = solve_moments(method, whole, problem)
+    check_draws(runs, seed)
+    whole = method.moments(problem)
+    solved = method.determined(whole, problem)
     plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
-    renewed = method.weighting.passes == 1
-    again = _Again(method, block_moments(rows, method, whole, plan), None if renewed else solved.factor)
+    renewed = method.equation_weighting.passes == 1
+    again = _Again(method, piece_moments(rows, method, whole, plan), None if renewed else solved.factor)
     random = np.random.default_rng(seed)
     studentised = kind is not BlockScheme.STATIONARY
     found = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
@@ -108,50 +108,50 @@ class _Again:
 
     Parameters
     ----------
-    method : Method
+    method : LinearMethod
         By what.
-    blocks : BlockMoments
+    pieces : PieceMoments
         From what.
     factor : ndarray, shape (p, p), optional
         Factor of a weighting that is kept as the whole sample has it.
     """
 
-    method: Method
-    blocks: BlockMoments
+    method: LinearMethod
+    pieces: PieceMoments
     factor: Float[np.ndarray, "p p"] | None
 
-    def replicate(self, pieces: Int[np.ndarray, " k"], *, errors: bool) -> Float[np.ndarray, "2 n"] | None:
+    def replicate(self, drawn: Int[np.ndarray, " k"], *, errors: bool) -> Float[np.ndarray, "2 n"] | None:
         """Parameters and, if asked for, their standard errors; None without an estimate."""
-        drawn = self.blocks.table[pieces]
         try:
-            solved = self.solved(self.blocks.moments(drawn.sum(axis=0)))
+            solved = self.solved(self.pieces.moments(drawn))
             theta = solved.solution.theta
-            spread = self._errors(drawn, solved, float(len(pieces))) if errors else np.ones(theta.size)
+            spread = self._errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
         except (EivorError, np.linalg.LinAlgError):
             return None
         both = np.stack([theta, spread])
         return both if np.isfinite(both).all() and spread.all() else None
 
-    def solved(self, moments: Moments) -> SolvedEquations:
+    def solved(self, moments: Moments) -> Solved:
         """Solution of a replicate's equations."""
         if self.factor is None:
-            return solve_moments(self.method, moments, None)
+            return self.method.solve_moments(moments)
         system = self.method.assembler.system(moments)
         stacked = np.column_stack([system.matrix, system.right])
         divided = scipy.linalg.solve_triangular(self.factor, stacked, lower=True)
         weighted = LinearSystem(divided[:, :-1], divided[:, -1])
-        return SolvedEquations(system, self.factor, self.method.solver.solve(weighted))
+        solution = self.method.solver.solve(weighted)
+        return Solved(self.method.assembler, self.method.solver, moments, None, system, self.factor, solution)
 
-    def expected_errors(self, blocks: int, solved: SolvedEquations) -> Float[np.ndarray, " n"]:
+    def expected_errors(self, blocks: int, solved: Solved) -> Float[np.ndarray, " n"]:
         """Standard errors of the estimate itself, from the spread of all pieces that may be drawn."""
-        return self._errors(self.blocks.table, solved, float(blocks))
+        return self._errors(slice(None), solved, float(blocks))
 
     def _errors(
-        self, pieces: Float[np.ndarray, "k columns"], solved: SolvedEquations, blocks: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, blocks: float
     ) -> Float[np.ndarray, " n"]:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
-        count = blocks * float(pieces[:, 0].mean())
-        influence = self.blocks.influence(pieces, solved, count)
+        count = blocks * float(self.pieces.products.counts[pieces].mean())
+        influence = self.pieces.influence(pieces, solved, count)
         errors: Float[np.ndarray, " n"] = math.sqrt(blocks) * influence.std(axis=0)
         return errors
 
@@ -183,9 +183,11 @@ def _scheme(scheme: BlockScheme | str) -> BlockScheme:
 
 
 def _length(
-    wanted: int | None, rows: Regression, method: Method, solved: SolvedEquations, scheme: BlockScheme
+    wanted: int | None, rows: Regression, method: LinearMethod, solved: Solved, scheme: BlockScheme
 ) -> float:
     count = rows.response.size
+    if wanted is not None:
+        checks.whole("block_length", wanted)
     if wanted is None:
         return automatic_block_length(_influence(rows, method, solved), scheme)
     if not 1 <= wanted <= count // 2:
@@ -197,7 +199,7 @@ def _length(
     return float(wanted)
 
 
-def _influence(rows: Regression, method: Method, solved: SolvedEquations) -> Float[np.ndarray, "rows n"]:
+def _influence(rows: Regression, method: LinearMethod, solved: Solved) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
     Phi, theta, system = rows.regressors, solved.solution.theta, solved.system
     residual = rows.response - Phi @ theta

@@ -3,62 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import TooFewSamplesError, UsageError
-from eivor.estimation.method import Method
-from eivor.estimation.moments import Moments
-from eivor.models.column import Column
-from eivor.models.parameter import Parameter
-from eivor.models.signal_regression import SignalRegression
-from eivor.models.vertical import VerticalMotion
+from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.moments import Moments, ProblemMoments
+from eivor.models.column import Column, check_columns
+from eivor.models.signal_regression import SignalModel, SignalRegression
 from eivor.signals.signals import Signals
-
-
-@dataclass(frozen=True)
-class ProblemMoments:
-    """Moments of a problem, with the names of its parameters.
-
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        In the order of the regressors.
-    moments : Moments
-        What the method's assembler needs.
-    """
-
-    parameters: tuple[Parameter, ...]
-    moments: Moments
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
-        return tuple(parameter.name for parameter in self.parameters)
-
-    def merge(self, other: ProblemMoments) -> ProblemMoments:
-        """Moments of both sets of rows: other chunks, other flights, other machines.
-
-        Raises
-        ------
-        UsageError
-            When the parameters or the kinds of moments differ.
-        """
-        if self.names != other.names:
-            raise UsageError(
-                f"moments of the parameters {', '.join(self.names)}",
-                f"moments of {', '.join(other.names)}",
-                "Merge moments of one model.",
-            )
-        return replace(self, moments=self.moments.merge(other.moments))
 
 
 def moments(
     chunks: Iterable[Signals],
     *,
-    model: VerticalMotion,
-    method: Method,
+    model: SignalModel,
+    method: LinearMethod,
     instruments: tuple[Column, ...] = (),
 ) -> ProblemMoments:
     """Moments of one record that is given in chunks.
@@ -68,9 +29,9 @@ def moments(
     chunks : iterable of Signals
         Successive stretches of one record, in order, with the same channels and rate. Each chunk's rows
         reach back into the chunk before it as far as the largest lag.
-    model : VerticalMotion
-        The equation.
-    method : Method
+    model : SignalModel
+        The equation, such as `eivor.VerticalMotion`.
+    method : LinearMethod
         Its assembler says which moments to keep.
     instruments : tuple of Column
         Such as ``lags("input", 0, 10)``.
@@ -87,11 +48,12 @@ def moments(
     TooFewSamplesError
         When there is no row.
     """
+    check_chunked(model, method, instruments)
+    checks.kind("chunks", chunks, Iterable, "several Signals", "Give [signals], or ev.read_chunks(file).")
     total: Moments | None = None
     problem: SignalRegression | None = None
-    own = method.assembler.needs_instruments  # for their strength, and for weightings that need them
     for problem in chunk_problems(chunks, model=model, instruments=instruments):
-        found = method.assembler.moments(problem, instrument_products=own)
+        found = method.moments(problem)
         total = found if total is None else total.merge(found)
     if total is None or problem is None:
         raise TooFewSamplesError(
@@ -100,8 +62,21 @@ def moments(
     return ProblemMoments(problem.parameters, total)
 
 
+def check_chunked(model: object, method: object, instruments: object) -> None:
+    """Refuse arguments of other types than a model, a method and columns.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    check_linear(method)
+    checks.kind("model", model, SignalModel, "a model", "Make one: ev.VerticalMotion().")
+    check_columns("instruments", instruments)
+
+
 def chunk_problems(
-    chunks: Iterable[Signals], *, model: VerticalMotion, instruments: tuple[Column, ...]
+    chunks: Iterable[Signals], *, model: SignalModel, instruments: tuple[Column, ...]
 ) -> Iterator[SignalRegression]:
     """Problem of each chunk that has rows, see `moments`."""
     for joined in overlapping(chunks, model.regression_lag(instruments)):
@@ -120,6 +95,7 @@ def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
     """
     before: Signals | None = None
     for chunk in chunks:
+        checks.kind("a chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
         if before is None:
             joined = chunk
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 
 import numpy as np
@@ -10,12 +11,10 @@ from jaxtyping import Float
 from eivor.errors import WeakInstrumentsWarning
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.inference.diagnostics.instrument_tests import first_stage_of_products
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import LinearSystem
-from eivor.models.parameter import Parameter
-
-#: First-stage F below which instruments are weak.
-STRONG_FIRST_STAGE = 10.0
+from eivor.models.equation import Parameter
 
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
@@ -25,9 +24,9 @@ def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
     """
     if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
         return None
-    cross = moments.products[:, :-1]
+    cross = moments.equations[:, :-1]
     shared = None if moments.noise is None else moments.noise[:, :-1]
-    return first_stage_of_products(moments.instruments, cross, moments.regressors, moments.count, shared)
+    return first_stage_of_products(moments.instruments, cross, moments.regressors, moments.rows, shared)
 
 
 def weak_instruments(
@@ -56,5 +55,16 @@ def weak_instruments(
         "A white input is no instrument for itself once delayed: use generalized_iv with lag 0, other "
         "instruments, or an input with memory. The sets of eivor.anderson_rubin_set hold all the same.",
     )
-    warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=4)
+    warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=_user_level())
     return (reason,)
+
+
+def _user_level() -> int:
+    """Level, as `warnings.warn` of the calling function counts, of the line that called Eivor.
+
+    Chunks, moments and rows come here by ways of different depth.
+    """
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "eivor":
+        frame, level = frame.f_back, level + 1
+    return level

@@ -7,106 +7,25 @@ errors, and each says it in a sentence.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
+from eivor import checks
+from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.assembler import Instrumental
-from eivor.estimation.method import Method
+from eivor.estimation.error_assumptions import AutocorrelatedErrors, ErrorAssumption
+from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.moment_rows import MomentRows, moment_rows
-from eivor.inference.sets.anderson_rubin import homoskedastic_region, robust_region
+from eivor.inference.quantiles import check_level
 from eivor.inference.sets.confidence_region import ConfidenceRegion
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.sign_perturbation import sign_perturbed_region
-from eivor.models.parameter import Parameter
-from eivor.models.regression import LinearProblem, SampleRows
+from eivor.models.equation import Parameter
+from eivor.models.regression import LinearProblem
+from eivor.models.rows import SampleRows
 from eivor.models.signal_regression import SignalRegression
-
-
-class ErrorAssumption(ABC):
-    """What an Anderson-Rubin test supposes of the errors, and the region that follows."""
-
-    @property
-    @abstractmethod
-    def sentence(self) -> str:
-        """The assumption in words."""
-
-    @abstractmethod
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of independent equations."""
-
-
-@dataclass(frozen=True, slots=True)
-class AutocorrelatedErrors(ErrorAssumption):
-    """Errors may be autocorrelated and heteroskedastic.
-
-    Parameters
-    ----------
-    averages : int, optional
-        Number B of cosine averages. Default: 0.4 rows^(2/3), and two for each equation at least. Fewer allow
-        for slower errors and make wider sets.
-    """
-
-    averages: int | None = None
-
-    @property
-    def sentence(self) -> str:
-        """The assumption in words."""
-        return (
-            "The instruments are uncorrelated with the error of their row once the declared noises are "
-            "accounted for; errors may be autocorrelated and heteroskedastic, over times much shorter than "
-            "the record. Holds in large samples, whatever the strength of the instruments."
-        )
-
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the robust test.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When the record is too short for the averages, or these are fewer than the equations.
-        """
-        equations = rows.test.shape[1]
-        if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
-            raise TooFewSamplesError(
-                f"as many cosine averages as equations, {equations}, and fewer than samples",
-                f"{self.averages}",
-                "Leave averages out, or drop instruments.",
-            )
-        return robust_region(rows.names, rows.scores(self.averages), level)
-
-
-@dataclass(frozen=True, slots=True)
-class HomoskedasticErrors(ErrorAssumption):
-    """Errors are white, with one variance: the classical test, in closed form."""
-
-    @property
-    def sentence(self) -> str:
-        """The assumption in words."""
-        return (
-            "Errors are white, of one variance, and independent of the instruments. With normal errors the "
-            "joint region is exact in every sample; otherwise it holds in large ones. Whatever the strength "
-            "of the instruments."
-        )
-
-    def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the classical test.
-
-        Raises
-        ------
-        UsageError
-            For compensated equations, whose scores do not have the variance that the test supposes.
-        """
-        if rows.noise.any():
-            raise UsageError(
-                "equations without compensation for the classical test",
-                "compensated equations, whose errors share noise with their instruments",
-                "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is.",
-            )
-        return homoskedastic_region(rows.names, rows.test, rows.columns, level, rows.partialled)
 
 
 @dataclass(frozen=True)
@@ -168,6 +87,7 @@ class AndersonRubinSet:
         UsageError
             When there is no parameter of that name.
         """
+        checks.text("name", name)
         names = tuple(parameter.name for parameter in self.parameters)
         if name not in names:
             raise UsageError(f"a parameter out of {', '.join(names)}", f"'{name}'", "Name one of them.")
@@ -248,7 +168,11 @@ class SignPerturbedSet:
 
 
 def anderson_rubin_set(
-    problem: LinearProblem, method: Method, *, errors: ErrorAssumption | None = None, level: float = 0.95
+    problem: LinearProblem,
+    method: LinearMethod,
+    *,
+    errors: ErrorAssumption | None = None,
+    level: float = 0.95,
 ) -> AndersonRubinSet:
     """Confidence sets that hold however weak the instruments are.
 
@@ -256,7 +180,7 @@ def anderson_rubin_set(
     ----------
     problem : Regression or SignalRegression
         As for `identify`.
-    method : Method
+    method : LinearMethod
         Whose moment equations are tested: `extended_iv`, `generalized_iv`, with or without total least
         squares, or `bias_compensated_least_squares`. Its weighting and its solver play no part.
     errors : ErrorAssumption, optional
@@ -277,18 +201,19 @@ def anderson_rubin_set(
     InstrumentError, MissingNoiseError, TooFewSamplesError
         When the method refuses the problem, or instruments or samples are too few.
     """
-    if not 0.0 < level < 1.0:
-        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
-    found = AndersonRubinSet(
-        problem.parameters, level, errors or AutocorrelatedErrors(), moment_rows(problem, method)
-    )
+    check_level(level)
+    if errors is None:
+        errors = AutocorrelatedErrors()
+    checks.kind("errors", errors, ErrorAssumption, "AutocorrelatedErrors() or HomoskedasticErrors()")
+    rows = moment_rows(problem, method)
+    found = AndersonRubinSet(problem.parameters, level, errors, rows)
     found.region  # noqa: B018 - what cannot be used is refused here, not at the first question
     return found
 
 
 def sign_perturbed_set(
     problem: LinearProblem,
-    method: Method,
+    method: LinearMethod,
     rng: np.random.Generator,
     *,
     level: float = 0.95,
@@ -300,7 +225,7 @@ def sign_perturbed_set(
     ----------
     problem : Regression or SignalRegression
         As for `identify`, rows being time samples.
-    method : Method
+    method : LinearMethod
         `extended_iv`, whose instruments are independent of the errors. A regressor that is exogenous may be
         its own instrument.
     rng : numpy.random.Generator
@@ -324,6 +249,10 @@ def sign_perturbed_set(
     ParameterError
         When level and number of sums do not fit.
     """
+    check_linear(method)
+    check_level(level)
+    checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
+    checks.whole("sums", sums)
     if not isinstance(method.assembler, Instrumental):
         raise InstrumentError(
             "instruments that are independent of the errors, without compensation",

@@ -14,23 +14,28 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from eivor.flights.grid import Grid, on_grid
+from eivor.signals.recording import Recording
+
 #: Input below this share of its flying level is off.
 OFF_SHARE = 0.25
 #: So long must the input be off for the rule to know the ground [s], and so high is off the ground [m].
 OFF_FOR_S = 0.5
 CLEARANCE_M = 0.1
+#: A height that is known for a smaller share of the log cannot say where the ground is.
+HEIGHT_KNOWN_SHARE = 0.5
 #: Left out after take-off and before landing [s].
 MARGIN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Airborne:
-    """Where the vehicle flies, and how that is known.
+class Active:
+    """Where the vehicle does what a motion describes (where it flies), and how that is known.
 
     Parameters
     ----------
     mask : ndarray of bool, shape (n,)
-        True in the air, margins left out.
+        True where it does; in the air, margins left out.
     rule : str
         Which rule was used, in words.
     """
@@ -39,13 +44,39 @@ class Airborne:
     rule: str
 
 
+def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
+    """Airborne samples of a log: by its land detector, else by the input and the height it holds.
+
+    Parameters
+    ----------
+    log : Recording
+        Z up; `landed`, `ground_contact` and `position_z` count where they are logged.
+    grid : Grid
+        Samples to judge.
+    input_level : ndarray, shape (n,)
+        Mean of the actuators' commands on the grid, positive up.
+    """
+    landed = height = None
+    if "landed" in log.channels:
+        on_ground, known = on_grid(log.channels["landed"], grid)
+        if known.any():
+            landed = (on_ground > 0.5) | ~known
+            if "ground_contact" in log.channels:
+                touching, told = on_grid(log.channels["ground_contact"], grid)
+                landed |= told & (touching > 0.5)
+    if "position_z" in log.channels:
+        level, known = on_grid(log.channels["position_z"], grid)
+        height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None
+    return airborne(input_level=input_level, step_s=grid.step_s, landed=landed, height=height)
+
+
 def airborne(
     *,
     input_level: Float[np.ndarray, " n"],
     step_s: float,
     landed: Bool[np.ndarray, " n"] | None,
     height: Float[np.ndarray, " n"] | None,
-) -> Airborne:
+) -> Active:
     """Airborne samples of a flight on its grid.
 
     Parameters
@@ -60,19 +91,19 @@ def airborne(
         Height, z up [m].
     """
     if landed is not None:
-        return Airborne(_without_margins(~landed, step_s), "the log's land detector")
+        return Active(_without_margins(~landed, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
     off = input_level < OFF_SHARE * level
     if level <= 0.0:
-        return Airborne(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
+        return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if off.sum() * step_s < OFF_FOR_S:
-        return Airborne(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
+        return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     flying = ~off
     if height is None:
-        return Airborne(_without_margins(flying, step_s), "the input (no height is logged)")
+        return Active(_without_margins(flying, step_s), "the input (no height is logged)")
     ground = float(np.median(height[off]))
     flying &= height > ground + CLEARANCE_M
-    return Airborne(_without_margins(flying, step_s), "the input and the height above ground")
+    return Active(_without_margins(flying, step_s), "the input and the height above ground")
 
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

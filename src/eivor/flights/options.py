@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import UsageError
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
@@ -51,6 +52,7 @@ class FlightOptions:
     compare: bool = False
 
     def __post_init__(self) -> None:
+        self._check_types()
         if not 0.0 < self.max_tilt_deg < 90.0:
             raise UsageError(
                 "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
@@ -61,3 +63,26 @@ class FlightOptions:
                 f"{self.window[0]:g}:{self.window[1]:g}",
                 "Give both in seconds from the log's start.",
             )
+
+    def _check_types(self) -> None:
+        checks.number("max_tilt_deg", self.max_tilt_deg)
+        for name in ("input", "input_map", "method"):
+            checks.text(name, getattr(self, name))
+        checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
+        checks.flag("compare", self.compare)
+        if self.window is not None:
+            check_window(self.window)
+
+
+def check_window(window: object) -> None:
+    """Refuse what is no pair of numbers.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    remedy = "Give (START, END) in seconds from the log's start."
+    checks.items("window", window, checks.NUMBERS, "two numbers", remedy)
+    if isinstance(window, tuple | list) and len(window) != 2:
+        raise UsageError("a window of two numbers", f"{len(window)}", remedy)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from eivor.errors import PoolingError
-from eivor.flights.prepare import PreparedFlight
+from eivor.flights.motion import Motion
+from eivor.flights.prepared import PreparedFlight
 from eivor.signals.recording import Finding, Recording
 
 #: Logged parameters that stand for the vehicle and the path from thrust setpoint to rotors.
@@ -57,7 +59,7 @@ def without_duplicates(
     return kept, dropped
 
 
-def check_poolable(flights: tuple[PreparedFlight, ...]) -> None:
+def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any]) -> None:
     """Refuse flights of vehicles with different input maps, inputs, or parameters.
 
     Raises
@@ -67,7 +69,7 @@ def check_poolable(flights: tuple[PreparedFlight, ...]) -> None:
     """
     first = flights[0]
     for other in flights[1:]:
-        what = _difference(first, other)
+        what = _difference(first, other, motion)
         if what:
             raise PoolingError(
                 f"flights of one vehicle: {first.recording.name} and {other.recording.name} alike",
@@ -76,27 +78,18 @@ def check_poolable(flights: tuple[PreparedFlight, ...]) -> None:
             )
 
 
-def _difference(first: PreparedFlight, other: PreparedFlight) -> str:
+def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
     if first.input_map != other.input_map:
         return f"input maps {first.input_map} and {other.input_map}"
-    if (first.flight.input, first.flight.measured) != (other.flight.input, other.flight.measured):
-        return f"inputs {first.flight.input} and {other.flight.input}"
-    rotors = [flight.flight.signals.family(flight.flight.input).shape[1] for flight in (first, other)]
-    if rotors[0] != rotors[1]:
-        return f"{rotors[0]} and {rotors[1]} rotors"
+    if (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
+        return f"inputs {first.input.name} and {other.input.name}"
+    if first.actuators != other.actuators:
+        return f"{first.actuators} and {other.actuators} rotors"
     for name in VEHICLE_PARAMETERS:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
         if values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
-    means = [abs(mean) for mean in (_mean_input(first), _mean_input(other))]
-    if all(np.isfinite(means)) and max(means) > LARGEST_INPUT_RATIO * min(means):
-        return f"inputs of {means[0]:.4g} and {means[1]:.4g} on average, which are not on one scale"
+    levels = [motion.input_level(flight) if flight.runs else float("nan") for flight in (first, other)]
+    if all(np.isfinite(levels)) and max(levels) > LARGEST_INPUT_RATIO * min(levels):
+        return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""
-
-
-def _mean_input(prepared: PreparedFlight) -> float:
-    """Mean of the input over the samples used; NaN when there are none."""
-    if not prepared.flight.runs:
-        return float("nan")
-    values = prepared.flight.signals.family(prepared.flight.input)[prepared.used]
-    return float(values.mean())

@@ -8,22 +8,44 @@ than a weak verdict.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.flights.grid import Grid, on_grid
+from eivor.signals.canonical import canonical_channel
 from eivor.signals.recording import Recording
 
-CLEAN = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z", "pilot_throttle")
-FEEDBACK = "feedback_reference_velocity_z"
 #: A reference must be in force for this share of the samples used.
 IN_FORCE_SHARE = 0.5
 #: The pilot must be in control for this share of them for the stick to count.
 PILOT_SHARE = 0.5
 #: A reference whose standard deviation within runs is below this share of its size is constant.
 CONSTANT_SHARE = 1e-6
+#: The remark on such a one.
+CONSTANT = "constant"
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSource:
+    """A channel that a motion offers as an instrument.
+
+    One that answers the vehicle (it is not exogenous in the table of channels), such as a setpoint that a
+    loop computes from the vehicle's state, serves only when nothing else varies.
+
+    Parameters
+    ----------
+    channel : str
+        Name.
+    in_control : str
+        Channel that is above one half while a pilot is in control, without which this one does not count;
+        empty for none. A log without that channel is taken as flown by a pilot throughout.
+    """
+
+    channel: str
+    in_control: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +58,8 @@ class Reference:
         Channel.
     usable : bool
         It may serve as an instrument.
+    exogenous : bool
+        It does not answer the vehicle.
     remark : str
         Why not, or how much it moves.
     values : ndarray, shape (n,)
@@ -44,38 +68,51 @@ class Reference:
 
     name: str
     usable: bool
+    exogenous: bool
     remark: str
     values: Float[np.ndarray, " n"]
 
+    @property
+    def constant(self) -> bool:
+        """It is logged, and does not vary."""
+        return self.remark == CONSTANT
 
-def references(recording: Recording, grid: Grid, used: Bool[np.ndarray, " n"]) -> tuple[Reference, ...]:
-    """Every reference in the log, judged over the samples `used`; feedback only when nothing else serves."""
+
+def references(
+    recording: Recording, sources: tuple[ReferenceSource, ...], grid: Grid, used: Bool[np.ndarray, " n"]
+) -> tuple[Reference, ...]:
+    """Every source in the log, judged over the samples `used`; feedback only when nothing else serves."""
     found = [
-        _reference(recording, name, grid, used) for name in (*CLEAN, FEEDBACK) if name in recording.channels
+        _reference(recording, source, grid, used)
+        for source in sources
+        if source.channel in recording.channels
     ]
-    if any(reference.usable and reference.name != FEEDBACK for reference in found):
+    if any(reference.usable and reference.exogenous for reference in found):
         found = [
             reference
-            if reference.name != FEEDBACK
-            else Reference(FEEDBACK, False, "contains feedback; others serve", reference.values)
+            if reference.exogenous
+            else replace(reference, usable=False, remark="contains feedback; others serve")
             for reference in found
         ]
     return tuple(found)
 
 
-def _reference(recording: Recording, name: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> Reference:
-    values, in_force = on_grid(recording.channel(name), grid)
+def _reference(
+    recording: Recording, source: ReferenceSource, grid: Grid, used: Bool[np.ndarray, " n"]
+) -> Reference:
+    values, in_force = on_grid(recording.channel(source.channel), grid)
+    judged = partial(Reference, source.channel, exogenous=exogenous(source.channel), values=values)
     if not used.any():
-        return Reference(name, False, "no usable sample of flight", values)
+        return judged(usable=False, remark="no usable sample of flight")
     share = float(in_force[used].mean())
     if share < IN_FORCE_SHARE:
-        return Reference(name, False, f"in force for {share:.0%} of the flight only", values)
-    if name == "pilot_throttle" and not _pilot_flies(recording, grid, used):
-        return Reference(name, False, "no pilot flies", values)
+        return judged(usable=False, remark=f"in force for {share:.0%} of the flight only")
+    if source.in_control and not _pilot_flies(recording, source.in_control, grid, used):
+        return judged(usable=False, remark="no pilot flies")
     spread = _spread_within_runs(values, used)
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
-        return Reference(name, False, "constant", values)
-    return Reference(name, True, f"standard deviation {spread:.3g}", values)
+        return judged(usable=False, remark=CONSTANT)
+    return judged(usable=True, remark=f"standard deviation {spread:.3g}")
 
 
 def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]) -> float:
@@ -86,11 +123,17 @@ def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, 
     return float(np.sqrt(np.mean(deviations**2)))
 
 
-def _pilot_flies(recording: Recording, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
-    if "pilot_in_control" not in recording.channels:
+def _pilot_flies(recording: Recording, in_control: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
+    if in_control not in recording.channels:
         return True
-    flies, known = on_grid(recording.channel("pilot_in_control"), grid)
+    flies, known = on_grid(recording.channel(in_control), grid)
     return float((known & (flies > 0.5))[used].mean()) >= PILOT_SHARE
+
+
+def exogenous(name: str) -> bool:
+    """Whether a channel does not answer the vehicle; of others than canonical ones the user's word counts."""
+    channel = canonical_channel(name)
+    return channel is None or channel.exogenous
 
 
 def named_reference(recording: Recording, name: str, grid: Grid) -> Reference:
@@ -102,4 +145,4 @@ def named_reference(recording: Recording, name: str, grid: Grid) -> Reference:
         When the log does not have it.
     """
     values, _ = on_grid(recording.channel(name), grid)
-    return Reference(name, True, "named by the user", values)
+    return Reference(name, usable=True, exogenous=exogenous(name), remark="named by the user", values=values)

@@ -4,51 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights.diagnostics import FitDiagnostics
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import PreparedFlight
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status, Verdict
-from eivor.models.vertical_flights import VerticalFlights
+from eivor.models.separable import SeparableProblem
+from eivor.notebook import html_table
 from eivor.signals.recording import Finding
 
 if TYPE_CHECKING:
+    import polars as pl
     from matplotlib.figure import Figure
-
-
-@dataclass(frozen=True, slots=True)
-class Quantity:
-    """One result.
-
-    Parameters
-    ----------
-    value : float
-        NaN when it could not be estimated.
-    unit : str
-        SI unit.
-    std_error : float
-        At the best delay; NaN when there is none.
-    interval : tuple of float
-        95 %, a union over the delays that fit.
-    verdict : Status
-        How far it may be trusted.
-    """
-
-    value: float
-    unit: str
-    std_error: float
-    interval: tuple[float, float]
-    verdict: Status
-
-    @property
-    def half_width(self) -> float:
-        """Half the interval's width."""
-        return 0.5 * (self.interval[1] - self.interval[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +37,7 @@ class FlightRow:
     verdict : Status
         Overall verdict.
     quantities : mapping of str to Quantity
-        viscous_friction, input_gain, effective_lag, hover_input; empty when nothing was estimated.
+        The motion's `rows`; empty when nothing was estimated.
     reasons : tuple of str
         Sentences.
     """
@@ -74,28 +49,46 @@ class FlightRow:
 
 
 @dataclass(frozen=True)
-class FlightEstimate:
-    """Vertical parameters of one flight or of a pool.
+class Fit:
+    """What was estimated, and how.
 
     Parameters
     ----------
+    problem : SeparableProblem
+        Of all flights that have runs.
+    estimate : Estimate
+        Its solution.
+    instruments : str
+        Label of the instruments used.
+    checks : FitDiagnostics
+        What was checked of it.
+    """
+
+    problem: SeparableProblem
+    estimate: Estimate
+    instruments: str
+    checks: FitDiagnostics
+
+
+@dataclass(frozen=True)
+class FlightEstimate:
+    """Quantities of a motion from one flight or from a pool.
+
+    Parameters
+    ----------
+    motion : Motion
+        What was identified.
     options : FlightOptions
         What was asked for.
     prepared : tuple of PreparedFlight
         The flights.
-    problem : VerticalFlights or None
-        What was estimated; None when no flight has a run.
-    estimate : Estimate or None
+    fit : Fit or None
         None when nothing could be estimated.
-    instruments : str
-        Label of the instruments used.
     verdict : Verdict
-        On the viscous friction, which is the overall one.
+        The overall one, on the motion's headline.
     quantities : mapping of str to Quantity
-        viscous_friction, input_gain, intercept, actuator_lag, delay, effective_lag, hover_input,
-        time_constant.
-    by_segment : ndarray, shape (runs,)
-        Intercept of each run [m/s^2].
+        Every quantity of the motion; without a fit they are NaN and refused, but for what is known all the
+        same.
     diagnostics : mapping of str to float
         Documented in docs/diagnostics.md.
     findings : tuple of Finding
@@ -106,23 +99,31 @@ class FlightEstimate:
         One for each method, when asked for.
     """
 
+    motion: Motion[Any]
     options: FlightOptions
     prepared: tuple[PreparedFlight, ...]
-    problem: VerticalFlights | None
-    estimate: Estimate | None
-    instruments: str
+    fit: Fit | None
     verdict: Verdict
     quantities: Mapping[str, Quantity]
-    by_segment: Float[np.ndarray, " runs"]
     diagnostics: Mapping[str, float]
     findings: tuple[Finding, ...]
     flights: tuple[FlightRow, ...] = ()
     comparisons: tuple[FlightRow, ...] = ()
 
     @property
+    def estimate(self) -> Estimate | None:
+        """The estimate; None when nothing could be estimated."""
+        return None if self.fit is None else self.fit.estimate
+
+    @property
+    def instruments(self) -> str:
+        """Label of the instruments used."""
+        return "none" if self.fit is None else self.fit.instruments
+
+    @property
     def method(self) -> str:
         """Name of the method used."""
-        return self.estimate.method if self.estimate is not None else self.options.method
+        return self.options.method if self.fit is None else self.fit.estimate.method
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -132,19 +133,19 @@ class FlightEstimate:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the joint vector, in the order of `covariance`."""
-        return self._estimated().names
+        return self._fitted().estimate.names
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
         """Covariance of the joint vector at the best delay."""
-        return self._estimated().covariance
+        return self._fitted().estimate.covariance
 
     @property
     def window_s(self) -> tuple[float, float] | None:
         """First and last second used [s]; None when there is none, or several logs are pooled."""
-        if len(self.prepared) != 1 or not self.prepared[0].flight.runs:
+        if len(self.prepared) != 1 or not self.prepared[0].runs:
             return None
-        flight = self.prepared[0].flight
+        flight = self.prepared[0]
         first, last = flight.runs[0].start, flight.runs[-1].stop - 1
         return (
             flight.signals.start_s + first * flight.signals.step_s,
@@ -161,9 +162,9 @@ class FlightEstimate:
         EstimationError
             When nothing was estimated.
         """
-        estimate = self._estimated()
+        estimate = self._fitted().estimate
         if name in estimate.names:
-            return estimate.interval(name, level)
+            return self.motion.wording[name].possible(estimate.interval(name, level))
         if name not in self.quantities or level != 0.95:
             raise UsageError(
                 f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)",
@@ -174,16 +175,66 @@ class FlightEstimate:
 
     def summary(self) -> str:
         """Verdict, numbers and reasons as plain text."""
-        lines = [f"Vertical motion, {self.method}: {self.verdict.status.value}"]
+        lines = [f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}"]
         lines.append(f"{'quantity':<18}{'value':>12}{'95 % interval':>26}  {'unit':<8}verdict")
         for name, quantity in self.quantities.items():
-            low, high = quantity.interval
             lines.append(
-                f"{name:<18}{quantity.value:>12.4g}{f'[{low:.4g}, {high:.4g}]':>26}  "
+                f"{name:<18}{quantity.value:>12.4g}{_bounds(quantity):>26}  "
                 f"{quantity.unit:<8}{quantity.verdict.value}"
             )
         lines.extend(f"- {sentence}" for sentence in self.verdict.sentences)
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        names = ", ".join(flight.recording.name for flight in self.prepared)
+        told = "; ".join(
+            f"{name} {quantity.value:.4g} {_bounds(quantity)}"
+            for name, quantity in self.quantities.items()
+            if name in self.motion.headline and self.fit is not None
+        )
+        return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {told}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, f"{quantity.value:.4g}", _bounds(quantity), quantity.unit, quantity.verdict.value)
+            for name, quantity in self.quantities.items()
+        ]
+        return html_table(
+            f"{self.motion.words.title}, {self.method}: {self.verdict.status.value}",
+            ("quantity", "value", "95 % interval", "unit", "verdict"),
+            rows,
+            " ".join(self.verdict.sentences),
+        )
+
+    def to_frame(self) -> pl.DataFrame:
+        """Table of the quantities.
+
+        Returns
+        -------
+        polars.DataFrame
+            Columns `quantity`, `value`, `unit`, `std_error`, `low`, `high` (95 %) and `verdict`; null where
+            there is no number, or no bound.
+        """
+        import polars as pl
+
+        columns: dict[str, list[str] | list[float]] = {
+            "quantity": list(self.quantities),
+            "value": [quantity.value for quantity in self.quantities.values()],
+            "unit": [quantity.unit for quantity in self.quantities.values()],
+            "std_error": [quantity.std_error for quantity in self.quantities.values()],
+            "low": [quantity.interval[0] for quantity in self.quantities.values()],
+            "high": [quantity.interval[1] for quantity in self.quantities.values()],
+            "verdict": [quantity.verdict.value for quantity in self.quantities.values()],
+        }
+        numbers = ("value", "std_error", "low", "high")
+        frame = pl.DataFrame(columns)
+        return frame.with_columns(pl.when(pl.col(name).is_finite()).then(pl.col(name)) for name in numbers)
+
+    def to_json(self) -> str:
+        """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
+        from eivor.report.json_document import json_document, json_text
+
+        return json_text(json_document(self))
 
     def plot(self) -> Figure:
         """Figure of the fit: response, residual, lag profile, excitation.
@@ -195,14 +246,22 @@ class FlightEstimate:
         """
         from eivor.report.flight_figure import flight_figure
 
-        self._estimated()
+        self._fitted()
         return flight_figure(self)
 
-    def _estimated(self) -> Estimate:
-        if self.estimate is None:
+    def _fitted(self) -> Fit:
+        if self.fit is None:
             raise EstimationError(
                 "a flight with an estimate",
                 f"one without: {'; '.join(self.verdict.sentences)}",
                 "See its verdict.",
             )
-        return self.estimate
+        return self.fit
+
+
+def _bounds(quantity: Quantity) -> str:
+    """Interval of a quantity; of what was chosen out of a few values those that fit."""
+    if quantity.choice is not None:
+        return " or ".join(f"{value:.4g}" for value in quantity.choice.fitting)
+    low, high = quantity.interval
+    return f"[{low:.4g}, {high:.4g}]"

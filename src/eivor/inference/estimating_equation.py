@@ -5,6 +5,10 @@ the residual e_t, and for compensated equations what the measurement noises add 
 average, C theta - c. To first order theta_hat - theta = M^-1 sum_t s_t, where the sensitivity M is minus
 the derivative of the sum by theta.
 
+Any n independent combinations of n equations have the same solution and the same covariance. Rows are given
+in *orthonormal coordinates*, where the test functions of all rows have products near the identity: there
+regressors that are nearly collinear have a sensitivity of their own condition, never of its square.
+
 Rows come in blocks, in their order, so that nothing as long as the record need be kept.
 """
 
@@ -17,10 +21,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from eivor.errors import CollinearError
+
 
 @dataclass(frozen=True)
 class EquationRows:
-    """Successive rows of an estimating equation.
+    """Successive rows of an estimating equation, in coordinates of its own.
 
     Parameters
     ----------
@@ -49,21 +55,44 @@ class EstimatingEquation:
 
     Parameters
     ----------
-    sensitivity : ndarray, shape (n, n)
-        M, minus the derivative of the sum of scores by the joint vector.
+    root : ndarray, shape (n, n)
+        R, upper triangular: the method's own test functions are those of the rows times R.
+    slope : ndarray, shape (n, n)
+        R^-T M, minus the derivative of the sum of the rows' scores by the joint vector.
     sample_count : int
         Number of scores.
     blocks : callable
-        Gives the rows in blocks, in order; each call starts anew.
+        Gives the rows in blocks, in order, in orthonormal coordinates; each call starts anew.
+    prior_scores : ndarray, shape (k, n), optional
+        Standard errors of scores that come from what is known beforehand, and not from rows: pseudo-
+        observations, independent of the rows and of each other. The slope has their part already.
     """
 
-    sensitivity: Float[np.ndarray, "n n"]
+    root: Float[np.ndarray, "n n"]
+    slope: Float[np.ndarray, "n n"]
     sample_count: int
     blocks: Callable[[], Iterable[EquationRows]]
+    prior_scores: Float[np.ndarray, "k n"] | None = None
+
+    @property
+    def unknowns(self) -> int:
+        """Length of the joint vector, n."""
+        return self.root.shape[0]
+
+    @property
+    def prior_covariance(self) -> Float[np.ndarray, "n n"] | float:
+        """What is known beforehand adds to the covariance of the sum of scores: nothing without a prior."""
+        return 0.0 if self.prior_scores is None else self.prior_scores.T @ self.prior_scores
+
+    @property
+    def sensitivity(self) -> Float[np.ndarray, "n n"]:
+        """M, minus the derivative of the sum of the method's own scores by the joint vector."""
+        sensitivity: Float[np.ndarray, "n n"] = self.root.T @ self.slope
+        return sensitivity
 
     @cached_property
     def rows(self) -> EquationRows:
-        """All rows at once."""
+        """All rows at once, in orthonormal coordinates."""
         parts = list(self.blocks())
         if len(parts) == 1:
             return parts[0]
@@ -77,8 +106,9 @@ class EstimatingEquation:
 
     @property
     def test(self) -> Float[np.ndarray, "rows n"]:
-        """Test functions P of all rows."""
-        return self.rows.test
+        """The method's own test functions of all rows."""
+        test: Float[np.ndarray, "rows n"] = self.rows.test @ self.root
+        return test
 
     @property
     def residual(self) -> Float[np.ndarray, " rows"]:
@@ -87,8 +117,9 @@ class EstimatingEquation:
 
     @property
     def scores(self) -> Float[np.ndarray, "samples n"]:
-        """Scores of all samples, in time order."""
-        return self.rows.scores
+        """The method's own scores of all samples, in time order."""
+        scores: Float[np.ndarray, "samples n"] = self.rows.scores @ self.root
+        return scores
 
     @property
     def flight_of_row(self) -> Int[np.ndarray, " rows"]:
@@ -102,4 +133,13 @@ class EstimatingEquation:
         for rows in self.blocks():
             count += rows.residual.size
             power += float(rows.residual @ rows.residual)
-        return power / max(count - self.sensitivity.shape[0], 1)
+        return power / max(count - self.unknowns, 1)
+
+
+def singular_sensitivity() -> CollinearError:
+    """Refusal of equations that do not tell the parameters from one another."""
+    return CollinearError(
+        "equations that tell every parameter from the others",
+        "a singular sensitivity of the equations to the parameters",
+        "Give data in which response and regressors move, each in its own way.",
+    )

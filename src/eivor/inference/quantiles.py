@@ -6,6 +6,22 @@ import math
 
 from scipy import special
 
+from eivor import checks
+from eivor.errors import UsageError
+
+
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is none.
+
+    Raises
+    ------
+    UsageError
+        With the range.
+    """
+    checks.number("level", level)
+    if not 0.0 < level < 1.0:
+        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
+
 
 def normal_quantile(level: float) -> float:
     """Half-width, in standard errors, of a two-sided normal interval of confidence `level`."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
 
 
@@ -36,6 +37,16 @@ class LinearSystem:
     error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
 
     def __post_init__(self) -> None:
+        for name in ("matrix", "right", "error_covariance"):
+            given = getattr(self, name)
+            if given is not None or name != "error_covariance":
+                object.__setattr__(self, name, checks.real_array(name, given))
+        if self.matrix.ndim != 2:
+            raise ShapeError(
+                "a matrix with two dimensions",
+                f"shape {self.matrix.shape}",
+                "Stack columns with column_stack.",
+            )
         rows, unknowns = self.matrix.shape
         covariance = self.error_covariance
         if self.right.shape != (rows,) or (

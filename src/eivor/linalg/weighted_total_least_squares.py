@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import ConvergenceError, CovarianceError, ShapeError
 from eivor.linalg.least_squares import LeastSquares, column_lengths
 from eivor.linalg.system import LinearSystem, Solution
@@ -37,7 +38,8 @@ def weighted_total_least_squares(
     ConvergenceError
         When the iteration does not settle.
     """
-    A, b, S = system.matrix, system.right, row_covariances
+    checks.kind("system", system, LinearSystem, "a LinearSystem", "Make one: LinearSystem(A, b).")
+    A, b, S = system.matrix, system.right, checks.real_array("row_covariances", row_covariances)
     if S.shape != (*A.shape[:1], A.shape[1] + 1, A.shape[1] + 1):
         raise ShapeError(
             f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}", f"{S.shape}", "One a row."

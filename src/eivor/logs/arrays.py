@@ -9,11 +9,12 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from eivor.errors import DataError, EmptyLogError, ShapeError, UsageError
-from eivor.logs.canonical import canonical_key
+from eivor import checks
+from eivor.errors import EmptyLogError, ShapeError, UsageError
+from eivor.logs.columns import Columns
 from eivor.logs.mapping import canonical_map, mapped_recording
-from eivor.logs.table_source import Columns
-from eivor.signals.recording import CANONICAL_UNITS, Frame, Recording
+from eivor.signals.canonical import canonical_channel, canonical_channels
+from eivor.signals.recording import Frame, Recording
 
 
 @runtime_checkable
@@ -40,7 +41,8 @@ def recording_from_columns(
     Parameters
     ----------
     columns : mapping of str to array_like, or data frame
-        `time` [s] and canonical channels in SI units, all of one length. NaN means "no value".
+        `time` [s] and canonical channels in SI units, all of one length. NaN means "no value", and so does
+        what a mask hides.
     name : str
         What to call the recording in reports.
     frame : Frame
@@ -53,20 +55,34 @@ def recording_from_columns(
     Raises
     ------
     UsageError
-        When `time` is missing, or a name is not canonical.
+        When `time` is missing, a name is not canonical, or an argument is of another type.
     ShapeError
         When a column is not one-dimensional, or has another length than `time`.
     DataError
-        When a column does not hold numbers.
+        When a column does not hold real numbers.
     EmptyLogError
         When there are no values.
     """
+    checks.kind(
+        "columns",
+        columns,
+        (Mapping, DataFrameLike),
+        "a mapping or a data frame",
+        "Give a dictionary of arrays.",
+    )
+    checks.text("name", name)
+    checks.text("input_map", input_map)
+    checks.kind("frame", frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")
+    if parameters is not None:
+        checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
     names = list(columns) if isinstance(columns, Mapping) else list(columns.columns)
-    unknown = [key for key in names if key != "time" and not canonical_key(str(key))]
+    unknown = [key for key in names if key != "time" and canonical_channel(str(key)) is None]
     if unknown:
-        near = difflib.get_close_matches(str(unknown[0]), CANONICAL_UNITS, n=3)
+        near = difflib.get_close_matches(str(unknown[0]), canonical_channels(), n=3)
         hint = (
-            f"Did you mean {' or '.join(near)}?" if near else f"The names are {', '.join(CANONICAL_UNITS)}."
+            f"Did you mean {' or '.join(near)}?"
+            if near
+            else f"The names are {', '.join(canonical_channels())}."
         )
         raise UsageError("canonical names of channels", f"{unknown[0]!r}", hint)
     chosen = canonical_map(names, name)
@@ -76,7 +92,7 @@ def recording_from_columns(
             f"{', '.join(names) or 'no columns'}",
             "Add what is missing.",
         )
-    arrays = {key: _array(key, columns[key]) for key in names}
+    arrays = {key: np.array(checks.real_array(f"column '{key}'", columns[key]), ndmin=1) for key in names}
     rows = arrays["time"].size
     if rows == 0:
         raise EmptyLogError("columns with values", "columns of length 0", "Give at least one row.")
@@ -89,10 +105,3 @@ def recording_from_columns(
             )
     recording = mapped_recording(chosen, chosen.rules, Columns(arrays), name=name, log_format="frame")
     return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))
-
-
-def _array(key: str, values: Any) -> np.ndarray:
-    try:
-        return np.atleast_1d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError) as error:
-        raise DataError(f"numbers in column '{key}'", f"{error}", "Convert the column first.") from error

@@ -5,7 +5,7 @@ A map states::
     name = "mycopter"               # required
     description = "..."             # optional
     frame = "z_up"                  # or "ned"; z_up by default
-    input_map = "square"            # optional, see the input maps of `eivor.models`
+    input_map = "square"            # optional: linear, square, power:EXPONENT, mixed:SHARE
 
     [time]
     column = "t"
@@ -13,7 +13,8 @@ A map states::
 
     [columns.motor_1]               # optional: the range that a column's values can have
     valid = [0, 65535]              # outside: overflow, becomes missing
-    saturates = "upper"             # bounds that mean saturation: "lower", "upper", "both" (default), "none"
+    saturates = "upper"             # bounds that mean saturation: "lower", "upper", "both", "none";
+                                    # by default both, but "upper" where low is 0
 
     [channels.velocity_z]
     column = "vz"                   # or expression = "vz_raw / 100"
@@ -33,23 +34,22 @@ are not optional.
 
 from __future__ import annotations
 
-import math
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
-from eivor.errors import ChannelMapError
-from eivor.logs.canonical import canonical_key, held_by_default
-from eivor.logs.expressions import Expression, parse_expression, quoted
+from eivor.errors import ChannelMapError, UsageError, did_you_mean
+from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles, tilt_of_quaternion
 from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
-from eivor.signals.recording import CANONICAL_UNITS, Frame
+from eivor.signals.canonical import canonical_channel, canonical_channels
+from eivor.signals.input_map import input_map
+from eivor.signals.recording import Frame
+from eivor.toml_table import TomlTable, read_toml, toml_table
 
-MAX_MAP_BYTES = 1 << 20
 SATURATING = ("none", "lower", "upper", "both")
+_FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,20 +155,13 @@ def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
         text = (resources.files("eivor.logs") / "maps" / f"{source}.toml").read_text(encoding="utf-8")
         return parse_channel_map(text, f"{source}.toml")
     path = Path(source)
-    expected = f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}"
-    try:
-        if not path.is_file():
-            raise ChannelMapError(expected, f"'{path}', which is no file", "Check the name of the map.")
-        if path.stat().st_size > MAX_MAP_BYTES:
-            raise ChannelMapError(
-                expected,
-                f"'{path}', larger than {MAX_MAP_BYTES} bytes",
-                "Give the map, not the log, as the map.",
-            )
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise ChannelMapError(expected, f"'{path}', unreadable: {error}", "Check the file.") from error
-    return parse_channel_map(text, path.name)
+    if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
+        raise ChannelMapError(
+            f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}",
+            f"'{path}', which is no file",
+            did_you_mean(str(source), shipped_maps(), "Check the name of the map."),
+        )
+    return _channel_map(read_toml(path, "a channel map", ChannelMapError))
 
 
 def parse_channel_map(text: str, origin: str) -> ChannelMap:
@@ -186,66 +179,82 @@ def parse_channel_map(text: str, origin: str) -> ChannelMap:
     ChannelMapError
         With file, key, what was expected and what stands there.
     """
-    try:
-        content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ChannelMapError(
-            f"TOML in {origin}", f"text that is not: {error}", "Correct the syntax."
-        ) from error
-    top = _Keys(content, origin, "")
+    return _channel_map(toml_table(text, Path(origin), "a channel map", ChannelMapError))
+
+
+def _channel_map(top: TomlTable) -> ChannelMap:
     name = top.text("name")
     top.text("description", "")
-    frame = top.choice("frame", ("z_up", "ned"), "z_up")
-    input_map = top.text("input_map", "")
+    frame = top.choice("frame", tuple(_FRAMES), "z_up")
     time = top.section("time")
     time_column = time.text("column")
     time_unit = time.choice("unit", tuple(TIME_UNITS), "s")
     time.finish()
-    ranges = {key: _range(section) for key, section in top.sections("columns", required=False).items()}
-    rules = tuple(_rule(key, section) for key, section in top.sections("channels", required=True).items())
+    ranges = {key: _range(section) for key, section in top.named_sections("columns").items()}
+    rules = tuple(_rule(key, section) for key, section in top.named_sections("channels").items())
+    if not rules:
+        raise top.wrong("channels", "at least one channel", "none", "Add a table [channels.velocity_z].")
+    map_of_input = _input_map(top)
     top.finish()
-    chosen = {"z_up": Frame.Z_UP, "ned": Frame.NED}[frame]
-    return ChannelMap(name, time_column, time_unit, rules, chosen, input_map, ranges, origin)
+    return ChannelMap(name, time_column, time_unit, rules, _FRAMES[frame], map_of_input, ranges, top.file)
 
 
-def _range(section: _Keys) -> ValidRange:
-    low, high = section.pair("valid")
-    saturates = section.choice("saturates", SATURATING, "both")
+def _input_map(top: TomlTable) -> str:
+    """Name of the vehicle's input map, empty when the map does not state one."""
+    name = top.text("input_map", "")
+    try:
+        return input_map(name).name if name else ""
+    except UsageError as error:
+        raise top.wrong("input_map", error.expected, error.received, error.remedy) from error
+
+
+def _range(section: TomlTable) -> ValidRange:
+    bounds = section.numbers("valid")
+    if len(bounds) != 2 or bounds[0] >= bounds[1]:
+        raise section.wrong("valid", "[low, high] with low < high", f"{list(bounds)}", "Correct the range.")
+    # nothing is below zero for a motor that stands still, which is no saturation
+    saturates = section.choice("saturates", SATURATING, "upper" if bounds[0] == 0.0 else "both")
     section.finish()
-    return ValidRange(low, high, saturates)
+    return ValidRange(*bounds, saturates)
 
 
-def _rule(name: str, section: _Keys) -> ChannelRule:
-    key = canonical_key(name)
-    if not key:
-        known = ", ".join(CANONICAL_UNITS)
-        raise section.wrong("", f"a canonical channel name ({known})", f"'{name}'", "Rename the channel.")
-    ways = [way for way in ("column", "expression", "quaternion", "roll_pitch") if way in section.values]
+def _rule(name: str, section: TomlTable) -> ChannelRule:
+    channel = canonical_channel(name)
+    if channel is None:
+        known = canonical_channels()
+        raise section.wrong(
+            "",
+            f"a canonical channel name ({', '.join(known)})",
+            f"'{name}'",
+            did_you_mean(name, known, "Rename the channel."),
+        )
+    ways = [way for way in ("column", "expression", "quaternion", "roll_pitch") if section.has(way)]
     if len(ways) != 1:
         received = " and ".join(ways) or "none of them"
         raise section.wrong(
             "", "exactly one of column, expression, quaternion, roll_pitch", received, "State one source."
         )
-    unit = section.choice("unit", tuple(UNITS), "rad" if ways[0] == "roll_pitch" else CANONICAL_UNITS[key])
-    si_unit, to_si = UNITS[unit]
+    own = "rad" if ways[0] == "roll_pitch" else channel.unit
+    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, own))), own)
+    si_unit, to_si = UNITS.get(unit, (unit, 1.0))
     expression, derived = _expression(section, ways[0], si_unit, to_si)
-    if not derived and not unit_fits(name, CANONICAL_UNITS[key], si_unit):
+    if not derived and not unit_fits(channel, si_unit):
         raise section.wrong(
             "unit",
-            f"a unit of the kind '{CANONICAL_UNITS[key]}'" if CANONICAL_UNITS[key] else "no unit",
+            f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit",
             f"'{unit}'",
             "Give the unit in which the column is logged.",
         )
-    if derived and key != "cos_tilt":
+    if derived and name != "cos_tilt":
         raise section.wrong(
             ways[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression."
         )
-    factor = section.number("sign", 1.0, (-1.0, 1.0)) * section.number("scale", 1.0)
+    factor = _sign(section) * _scale(section)
     rule = ChannelRule(
         name,
         expression,
         factor if derived else factor * to_si,
-        section.flag("held", default=held_by_default(name)),
+        section.flag("held", default=channel.held),
         section.flag("optional", default=False),
         expression.columns if ways[0] == "roll_pitch" else (),
         unit if ways[0] == "roll_pitch" else "",
@@ -254,129 +263,39 @@ def _rule(name: str, section: _Keys) -> ChannelRule:
     return rule
 
 
-def _expression(section: _Keys, way: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
+def _sign(section: TomlTable) -> float:
+    sign = section.number("sign", 1.0)
+    if abs(sign) != 1.0:
+        raise section.wrong("sign", "1 or -1", f"{sign:g}", "A factor of another size is `scale`.")
+    return sign
+
+
+def _scale(section: TomlTable) -> float:
+    scale = section.number("scale", 1.0)
+    if scale == 0.0:
+        raise section.wrong("scale", "a finite number other than 0", "0", "Leave the channel out instead.")
+    return scale
+
+
+def _expression(section: TomlTable, way: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
     """Expression of a rule, and whether it is one of the derived quantities."""
-    where = f"{section.origin}, key {section.path}.{way}"
     if way == "column":
-        column = section.text("column")
-        return Expression(column, quoted(column), (column,)), False
+        return Expression.of_column(section.text("column")), False
     if way == "expression":
+        where = f"{section.path}.expression of {section.file}"
         return parse_expression(section.text("expression"), where), False
     if way == "quaternion":
-        w, x, y, z = (quoted(column) for column in section.columns("quaternion", 4))
-        text = f"1 - 2 * ({x}*{x} + {y}*{y}) / ({w}*{w} + {x}*{x} + {y}*{y} + {z}*{z})"
-        return parse_expression(text, where), True
+        return tilt_of_quaternion(*_columns(section, "quaternion", 4)), True
     if si_unit != "rad":
         raise section.wrong(
             "unit", "rad or deg", f"a unit of {si_unit or 'pure numbers'}", "State the angle's unit."
         )
-    roll, pitch = (quoted(column) for column in section.columns("roll_pitch", 2))
-    return parse_expression(f"cos({to_si!r} * {roll}) * cos({to_si!r} * {pitch})", where), True
+    return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2)), True
 
 
-class _Keys:
-    """A TOML table whose keys are taken one by one; what is left in the end is unknown."""
-
-    def __init__(self, values: dict[str, Any], origin: str, path: str) -> None:
-        self.values = values
-        self.origin = origin
-        self.path = path
-        self.taken: set[str] = set()
-
-    def wrong(self, key: str, expected: str, received: str, remedy: str) -> ChannelMapError:
-        """Return the error for a key."""
-        path = ".".join(part for part in (self.path, key) if part) or "(top level)"
-        return ChannelMapError(f"{expected} at {self.origin}, key {path}", received, remedy)
-
-    def _take(self, key: str, default: Any, expected: str) -> Any:
-        self.taken.add(key)
-        if key not in self.values and default is None:
-            raise self.wrong(key, expected, "nothing", "Add the key.")
-        return self.values.get(key, default)
-
-    def text(self, key: str, default: str | None = None) -> str:
-        """Return a non-empty string (or the default)."""
-        value = self._take(key, default, "a text")
-        if (
-            not isinstance(value, str)
-            or (not value and default is None)
-            or ('"' in value and key == "column")
-        ):
-            raise self.wrong(key, "a text", repr(value), "Write it in quotes; it must not be empty.")
-        return value
-
-    def choice(self, key: str, among: tuple[str, ...], default: str) -> str:
-        """Return one of some words."""
-        value = self._take(key, default, "a word")
-        if value not in among:
-            raise self.wrong(key, f"one of {', '.join(map(repr, among))}", repr(value), "Choose one of them.")
-        return str(value)
-
-    def number(self, key: str, default: float, among: tuple[float, ...] = ()) -> float:
-        """Return a finite number that is not zero."""
-        value = self._take(key, default, "a number")
-        if not _is_number(value) or value == 0 or (among and float(value) not in among):
-            expected = f"one of {among}" if among else "a finite number other than 0"
-            raise self.wrong(key, expected, repr(value), "Correct the number.")
-        return float(value)
-
-    def flag(self, key: str, *, default: bool) -> bool:
-        """Return true or false."""
-        value = self._take(key, default, "true or false")
-        if not isinstance(value, bool):
-            raise self.wrong(key, "true or false", repr(value), "Write it without quotes.")
-        return value
-
-    def pair(self, key: str) -> tuple[float, float]:
-        """Return two increasing numbers."""
-        value = self._take(key, None, "[low, high]")
-        if (
-            not isinstance(value, list)
-            or len(value) != 2
-            or not all(map(_is_number, value))
-            or value[0] >= value[1]
-        ):
-            raise self.wrong(key, "[low, high] with low < high", repr(value), "Correct the range.")
-        return float(value[0]), float(value[1])
-
-    def columns(self, key: str, count: int) -> list[str]:
-        """Return the names of `count` columns."""
-        value = self._take(key, None, f"a list of {count} columns")
-        names = value if isinstance(value, list) else []
-        if len(names) != count or not all(
-            isinstance(name, str) and name and '"' not in name for name in names
-        ):
-            raise self.wrong(key, f"a list of {count} column names", repr(value), "Correct the list.")
-        return names
-
-    def section(self, key: str) -> _Keys:
-        """Return a table."""
-        value = self._take(key, None, "a table")
-        if not isinstance(value, dict):
-            raise self.wrong(key, "a table", repr(value), f"Write [{key}] and its keys below.")
-        return _Keys(value, self.origin, ".".join(part for part in (self.path, key) if part))
-
-    def sections(self, key: str, *, required: bool) -> dict[str, _Keys]:
-        """Return a table of tables."""
-        if not required and key not in self.values:
-            return {}
-        outer = self.section(key)
-        if required and not outer.values:
-            raise self.wrong(key, "at least one channel", "none", "Add a table [channels.velocity_z].")
-        return {name: outer.section(name) for name in outer.values}
-
-    def finish(self) -> None:
-        """Refuse what has not been taken."""
-        unknown = sorted(set(self.values) - self.taken)
-        if unknown:
-            known = ", ".join(sorted(self.taken))
-            raise self.wrong(
-                unknown[0],
-                f"one of the keys {known}",
-                f"the unknown key '{unknown[0]}'",
-                "Correct or remove it.",
-            )
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:
+    """Names of `count` columns."""
+    names = section.texts(key)
+    if len(names) != count:
+        raise section.wrong(key, f"a list of {count} column names", f"{list(names)}", "Correct the list.")
+    return names

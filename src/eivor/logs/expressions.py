@@ -1,9 +1,10 @@
 """Arithmetic over the columns of a table, as a channel map may state it.
 
-An expression is a small part of SQL: column names (bare, or in double quotes), numbers, ``+ - * /``,
-parentheses, and the functions of `FUNCTIONS`. Everything else is refused before the query engine sees
-the text: no strings, no keywords, no aggregation, no table or file functions. Column names reach the
-engine quoted and numbers as decimals, so neither can mean anything else there.
+An expression is made of column names (bare, or in double quotes), numbers, ``+ - * /``, parentheses, and
+the functions of `FUNCTIONS`. Everything else is refused: no strings, no keywords, no aggregation.
+
+It is computed in float64 throughout: a number is a float, also where it meets another number only, so that
+``1/65535*a`` is ``a/65535``. A value that is missing (NaN) makes every result missing in which it takes part.
 """
 
 from __future__ import annotations
@@ -17,23 +18,24 @@ from jaxtyping import Float
 
 from eivor.errors import ChannelMapError
 
-#: Elementwise functions and their number of arguments.
-FUNCTIONS: Mapping[str, int] = {
-    "abs": 1,
-    "sqrt": 1,
-    "exp": 1,
-    "ln": 1,
-    "sin": 1,
-    "cos": 1,
-    "tan": 1,
-    "asin": 1,
-    "acos": 1,
-    "atan": 1,
-    "atan2": 2,
-    "pow": 2,
-    "greatest": 2,
-    "least": 2,
+#: Elementwise functions; how many arguments one has is the ufunc's `nin`.
+FUNCTIONS: Mapping[str, np.ufunc] = {
+    "abs": np.absolute,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "ln": np.log,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "pow": np.power,
+    "greatest": np.maximum,
+    "least": np.minimum,
 }
+_OPERATORS: Mapping[str, np.ufunc] = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 MAX_LENGTH = 1000
 MAX_NESTING = 32
 
@@ -45,6 +47,10 @@ _TOKEN = re.compile(
 )
 
 
+#: One step of a computation on a stack: put a number or a column (by name) on it, or apply a function.
+Step = float | str | np.ufunc
+
+
 @dataclass(frozen=True, slots=True)
 class Expression:
     """A checked expression.
@@ -53,23 +59,33 @@ class Expression:
     ----------
     text : str
         As it stands in the channel map.
-    sql : str
-        As the query engine gets it.
+    steps : tuple of float, str or ufunc
+        Numbers, names of columns and functions, each function after its arguments.
     columns : tuple of str
         Columns that it uses, at least one.
     """
 
     text: str
-    sql: str
+    steps: tuple[Step, ...]
     columns: tuple[str, ...]
+
+    @classmethod
+    def of_column(cls, name: str) -> Expression:
+        """Return the expression that is a column as it stands."""
+        return cls(name, (name,), (name,))
 
     def evaluate(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> Float[np.ndarray, " n"]:
         """Return the value for each row [the unit of the expression]; not finite where it is not defined."""
-        import polars as pl
-
-        frame = pl.DataFrame({name: columns[name] for name in self.columns})
-        values = frame.select(pl.sql_expr(self.sql).cast(pl.Float64).alias("value"))["value"]
-        return np.asarray(values.to_numpy(), dtype=np.float64)
+        stack: list[np.ndarray | np.float64] = []
+        with np.errstate(all="ignore"):
+            for step in self.steps:
+                if isinstance(step, np.ufunc):
+                    arguments = stack[-step.nin :]
+                    del stack[-step.nin :]
+                    stack.append(step(*arguments))
+                else:
+                    stack.append(columns[step] if isinstance(step, str) else np.float64(step))
+        return np.asarray(stack.pop(), dtype=np.float64)
 
 
 def parse_expression(text: str, where: str) -> Expression:
@@ -90,17 +106,30 @@ def parse_expression(text: str, where: str) -> Expression:
     if len(text) > MAX_LENGTH:
         raise _refused(where, f"{len(text)} characters")
     parser = _Parser(_tokens(text, where), text, where)
-    sql = parser.sum(0)
+    parser.sum(0)
     if parser.tokens:
         raise _refused(where, f"{text!r}, which goes on after its end with {parser.tokens[0][1]!r}")
     if not parser.columns:
         raise _refused(where, f"{text!r}, which names no column")
-    return Expression(text, sql, tuple(parser.columns))
+    return Expression(text, tuple(parser.steps), tuple(parser.columns))
 
 
-def quoted(column: str) -> str:
-    """Return a column's name as it stands in an expression."""
-    return f'"{column}"'
+def tilt_of_quaternion(w: str, x: str, y: str, z: str) -> Expression:
+    """Cosine of the tilt from the columns of a quaternion of any norm, from body to world."""
+    return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", {"w": w, "x": x, "y": y, "z": z})
+
+
+def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
+    """Cosine of the tilt from the columns of roll and pitch, whose unit is so many radians."""
+    return _formula(f"cos({radians!r} * roll) * cos({radians!r} * pitch)", {"roll": roll, "pitch": pitch})
+
+
+def _formula(text: str, columns: Mapping[str, str]) -> Expression:
+    """Return an expression in which other columns, of any name, stand for those of the text."""
+    parsed = parse_expression(text, "formula")
+    shown = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
+    steps = tuple(columns.get(step, step) if isinstance(step, str) else step for step in parsed.steps)
+    return Expression(shown, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
 
 
 def _refused(where: str, received: str) -> ChannelMapError:
@@ -127,12 +156,13 @@ def _tokens(text: str, where: str) -> list[tuple[str, str]]:
 
 
 class _Parser:
-    """Recursive descent over the tokens; each method consumes one phrase and returns it as SQL."""
+    """Recursive descent over the tokens; each method consumes one phrase and adds its steps."""
 
     def __init__(self, tokens: list[tuple[str, str]], text: str, where: str) -> None:
         self.tokens = tokens
         self.text = text
         self.where = where
+        self.steps: list[Step] = []
         self.columns: dict[str, None] = {}
 
     def _next_is(self, *marks: str) -> bool:
@@ -144,68 +174,70 @@ class _Parser:
             raise _refused(self.where, f"{self.text!r}, with {got} where {mark!r} belongs")
         self.tokens.pop(0)
 
-    def sum(self, depth: int) -> str:
+    def sum(self, depth: int) -> None:
         """Products, added or subtracted."""
         if depth > MAX_NESTING:
             raise _refused(self.where, f"{self.text!r}, nested deeper than {MAX_NESTING}")
-        parts = [self._product(depth)]
+        self._product(depth)
         while self._next_is("+", "-"):
-            parts += [self.tokens.pop(0)[1], self._product(depth)]
-        return " ".join(parts)
+            operator = _OPERATORS[self.tokens.pop(0)[1]]
+            self._product(depth)
+            self.steps.append(operator)
 
-    def _product(self, depth: int) -> str:
-        parts = [self._factor(depth)]
+    def _product(self, depth: int) -> None:
+        self._factor(depth)
         while self._next_is("*", "/"):
-            parts += [self.tokens.pop(0)[1], self._factor(depth)]
-        return " ".join(parts)
+            operator = _OPERATORS[self.tokens.pop(0)[1]]
+            self._factor(depth)
+            self.steps.append(operator)
 
-    def _factor(self, depth: int) -> str:
-        sign = ""
+    def _factor(self, depth: int) -> None:
+        negative = False
         while self._next_is("+", "-"):
-            sign = "-" if (self.tokens.pop(0)[1] == "-") != (sign == "-") else ""
-        return f"(0.0 - {self._atom(depth)})" if sign else self._atom(depth)
+            negative ^= self.tokens.pop(0)[1] == "-"
+        self._atom(depth)
+        if negative:
+            self.steps.append(np.negative)
 
-    def _atom(self, depth: int) -> str:
+    def _atom(self, depth: int) -> None:
         if self._next_is("("):
             self.tokens.pop(0)
-            inner = self.sum(depth + 1)
+            self.sum(depth + 1)
             self._expect(")")
-            return f"({inner})"
+            return
         if not self.tokens or self.tokens[0][0] == "mark":
             got = repr(self.tokens[0][1]) if self.tokens else "its end"
             raise _refused(self.where, f"{self.text!r}, with {got} where a column or a number belongs")
         kind, word = self.tokens.pop(0)
         if kind == "number":
-            return self._number(word)
-        if kind == "name" and self._next_is("("):
-            return self._call(word, depth)
-        self.columns[word] = None
-        return quoted(word)
+            self.steps.append(self._number(word))
+        elif kind == "name" and self._next_is("("):
+            self._call(word, depth)
+        else:
+            self.columns[word] = None
+            self.steps.append(word)
 
-    def _number(self, word: str) -> str:
+    def _number(self, word: str) -> float:
         value = float(word)
         if not np.isfinite(value):
             raise _refused(self.where, f"{self.text!r}, where {word} is too large for a number")
-        digits, _, power = repr(value).partition("e")
-        decimal = digits if "." in digits else f"{digits}.0"
-        if not power:
-            return decimal
-        # not every version of the engine reads an exponent
-        return f"({decimal} {'/' if power.startswith('-') else '*'} POW(10.0, {abs(int(power))}.0))"
+        return value
 
-    def _call(self, word: str, depth: int) -> str:
+    def _call(self, word: str, depth: int) -> None:
         name = word.lower()
         if name not in FUNCTIONS:
             raise _refused(self.where, f"{self.text!r}, with the function {word!r}")
         self.tokens.pop(0)
-        arguments = [self.sum(depth + 1)]
+        self.sum(depth + 1)
+        count = 1
         while self._next_is(","):
             self.tokens.pop(0)
-            arguments.append(self.sum(depth + 1))
+            self.sum(depth + 1)
+            count += 1
         self._expect(")")
-        if len(arguments) != FUNCTIONS[name]:
+        function = FUNCTIONS[name]
+        if count != function.nin:
             raise _refused(
-                self.where,
-                f"{self.text!r}, where {name} has {len(arguments)} arguments, not {FUNCTIONS[name]}",
+                self.where, f"{self.text!r}, where {name} has {count} arguments, not {function.nin}"
             )
-        return f"{name.upper()}({', '.join(arguments)})"
+        self.steps.append(function)

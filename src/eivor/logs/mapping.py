@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.errors import ChannelMapError, EmptyLogError
-from eivor.logs.canonical import canonical_key, held_by_default
 from eivor.logs.channel_map import ChannelMap, ChannelRule, ValidRange, load_channel_map, shipped_maps
-from eivor.logs.expressions import Expression, quoted
+from eivor.logs.columns import Columns
+from eivor.logs.expressions import Expression
 from eivor.logs.extrapolation import without_extrapolation
 from eivor.logs.findings import channel_findings
-from eivor.logs.table_source import Columns
 from eivor.logs.units import TIME_UNITS
-from eivor.signals.recording import CANONICAL_UNITS, Channel, Finding, Frame, Recording, clean_channel
+from eivor.signals.canonical import canonical_channel, canonical_channels, held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
 
 #: First stamps beyond this are a calendar's, not a log's [s].
 EPOCH_S = 1e7
@@ -27,9 +27,9 @@ _SHOWN = 12
 def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
     """Map of a table with canonical column names; None when it has no `time`, or no canonical column."""
     rules = tuple(
-        ChannelRule(name, Expression(name, quoted(name), (name,)), held=held_by_default(name))
+        ChannelRule(name, Expression.of_column(name), held=held_by_default(name))
         for name in names
-        if canonical_key(name)
+        if canonical_channel(name) is not None
     )
     if "time" not in names or not rules:
         return None
@@ -57,7 +57,8 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
         f"shipped map ({', '.join(shipped_maps())})",
         f"'{table}' with the columns {_listed(names)}",
         "Write a channel map (TOML) that says which column is which channel, and give it with "
-        "`channel_map` (--map).",
+        "`channel_map` (--map). Columns that a motion adds are known once it is named (--model, "
+        "ev.motion_by_name).",
     )
 
 
@@ -171,7 +172,11 @@ def mapped_recording(
     found = [*findings, *_text_findings(columns)]
     time_s, stamped, more = _clock(chosen, columns, name)
     found += more
-    measured = {key: raw[stamped] for key, raw in columns.values.items() if key != chosen.time_column}
+    measured = {
+        key: raw if stamped.all() else raw[stamped]
+        for key, raw in columns.values.items()
+        if key != chosen.time_column
+    }
     kept, made_up = without_extrapolation(time_s, measured)
     found += [made_up] if made_up is not None else []
     ranged = {
@@ -196,7 +201,7 @@ def mapped_recording(
         frame=chosen.frame,
         sha256=sha256,
         input_map=chosen.input_map,
-        looked_for={key: (f"column {key}",) for key in CANONICAL_UNITS}
+        looked_for={key: (f"column {key}",) for key in canonical_channels()}
         | {rule.name: (rule.expression.text,) for rule in chosen.rules},
         findings=(*found, *channel_findings(channels)),
     )
@@ -257,7 +262,7 @@ def _within(
 ) -> _Ranged:
     """Values within the bounds, the others NaN; overflow is counted among the missing ones too."""
     if bounds is None:
-        return _Ranged(np.where(missing, np.nan, values))
+        return _Ranged(np.where(missing, np.nan, values) if missing.any() else values)
     outside = (values < bounds.low) | (values > bounds.high)
     saturated = np.zeros(values.size, dtype=bool)
     if bounds.saturates in ("lower", "both"):
@@ -269,17 +274,12 @@ def _within(
 
 def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping[str, _Ranged]) -> Channel:
     used = [ranged[column] for column in rule.expression.columns]
-    if rule.expression.sql == quoted(rule.expression.columns[0]):
-        values = used[0].values
-    else:
-        values = rule.expression.evaluate(
-            {column: ranged[column].values for column in rule.expression.columns}
-        )
+    values = rule.expression.evaluate({column: ranged[column].values for column in rule.expression.columns})
     return clean_channel(
         rule.name,
         time_s,
         values * rule.factor,
-        CANONICAL_UNITS[canonical_key(rule.name)],
+        unit_of(rule.name),
         source=rule.expression.text,
         held=rule.held,
         overflowed=sum(column.overflowed for column in used),

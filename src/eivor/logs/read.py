@@ -7,8 +7,11 @@ import os
 import stat
 from pathlib import Path
 
+from eivor import checks
 from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UsageError
-from eivor.logs.sniff import HEAD_BYTES, sniff_format
+from eivor.logs.formats import format_of
+from eivor.logs.log_format import HEAD_BYTES, ReadOptions
+from eivor.logs.streams import is_stream, kept
 from eivor.signals.recording import Recording
 
 #: Largest file that is read unless the caller says otherwise: 1 GiB.
@@ -26,7 +29,7 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, CSV or Parquet file.
+        A ULog, CSV or Parquet file; "-" reads standard input, by way of a temporary file.
     channel_map : str or path, optional
         For tables: a channel map (TOML), or the name of a shipped one ("nanobench", "rotorpy"). Not
         needed for canonical column names, nor where a shipped map fits by itself.
@@ -53,14 +56,25 @@ def read_log(
     InputError
         When there is no such file, or it cannot be opened.
     UsageError
-        When a channel map is given for a log that is not a table.
+        When `path` is no path, or a channel map is given for a log that is not a table.
 
     Notes
     -----
     Time and memory are proportional to the file's size; corrupt content cannot change that.
     """
+    checks.path("path", path)
+    if channel_map is not None:
+        checks.path("channel_map", channel_map)
+    checks.whole("max_bytes", max_bytes)
     file = Path(path)
     _check_name(file)
+    if is_stream(file):
+        with kept(file, max_bytes) as copy:
+            return _read(copy, channel_map, max_bytes)
+    return _read(file, channel_map, max_bytes)
+
+
+def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int) -> Recording:
     size = _regular_size(file)
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
@@ -77,20 +91,14 @@ def read_log(
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise _unreadable(file, error) from error
-    log_format = sniff_format(head, file.name)
-    if log_format == "ulog":
-        if channel_map is not None:
-            raise UsageError(
-                "a channel map only with a table (CSV or Parquet)",
-                f"a channel map with the ULog '{file.name}'",
-                "Leave the map out: the topics of a ULog are known.",
-            )
-        from eivor.logs.ulog import read_ulog
-
-        return read_ulog(file, sha256=sha256)
-    from eivor.logs.table import read_table
-
-    return read_table(file, log_format, channel_map=channel_map, sha256=sha256)
+    chosen = format_of(head, file)
+    if channel_map is not None and chosen.is_read and not chosen.takes_map:
+        raise UsageError(
+            "a channel map only with a table (CSV or Parquet)",
+            f"a channel map with the {chosen.label} '{file.name}'",
+            f"Leave the map out: what a {chosen.label} holds is known.",
+        )
+    return chosen.read(file, ReadOptions(channel_map, sha256))
 
 
 def _check_name(file: Path) -> None:

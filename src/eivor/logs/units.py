@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from eivor.signals.canonical import CanonicalChannel
+
 #: Unit as written in a map: its SI unit, and how many of that one of it is.
 UNITS: Mapping[str, tuple[str, float]] = {
     "": ("", 1.0),
@@ -37,10 +39,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
 #: Seconds in one unit of a clock.
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
-#: Channels without a unit of their own may be logged in one, which is then part of the parameters' meaning.
-FREE_UNIT_STEMS = ("input", "rotor_command_", "rotor_speed_", "actuator_output_", "pilot_throttle")
 
-
-def unit_fits(channel: str, channel_unit: str, si_unit: str) -> bool:
-    """Say whether a quantity of `si_unit` can be the channel, whose own unit is `channel_unit`."""
-    return si_unit == channel_unit or (channel_unit == "" and channel.startswith(FREE_UNIT_STEMS))
+def unit_fits(channel: CanonicalChannel, si_unit: str) -> bool:
+    """Say whether a quantity of `si_unit` can be the channel."""
+    return si_unit == channel.unit or channel.free_unit

@@ -10,8 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import TooFewSamplesError, UsageError
 from eivor.signals.signals import Signals
+
+#: Lags of one channel: each is a column of every row, and more of them no record can tell apart.
+MOST_LAGS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +36,7 @@ class Column:
     Raises
     ------
     UsageError
-        When the lag is negative.
+        When the lag is no whole number or negative, the gain not finite, or a name no text.
     """
 
     channel: str
@@ -41,6 +45,12 @@ class Column:
     gain_channel: str = ""
 
     def __post_init__(self) -> None:
+        checks.text("channel", self.channel)
+        checks.text("gain_channel", self.gain_channel)
+        checks.whole("lag", self.lag)
+        checks.number("gain", self.gain)
+        if not np.isfinite(self.gain):
+            raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
         if self.lag < 0:
             raise UsageError(
                 "a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors."
@@ -82,14 +92,32 @@ class Column:
         return gain * values[first - self.lag : first - self.lag + count]
 
 
+def check_columns(name: str, columns: object) -> None:
+    """Refuse what is no tuple of columns.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.items(name, columns, Column, "columns", 'Give ev.lags("input", 1, 10), for example.')
+
+
 def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     """Columns of `channel` at the lags from `first` to `last`, both included.
 
     Raises
     ------
     UsageError
-        When `last` lies before `first`, or a lag is negative.
+        When `last` lies before `first`, a lag is negative or no whole number, or there are more than
+        `MOST_LAGS`.
     """
+    checks.whole("first", first)
+    checks.whole("last", last)
     if last < first:
         raise UsageError("first <= last", f"first={first}, last={last}", "Both ends are included.")
+    if last - first >= MOST_LAGS:
+        raise UsageError(
+            f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", "Each is a column of its own."
+        )
     return tuple(Column(channel, lag) for lag in range(first, last + 1))

@@ -5,7 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eivor.models.column import Column
-from eivor.models.parameter import Parameter
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One unknown.
+
+    Parameters
+    ----------
+    name : str
+        Term of the field, as used in results ("viscous_friction").
+    unit : str
+        SI unit, empty for a pure number.
+    """
+
+    name: str
+    unit: str = ""
 
 
 @dataclass(frozen=True, slots=True)

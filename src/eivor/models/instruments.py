@@ -27,6 +27,23 @@ DEFAULT_LAGS = (1, 0.2)
 LONE_LAGS = (4, 0.4)
 
 
+@dataclass(frozen=True, slots=True)
+class DrivenSignals:
+    """What instruments are made of.
+
+    Parameters
+    ----------
+    signals : Signals
+        One flight.
+    command : ndarray, shape (n,)
+        What drives it, neither lagged nor delayed: for a multirotor the mean of the mapped commands times
+        the cosine of tilt.
+    """
+
+    signals: Signals
+    command: Float[np.ndarray, " n"]
+
+
 class InstrumentRule(ABC):
     """Which columns serve as instruments."""
 
@@ -36,16 +53,8 @@ class InstrumentRule(ABC):
         """How reports call the choice."""
 
     @abstractmethod
-    def columns(self, signals: Signals, mapped_command: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n p"]:
-        """Columns on the whole grid of one flight.
-
-        Parameters
-        ----------
-        signals : Signals
-            The flight.
-        mapped_command : ndarray, shape (n,)
-            Mean of the mapped commands times the cosine of tilt, neither lagged nor delayed.
-        """
+    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
+        """Columns on the whole grid of one flight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,21 +77,17 @@ class LaggedReferences(InstrumentRule):
         """Names of the references."""
         return ", ".join(self.channels)
 
-    def columns(
-        self,
-        signals: Signals,
-        mapped_command: Float[np.ndarray, " n"],  # noqa: ARG002 - the interface's
-    ) -> Float[np.ndarray, "n p"]:
+    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """References and their lags, see `InstrumentRule.columns`."""
         found = []
         for name in self.channels:
-            column = signals.channel(name)
+            column = driven.signals.channel(name)
             found.append(column)
             count, lag_s = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
             for _ in range(count):
-                column = first_order_lag(column, step_s=signals.step_s, lag_s=lag_s)
+                column = first_order_lag(column, step_s=driven.signals.step_s, lag_s=lag_s)
                 found.append(column)
-        return np.column_stack(found) if found else np.empty((signals.sample_count, 0))
+        return np.column_stack(found) if found else np.empty((driven.signals.sample_count, 0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +110,10 @@ class LaggedInputs(InstrumentRule):
         """Lags in words."""
         return f"input lagged by {self.first} to {self.last} samples"
 
-    def columns(
-        self,
-        signals: Signals,  # noqa: ARG002 - the interface's
-        mapped_command: Float[np.ndarray, " n"],
-    ) -> Float[np.ndarray, "n p"]:
+    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """Lagged commands, see `InstrumentRule.columns`; before the record they are at rest."""
-        start = mapped_command[0]
-        moved = (mapped_command - start)[:, None]
+        start = driven.command[0]
+        moved = (driven.command - start)[:, None]
         lagged = [delayed_by(moved, lag) for lag in range(self.first, self.last + 1)]
         return np.concatenate(lagged, axis=1) + start
 
@@ -126,10 +127,6 @@ class NoInstruments(InstrumentRule):
         """None."""
         return "none"
 
-    def columns(
-        self,
-        signals: Signals,
-        mapped_command: Float[np.ndarray, " n"],  # noqa: ARG002 - the interface's
-    ) -> Float[np.ndarray, "n p"]:
+    def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """No columns."""
-        return np.empty((signals.sample_count, 0))
+        return np.empty((driven.signals.sample_count, 0))

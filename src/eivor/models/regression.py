@@ -9,63 +9,34 @@ out of signals when they are asked for, so that no matrix of lags need ever be b
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from eivor import checks
 from eivor.errors import (
     CovarianceError,
     MissingNoiseError,
     NonFiniteError,
     ShapeError,
     TooFewSamplesError,
+    UsageError,
 )
-from eivor.models.parameter import Parameter
+from eivor.models.equation import Parameter
+from eivor.models.rows import RowLayout, SampleRows
 
 #: Rows in a block: its columns fit in a second-level cache.
 BLOCK_ROWS = 16_384
+#: Largest variance that products can be formed with.
+LARGEST_VARIANCE = 1e150
 
 
-class RowLayout(ABC):
-    """What the rows of a regression are."""
-
-    @property
-    @abstractmethod
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Number of the flight that each row belongs to."""
-
-    @abstractmethod
-    def scores(
-        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-    ) -> Float[np.ndarray, "samples n"]:
-        """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
-
-
-@dataclass(frozen=True, slots=True)
-class SampleRows(RowLayout):
-    """Rows are time samples, in their order.
-
-    Parameters
-    ----------
-    flights : ndarray of int, shape (rows,)
-        Flight of each row.
-    """
-
-    flights: Int[np.ndarray, " rows"]
-
-    @property
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Flight of each row."""
-        return self.flights
-
-    def scores(
-        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
-    ) -> Float[np.ndarray, "samples n"]:
-        """Row-wise products."""
-        return test * residual[:, None]
+#: Stands for a layout that was not given: all rows are samples of one flight, however many there are.
+ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,24 +124,39 @@ class Regression(LinearProblem):
     Raises
     ------
     ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError
-        When lengths differ, a number is not finite, there are fewer rows than unknowns, or a covariance
-        is not one.
+        When lengths differ, that of the layout among them, a number is not finite, there are fewer rows than
+        unknowns, or a covariance is not one.
+    UsageError
+        When two parameters have one name, or an argument is of another type.
     """
 
     response: Float[np.ndarray, " rows"]
     regressors: Float[np.ndarray, "rows n"]
     instruments: Float[np.ndarray, "rows p"]
     parameters: tuple[Parameter, ...]
-    layout: RowLayout = field(default_factory=lambda: SampleRows(np.zeros(0, dtype=np.int64)))
+    layout: RowLayout = ONE_FLIGHT
     regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
     instrument_noise: Float[np.ndarray, "p n_plus_1"] | None = None
 
     def __post_init__(self) -> None:
-        _check_rows(self.response, self.regressors, self.instruments, len(self.parameters))
+        for name in ("response", "regressors", "instruments", "regressor_noise", "instrument_noise"):
+            given = getattr(self, name)
+            if given is not None or not name.endswith("noise"):
+                object.__setattr__(self, name, checks.real_array(name, given))
+        checks.items("parameters", self.parameters, Parameter, "Parameter")
+        checks.kind("layout", self.layout, RowLayout, "a layout of rows", "SampleRows(flights) is one.")
+        _check_rows(self.response, self.regressors, self.instruments, self.names)
         _check_noise(self.regressors, self.instruments, self.regressor_noise, self.instrument_noise)
         rows = self.response.size
-        if isinstance(self.layout, SampleRows) and self.layout.flights.size != rows:
+        if self.layout is ONE_FLIGHT:
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
+        laid_out = self.layout.flight_of_row.shape
+        if laid_out != (rows,):
+            raise ShapeError(
+                f"a layout of {rows} rows, as many as the response has",
+                f"one of shape {laid_out}",
+                "Give the flight of every row, or no layout for the samples of one flight.",
+            )
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -235,7 +221,13 @@ class Regression(LinearProblem):
         return self.instrument_noise is not None and bool(np.any(self.instrument_noise))
 
 
-def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: int) -> None:
+def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[str, ...]) -> None:
+    if y.ndim != 1 or Phi.ndim != 2 or Psi.ndim != 2:
+        raise ShapeError(
+            "a response of shape (rows,), and regressors and instruments with two dimensions",
+            f"shapes {y.shape}, {Phi.shape} and {Psi.shape}",
+            "Stack columns with numpy.column_stack.",
+        )
     rows, unknowns = Phi.shape
     if y.shape != (rows,) or Psi.shape[0] != rows:
         raise ShapeError(
@@ -243,8 +235,15 @@ def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: int) -> 
             f"{y.shape}, {Phi.shape} and {Psi.shape}",
             "Cut them from the same samples.",
         )
-    if names != unknowns:
-        raise ShapeError(f"one name for each of {unknowns} regressors", f"{names}", "Name every column.")
+    if len(names) != unknowns:
+        raise ShapeError(f"one name for each of {unknowns} regressors", f"{len(names)}", "Name every column.")
+    twice = sorted(one for one, count in Counter(names).items() if count > 1)
+    if twice:
+        raise UsageError(
+            "a name of its own for every parameter",
+            f"{', '.join(repr(one) for one in twice)} more than once",
+            "An estimate is asked for by the name of its parameter.",
+        )
     if rows < unknowns:
         raise TooFewSamplesError(
             f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
@@ -300,9 +299,16 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
     Raises
     ------
     NonFiniteError, CovarianceError
-        When it is not finite, not symmetric, or has a negative eigenvalue.
+        When it is not finite, larger than products can be formed with, not symmetric, or has a negative
+        eigenvalue.
     """
     check_finite("covariance", matrix)
+    if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
+        raise CovarianceError(
+            f"variances up to {LARGEST_VARIANCE:g}",
+            f"{np.abs(matrix).max():g}",
+            "Give columns and noises in other units; products of these no double can hold.",
+        )
     scale = np.sqrt(np.abs(np.diag(matrix)))
     unit = matrix / np.outer(np.where(scale > 0.0, scale, 1.0), np.where(scale > 0.0, scale, 1.0))
     if not np.allclose(unit, unit.T, rtol=0.0, atol=1e-10):
@@ -347,34 +353,39 @@ def regression(
     Returns
     -------
     Regression
-        In double precision; the arrays given are not modified.
+        In double precision; the arrays given are not modified, and what a mask hides counts as NaN.
 
     Raises
     ------
-    ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError
+    DataError
+        When there are complex numbers, texts or dates among the numbers.
+    ShapeError, NonFiniteError, TooFewSamplesError, CovarianceError, UsageError
         See `Regression`.
     """
     Phi = _matrix("regressors", regressors)
-    y = np.asarray(response, dtype=np.float64)
+    y = checks.real_array("response", response)
     if y.ndim != 1:
         raise ShapeError(
             "a response of shape (rows,)", f"shape {y.shape}", "Use .ravel() or choose a column."
         )
     Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
-    labels = tuple(names) if names is not None else tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
+    labels = tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
+    if names is not None:
+        checks.texts("names", names, "Give one name for each regressor.")
+        labels = tuple(names)
     own = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
     shared = None
     if instrument_noise_covariance is not None:
         shared = _matrix("instrument_noise_covariance", instrument_noise_covariance)
     # Checked here as well as by `Regression`, whose annotated shapes presuppose it.
-    _check_rows(y, Phi, Psi, len(labels))
+    _check_rows(y, Phi, Psi, labels)
     _check_noise(Phi, Psi, own, shared)
     parameters = tuple(Parameter(label) for label in labels)
     return Regression(y, Phi, Psi, parameters, regressor_noise=own, instrument_noise=shared)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
-    matrix = np.asarray(values, dtype=np.float64)
+    matrix = checks.real_array(name, values)
     if matrix.ndim != 2:
         raise ShapeError(
             f"{name} with two dimensions", f"shape {matrix.shape}", "Stack columns with numpy.column_stack."

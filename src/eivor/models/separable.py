@@ -1,42 +1,167 @@
 """Problems that are linear but for a few nuisance parameters that move columns.
 
-For every value of the actuator's lag and delay there is one regression; the linear parameters are solved
-inside and the nuisance is searched outside (variable projection, Golub and Pereyra 1973).
+For every value of the nuisances (an actuator's lag and delay, say) there is one regression; the linear
+parameters are solved inside and the nuisances are searched outside (variable projection, Golub and
+Pereyra 1973).
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.models.parameter import Parameter
+from eivor.errors import ParameterError
+from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
 from eivor.models.spectral import SpectralRegression
 
-#: The nuisance parameters' names, as in every result.
-ACTUATOR_LAG = Parameter("actuator_lag", "s")
-DELAY = Parameter("delay", "s")
+#: The value of every nuisance, by name.
+Values = Mapping[str, float]
+
+#: Half-step of numerical derivatives, as a share of the value or of the grid's span.
+DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of a nuisance before the data are seen: a measurement of it, with a normal error.
+
+    Parameters
+    ----------
+    mean, std : float
+        Value and standard error, in the nuisance's unit.
+
+    Raises
+    ------
+    ParameterError
+        When the standard error is not positive, or a number is not finite.
+    """
+
+    mean: float
+    std: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0.0):
+            raise ParameterError(
+                "a finite mean and a positive standard error", f"{self.mean} and {self.std}", "Give both."
+            )
+
+    def misfit(self, value: float) -> float:
+        """Squared distance of a value from the mean, in standard errors."""
+        return ((value - self.mean) / self.std) ** 2
+
+
+@dataclass(frozen=True, eq=False)
+class Nuisance:
+    """A parameter that moves columns, and where it is looked for.
+
+    Parameters
+    ----------
+    parameter : Parameter
+        Name and unit.
+    grid : ndarray, shape (values,)
+        Values to search, increasing; a single one when it is known.
+    discrete : bool
+        True when nothing between the grid's values is possible, or worth telling apart: each has a
+        candidate estimate. Otherwise the grid's minimum is refined and the parameter is part of the joint
+        covariance.
+    prior : Prior, optional
+        What is known of it beforehand.
+    tolerance : float
+        Accuracy of the refinement, in the parameter's unit.
+
+    Raises
+    ------
+    ParameterError
+        When the grid is empty, not increasing, or not finite, or the tolerance is not positive.
+    """
+
+    parameter: Parameter
+    grid: Float[np.ndarray, " values"]
+    discrete: bool = False
+    prior: Prior | None = None
+    tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        if not (self.grid.size and np.isfinite(self.grid).all() and (np.diff(self.grid) > 0.0).all()):
+            raise ParameterError(
+                f"one or more finite values of {self.name}, increasing", f"{self.grid}", "Sort them."
+            )
+        if not self.tolerance > 0.0:
+            raise ParameterError(
+                f"a positive tolerance of {self.name}", f"{self.tolerance}", "Give a small number."
+            )
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter."""
+        return self.parameter.name
+
+    @property
+    def searched(self) -> bool:
+        """Whether there is more than one value to choose from."""
+        return self.grid.size > 1
+
+    @property
+    def refined(self) -> bool:
+        """Whether it is searched for between the grid's values too, and part of the joint vector."""
+        return self.searched and not self.discrete
+
+    @property
+    def first(self) -> float:
+        """Least value of the grid: the value of a nuisance that is known."""
+        return float(self.grid[0])
+
+    def misfit(self, value: float) -> float:
+        """Squared distance of a value from what is known beforehand, in standard errors; zero for nothing."""
+        return 0.0 if self.prior is None else self.prior.misfit(value)
+
+    @property
+    def positive(self) -> bool:
+        """Whether every value is above zero, so that ratios of values say more than differences."""
+        return self.first > 0.0
+
+    def known_at(self, value: float) -> Nuisance:
+        """Return the same nuisance with one value, which is not searched for."""
+        return replace(self, grid=np.array([value]), prior=None)
+
+    def around(self, value: float) -> tuple[float, float]:
+        """Values below and above one, for a numerical derivative.
+
+        A thousandth of the value away; or, for a grid that is not positive, a thousandth of its span, and
+        not beyond its ends, where the parameter may have no meaning.
+        """
+        if self.positive:
+            return (1.0 - DIFFERENCE) * value, (1.0 + DIFFERENCE) * value
+        low, high = float(self.grid[0]), float(self.grid[-1])
+        step = DIFFERENCE * (high - low)
+        return max(value - step, low), min(value + step, high)
 
 
 class SeparableProblem(ABC):
-    """A regression for each lag and delay of the actuator."""
+    """A regression for each value of the nuisances.
 
-    @property
-    @abstractmethod
-    def lag_grid_s(self) -> Float[np.ndarray, " lags"]:
-        """Lags to search [s], increasing; a single one when the lag is known."""
+    Attributes
+    ----------
+    nuisances : tuple of Nuisance
+        What moves columns, in the order of results.
+    """
 
-    @property
-    @abstractmethod
-    def delays_s(self) -> tuple[float, ...]:
-        """Delays to try [s]."""
+    nuisances: tuple[Nuisance, ...]
 
     @abstractmethod
-    def samples(self, lag_s: float, delay_s: float) -> Regression:
+    def rows(self, at: Values) -> Regression:
         """Rows in time."""
 
     @abstractmethod
-    def bins(self, lag_s: float, delay_s: float) -> SpectralRegression:
+    def bins(self, at: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
+
+    @property
+    def first_values(self) -> dict[str, float]:
+        """Every nuisance at the least value of its grid."""
+        return {nuisance.name: nuisance.first for nuisance in self.nuisances}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,13 +10,25 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
+from eivor import checks
 from eivor.errors import MissingNoiseError
-from eivor.models.column import Column
-from eivor.models.equation import Equation
-from eivor.models.parameter import Parameter
+from eivor.models.column import Column, check_columns
+from eivor.models.equation import Equation, Parameter
 from eivor.models.regression import BLOCK_ROWS, LinearProblem, Regression, RowBlock
 from eivor.models.shared_noise import shared_noise
 from eivor.signals.signals import Signals
+
+
+class SignalModel(ABC):
+    """An equation of motion in channels: what rows it cuts from signals, whole or in chunks."""
+
+    @abstractmethod
+    def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> SignalRegression:
+        """Rows of `signals`, cut when they are asked for."""
+
+    @abstractmethod
+    def regression_lag(self, instruments: tuple[Column, ...] = ()) -> int:
+        """Samples that a row reaches back."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,9 @@ class SignalRegression(LinearProblem):
     parameters: tuple[Parameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
+        checks.kind("signals", self.signals, Signals, "Signals")
+        checks.kind("equation", self.equation, Equation, "an Equation", "VerticalMotion().equation() is one.")
+        check_columns("instrument_columns", self.instrument_columns)
         object.__setattr__(self, "parameters", tuple(parameter for parameter, _ in self.equation.terms))
 
     @property

@@ -2,8 +2,8 @@
 
 Of each run the mean is removed (one intercept per run) and 5 % at each end is tapered; the real FFT is
 divided by sqrt(n) and the bins with max(low, 1.5/T) <= f <= high are kept. Two candidate responses may
-be given, the measured acceleration and the derivative of the measured velocity; a weighting blends them
-bin by bin.
+be given, the measured acceleration and the derivative of the measured velocity, say; a weighting blends
+them bin by bin. A run is of one flight and one axis, and is whitened by itself.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from eivor.models.parameter import Parameter
-from eivor.models.regression import Regression, RowLayout
+from eivor.models.equation import Parameter
+from eivor.models.regression import Regression
+from eivor.models.rows import RowLayout
 
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05
@@ -27,7 +28,7 @@ SMOOTHING_BINS = 10
 
 @dataclass(frozen=True)
 class SpectralRun:
-    """One run's place among the bins.
+    """One run of one axis, and its place among the bins.
 
     Parameters
     ----------
@@ -39,12 +40,18 @@ class SpectralRun:
         Time between samples [s].
     band_hz : tuple of float
         Lowest and highest frequency that may be kept [Hz].
+    axis : int
+        Number of the axis of motion that it is a run of.
+    start : int
+        Sample of its flight at which it begins: runs of several axes with one start are of one time.
     """
 
     flight: int
     length: int
     step_s: float
     band_hz: tuple[float, float]
+    axis: int = 0
+    start: int = 0
 
     @cached_property
     def bins(self) -> slice:
@@ -55,7 +62,7 @@ class SpectralRun:
         last = int(np.floor(self.band_hz[1] / resolution + 1e-9))
         return slice(first, min(last + 1, (self.length + 1) // 2))
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of bins kept."""
         return max(self.bins.stop - self.bins.start, 0)
@@ -119,6 +126,11 @@ class BinRows(RowLayout):
         """Flight of each row."""
         return np.concatenate([np.full(2 * run.count, run.flight, dtype=np.int64) for run in self.runs])
 
+    @cached_property
+    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Axis of each row."""
+        return np.concatenate([np.full(2 * run.count, run.axis, dtype=np.int64) for run in self.runs])
+
     def stacked(self, columns: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "rows columns"]:
         """Real rows of complex columns."""
         parts: list[np.ndarray] = []
@@ -148,9 +160,20 @@ class BinRows(RowLayout):
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
-        """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
+        """Half the products of the time series: by Parseval they add up to ``test.T @ residual``.
+
+        Those of several axes at one time are added.
+        """
         series = self.series(np.column_stack([test, residual]))
-        return 0.5 * series[:, :-1] * series[:, -1:]
+        scores = 0.5 * series[:, :-1] * series[:, -1:]
+        if len({run.axis for run in self.runs}) < 2:
+            return scores
+        ends = np.cumsum([run.length for run in self.runs])[:-1]
+        together: dict[tuple[int, int, int], np.ndarray] = {}
+        for run, block in zip(self.runs, np.split(scores, ends), strict=True):
+            time = (run.flight, run.start, run.length)
+            together[time] = together[time] + block if time in together else block
+        return np.concatenate(list(together.values()))
 
 
 @dataclass(frozen=True)
@@ -160,7 +183,8 @@ class SpectralRegression:
     Parameters
     ----------
     responses : ndarray of complex, shape (bins, r)
-        One or two candidate responses: acceleration, derivative of velocity.
+        One or two candidate responses of each run's axis, such as the acceleration that was measured and
+        the derivative of the velocity; an axis with one, where others have two, has it twice.
     regressors : ndarray of complex, shape (bins, n)
         Phi.
     instruments : ndarray of complex, shape (bins, p)

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import isfinite
 
-from eivor.flights.result import FlightEstimate, Quantity
-from eivor.flights.rule import STRONG_FIRST_STAGE
-
-#: Level at which a check speaks, and the change by one segment, in standard errors, that is worth a look.
-SIGNIFICANT = 0.01
-LARGE_LEVERAGE = 1.5
-COLUMNS = {"viscous_friction": "K", "input_gain": "K_u", "actuator_lag": "τ"}
-
-#: Bias of least squares, in standard errors, that is worth a word.
-NOTABLE_BIAS = 0.5
+from eivor.flights.diagnostics import FitDiagnostics
+from eivor.flights.quantity import Wording
+from eivor.flights.result import FlightEstimate
+from eivor.inference.diagnostics.leverage import LARGE_LEVERAGE
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 
 #: A check's title and its sentence.
 Check = tuple[str, str]
@@ -22,66 +17,85 @@ Check = tuple[str, str]
 
 def checks(result: FlightEstimate) -> tuple[Check, ...]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
-    if result.estimate is None:
+    if result.fit is None:
         return ()
-    numbers = result.diagnostics
-    makers = (_strength, _agreement, _constancy, _memory, _leverage)
-    found = [check for maker in makers for check in maker(numbers)]
-    return (*found, *_least_squares(numbers, result.quantities["viscous_friction"]))
+    makers = (_strength, _agreement, _constancy, _memory, _leverage, _least_squares)
+    return tuple(check for maker in makers for check in maker(result, result.fit.checks))
 
 
-def _strength(numbers: Mapping[str, float]) -> Iterator[Check]:
-    found = {symbol: numbers.get(f"first_stage_F_{name}", float("nan")) for name, symbol in COLUMNS.items()}
-    known = [f"{F:.0f} for {symbol}" for symbol, F in found.items() if isfinite(F)]
+def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    known = [
+        f"{F:.0f} for {result.motion.wording[name].symbol}"
+        for name, F in found.first_stage.items()
+        if isfinite(F)
+    ]
     if known:
         yield "instruments", f"first-stage F {', '.join(known)} ({STRONG_FIRST_STAGE:.0f} is needed)"
 
 
-def _agreement(numbers: Mapping[str, float]) -> Iterator[Check]:
-    if numbers["instrument_rank"] > 0.0 and isfinite(numbers["over_identification_p_value"]):
-        p_value = numbers["over_identification_p_value"]
-        yield "agreement", f"the instruments {_told(p_value, 'disagree', 'agree')}"
+def _agreement(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    del result
+    if found.agreement is not None and found.rank and isfinite(found.agreement.p_value):
+        yield "agreement", f"the instruments {found.agreement.outcome} {_tail(found.agreement.p_value)}"
 
 
-def _least_squares(numbers: Mapping[str, float], friction: Quantity) -> Iterator[Check]:
-    value = numbers["least_squares_viscous_friction"]
-    if not isfinite(value):
+def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    constant = found.constancy
+    if constant is None:
         return
-    off = (value - friction.value) / friction.std_error
-    significant = numbers["least_squares_p_value"] < SIGNIFICANT and abs(off) > NOTABLE_BIAS
-    remark = f", {off:+.1f} standard errors off" if significant else ""
-    yield "least squares", f"would give K {value:.3g} 1/s{remark}"
-
-
-def _constancy(numbers: Mapping[str, float]) -> Iterator[Check]:
-    p_value = numbers["constancy_p_value"]
-    if not isfinite(p_value):
-        return
-    sentence = f"the parameters {_told(p_value, 'change', 'stay the same')}"
-    if p_value < SIGNIFICANT:
-        change = numbers["constancy_change_viscous_friction"]
-        sentence += (
-            f", most likely {numbers['constancy_break']:.0%} into the time used: K by {change:+.2g} 1/s"
-        )
+    sentence = f"the parameters {constant.outcome} {_tail(constant.p_value)}"
+    if constant.speaks:
+        changes = [
+            f"{wording.symbol} by {constant.change[result.names.index(name)] * wording.scale:+.2g} "
+            f"{wording.shown_unit}".rstrip()
+            for name, wording in _closely(result)
+        ]
+        sentence += f", most likely {constant.break_at:.0%} into the time used: {', '.join(changes)}"
     yield "constancy", sentence
 
 
-def _memory(numbers: Mapping[str, float]) -> Iterator[Check]:
-    memory, error = numbers["residual_memory"], numbers["residual_memory_std_error"]
-    if isfinite(memory):
-        drifting = " (it drifts)" if memory - 2.0 * error > 0.5 else ""
-        yield "residual", f"memory {memory:.2f} ± {2.0 * error:.2f}{drifting}"
+def _memory(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    del result
+    if found.memory is not None:
+        drifting = " (it drifts)" if found.memory.drifts else ""
+        yield "residual", f"memory {found.memory.memory:.2f} ± {2.0 * found.memory.order_error:.2f}{drifting}"
 
 
-def _leverage(numbers: Mapping[str, float]) -> Iterator[Check]:
-    by = numbers["leverage_viscous_friction"]
-    if isfinite(by):
-        look = ": look at it" if abs(by) > LARGE_LEVERAGE else ""
-        which = f"part {numbers['leverage_segment']:.0f} of {numbers['leverage_segments']:.0f}"
-        yield "leverage", f"without {which}, K moves by {by:+.1f} standard errors{look}"
+def _leverage(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    leverage = found.leverage
+    if leverage is None:
+        return
+    for name, wording in _closely(result)[:1]:
+        place = result.names.index(name)
+        by = float(leverage.largest[place])
+        if isfinite(by):
+            look = ": look at it" if abs(by) > LARGE_LEVERAGE else ""
+            which = f"part {leverage.most[place] + 1} of {leverage.shift.shape[0]}"
+            yield "leverage", f"without {which}, {wording.symbol} moves by {by:+.1f} standard errors{look}"
 
 
-def _told(p_value: float, rejected: str, kept: str) -> str:
-    """Word for the outcome of a test, with its p-value."""
-    word = rejected if p_value < SIGNIFICANT else kept
-    return f"{word} (p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
+def _least_squares(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    against, said = found.endogeneity, []
+    if against is None:
+        return
+    for name, wording in _closely(result):
+        quantity = result.quantities[name]
+        value = quantity.value - float(against.difference[result.names.index(name)])
+        if not isfinite(value):
+            continue
+        off = (value - quantity.value) / quantity.std_error
+        remark = f", {off:+.1f} standard errors off" if against.notable(off) else ""
+        shown = f"{wording.symbol} {value * wording.scale:.3g} {wording.shown_unit}".rstrip()
+        said.append(f"{shown}{remark}")
+    if said:
+        yield "least squares", f"would give {'; '.join(said)}"
+
+
+def _closely(result: FlightEstimate) -> list[tuple[str, Wording]]:
+    """Parameters of the headline, which are looked at more closely."""
+    return [(name, result.motion.wording[name]) for name in result.motion.headline if name in result.names]
+
+
+def _tail(p_value: float) -> str:
+    """P-value in brackets."""
+    return f"(p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"

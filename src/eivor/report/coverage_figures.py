@@ -9,10 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eivor.errors import UsageError
+from eivor.motions import wording_of
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, page
-from eivor.report.wording import QUANTITIES, printable
-from eivor.studies.metrics import Coverage, scores
+from eivor.report.printable import printable
+from eivor.studies.metrics import scores
 from eivor.studies.run import StudyResult
+from eivor.studies.share import Share
 
 COLOURS = (BLUE, RED, DARK, "#a06a00", "#1b7f3b", "#7b3f9e", GREY)
 MARKERS = ("o", "s", "D", "^", "v", "P", "X")
@@ -141,19 +143,20 @@ def study_coverage_figure(
 
 
 def _group(result: StudyResult, name: str, *, alone: bool) -> str:
-    words = QUANTITIES[name].symbol if name in QUANTITIES else name
+    wording = wording_of(name)
+    words = wording.symbol if wording is not None else name
     return words if alone else f"{result.study.name}: {words}"
 
 
 def _lowest(rows: Sequence[CoverageRow]) -> float:
-    return 100.0 * min(Coverage(row.hits, row.count).bounds[0] for row in rows)
+    return 100.0 * min(Share(row.hits, row.count).interval[0] for row in rows)
 
 
 def _dots(axes: Axes, rows: Sequence[CoverageRow], places: Sequence[float], number: int) -> None:
-    shares = [Coverage(row.hits, row.count) for row in rows]
-    middle = [100 * share.share for share in shares]
-    below = [100 * max(share.share - share.bounds[0], 0.0) for share in shares]
-    above = [100 * max(share.bounds[1] - share.share, 0.0) for share in shares]
+    shares = [Share(row.hits, row.count) for row in rows]
+    middle = [100 * share.value for share in shares]
+    below = [100 * max(share.value - share.interval[0], 0.0) for share in shares]
+    above = [100 * max(share.interval[1] - share.value, 0.0) for share in shares]
     axes.errorbar(
         middle,
         places,

@@ -1,7 +1,7 @@
 """The figure of a flight's result: what was measured, what the model says, and what the verdict rests on.
 
-Four panels: measured against predicted acceleration with the residual below; the residual's
-autocorrelation; the objective against the lag; what excites the vehicle, by frequency. Matplotlib's
+Five panels: measured against predicted acceleration; the residual below it; its autocorrelation; the
+objective against the lag; what excites the vehicle, by frequency. Matplotlib's
 object interface only: nothing here touches the global state of pyplot. Text is never parsed for
 mathematics, so that a log's name cannot be taken for a formula.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from typing import Literal
 
@@ -21,15 +22,20 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.flights.motion import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.inference.verdict import Status
 from eivor.models.spectral import BinRows, SpectralRun
-from eivor.models.vertical_flights import VerticalFlights
 from eivor.report.figure_without_estimate import draw_flight
-from eivor.report.wording import NO_NUMBER, QUANTITIES, numbers, printable
+from eivor.report.printable import printable
+from eivor.report.wording import NO_NUMBER, numbers
+from eivor.whole_file import whole_file
 
 SIZE_INCHES = (11.0, 8.5)
+#: What each further axis adds to the height.
+AXIS_INCHES = 4.0
 DPI = 110
 MEASURED, PREDICTED, RESIDUAL, SHADE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 TITLE_COLOURS = {
@@ -48,6 +54,8 @@ PROFILE_HEIGHT = 5.0
 #: Length of the segments that spectra are averaged over [s].
 SEGMENT_S = 10.0
 LONGEST_NAME = 48
+#: Line styles of several axes in one panel.
+STYLES = ("-", "--", ":")
 
 
 @dataclass(frozen=True)
@@ -88,21 +96,24 @@ def flight_figure(result: FlightEstimate) -> Figure:
     figure = Figure(figsize=SIZE_INCHES, dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     _title(figure, result)
-    if result.problem is None or result.estimate is None:
+    if result.fit is None:
         draw_flight(figure, result)
         return figure
-    grid = GridSpec(3, 3, figure=figure, height_ratios=(2.0, 0.9, 2.2))
-    top = figure.add_subplot(grid[0, :])
-    _draw_fit(top, figure.add_subplot(grid[1, :], sharex=top), result, result.problem)
-    best = result.estimate.best
-    _draw_autocorrelation(figure.add_subplot(grid[2, 0]), best, _runs(result))
-    _draw_lag_profile(figure.add_subplot(grid[2, 1]), result)
-    _draw_excitation(figure.add_subplot(grid[2, 2]), result, result.problem)
+    traces = result.motion.traces(result.fit.problem, result.fit.estimate)
+    runs, axes_of = _runs(result), len(traces)
+    figure.set_size_inches(SIZE_INCHES[0], SIZE_INCHES[1] + AXIS_INCHES * (axes_of - 1))
+    grid = GridSpec(2 * axes_of + 1, 3, figure=figure, height_ratios=(*(2.0, 0.9) * axes_of, 2.2))
+    for place, trace in enumerate(traces):
+        top = figure.add_subplot(grid[2 * place, :])
+        _draw_fit(top, figure.add_subplot(grid[2 * place + 1, :], sharex=top), trace, runs)
+    _draw_autocorrelation(figure.add_subplot(grid[-1, 0]), result.fit.estimate.best, runs)
+    _draw_lag_profile(figure.add_subplot(grid[-1, 1]), result, result.fit.estimate)
+    _draw_excitation(figure.add_subplot(grid[-1, 2]), traces, runs)
     return figure
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF, told by the ending; the same result gives the same bytes.
+    """Write a figure as PNG, SVG or PDF, told by the ending; whole, and the same result gives the same bytes.
 
     Raises
     ------
@@ -114,7 +125,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     with warnings.catch_warnings():
         # a log's name may hold letters that the font does not have; they become boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(path, format=kind, metadata=metadata)
+        with whole_file(path) as file:
+            figure.savefig(file, format=kind, metadata=metadata)
 
 
 def _title(figure: Figure, result: FlightEstimate) -> None:
@@ -123,12 +135,12 @@ def _title(figure: Figure, result: FlightEstimate) -> None:
     if len(names) > 1:
         shown = f"{len(names)} flights: {shown}, …"
     parts = []
-    for name in ("viscous_friction", "input_gain", "effective_lag", "hover_input"):
-        wording = QUANTITIES[name]
+    for name in result.motion.rows:
+        wording = result.motion.wording[name]
         value, interval = numbers(result.quantities[name], wording)
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
-            parts.append(f"{wording.words} {value}{bounds} {wording.unit}".rstrip())
+            parts.append(f"{wording.words} {value}{bounds} {wording.shown_unit}".rstrip())
     lines = [f"{shown} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
     figure.suptitle(
         "\n".join(line for line in lines if line),
@@ -143,17 +155,16 @@ def _short(name: str) -> str:
 
 
 def _runs(result: FlightEstimate) -> list[_Run]:
-    """Every run, in the order of the rows of `VerticalFlights.samples`."""
+    """Every run, in the order of the samples of a trace."""
     found: list[_Run] = []
     first = 0
-    flying = [flight for flight in result.prepared if flight.flight.runs]
-    for number, prepared in enumerate(flying):
-        flight = prepared.flight
+    flying = [flight for flight in result.prepared if flight.runs]
+    for number, flight in enumerate(flying):
         for run in flight.runs:
             length = run.stop - run.start
             time = flight.signals.start_s + flight.signals.step_s * np.arange(run.start, run.stop)
             spectral = SpectralRun(number, length, flight.signals.step_s, flight.band_hz)
-            name = printable(prepared.recording.name)
+            name = printable(flight.recording.name)
             found.append(_Run(name, time, slice(first, first + length), spectral))
             first += length
     return found
@@ -162,18 +173,17 @@ def _runs(result: FlightEstimate) -> list[_Run]:
 # -- measured against predicted ----------------------------------------------------------------------
 
 
-def _draw_fit(axes: Axes, below: Axes, result: FlightEstimate, problem: VerticalFlights) -> None:
-    measured, predicted = _response(result, problem)
-    run = max(_runs(result), key=lambda candidate: candidate.time_s.size)
-    inside = _most_moved(measured[run.rows], run)
-    columns = np.column_stack([measured, predicted])[run.rows]
+def _draw_fit(axes: Axes, below: Axes, trace: Trace, runs: list[_Run]) -> None:
+    run = max(runs, key=lambda candidate: candidate.time_s.size)
+    inside = _most_moved(trace.measured[run.rows], run)
+    columns = np.column_stack([trace.measured, trace.predicted])[run.rows]
     band = run.spectral.series(run.spectral.spectrum(columns))[inside]
     time = run.time_s[inside]
     low, high = _band(run.spectral)
     axes.plot(time, band[:, 0], color=MEASURED, lw=0.9, label="measured")
-    axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label="predicted: K_u U − K z'")
-    axes.set_ylabel("vertical acceleration\n[m/s²]")
-    count = len(_runs(result))
+    axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label=f"predicted: {trace.model}")
+    axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
+    count = len(runs)
     what = "the whole run" if count == 1 else f"the longest of {count} runs"
     if time.size < run.time_s.size:
         what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
@@ -185,22 +195,12 @@ def _draw_fit(axes: Axes, below: Axes, result: FlightEstimate, problem: Vertical
     _legend(axes)
     below.plot(time, band[:, 0] - band[:, 1], color=RESIDUAL, lw=0.9)
     below.axhline(0.0, color="black", lw=0.5)
-    below.set_ylabel("residual\n[m/s²]")
+    below.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
     below.set_xlabel("time from the log's start [s]")
     axes.tick_params(labelbottom=False)
     for each in (axes, below):
         each.margins(x=0.005)
         each.grid(alpha=0.25)
-
-
-def _response(
-    result: FlightEstimate, problem: VerticalFlights
-) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
-    """Response and what the model makes of it, over the rows of every run."""
-    assert result.estimate is not None  # noqa: S101 - the caller has checked it
-    best = result.estimate.best
-    rows = problem.samples(best.profile.lag_s, best.delay_s)
-    return rows.response, rows.regressors @ best.theta
 
 
 def _most_moved(values: Float[np.ndarray, " length"], run: _Run) -> slice:
@@ -278,15 +278,13 @@ def _autocorrelation(
 # -- lag profile -------------------------------------------------------------------------------------
 
 
-def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
-    assert result.estimate is not None  # noqa: S101 - the caller has checked it
-    estimate = result.estimate
+def _draw_lag_profile(axes: Axes, result: FlightEstimate, estimate: Estimate) -> None:
     axes.set_title("How well each lag fits", fontsize=9)
-    if estimate.best.profile.lags_s.size < 2:
+    if not estimate.best.profiles:
         axes.text(
             0.5,
             0.5,
-            "The rotor speeds were measured:\nthere is no lag to find.",
+            result.motion.words.no_lag,
             ha="center",
             va="center",
             transform=axes.transAxes,
@@ -297,13 +295,13 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
     tallest = PROFILE_HEIGHT * quantile
     lowest = min(candidate.criterion for candidate in estimate.candidates)
     for candidate in estimate.tenable():
-        profile = candidate.profile
-        least = profile.solution.objective
+        profile = candidate.profiles[0]
+        least = candidate.solution.objective
         # J of a method with instruments; for a direct one the logarithm's slope at its minimum
         height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
         scale = height / least if least > 0.0 and height > 0.0 else 1.0
         # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
-        lags = np.append(profile.lags_s, profile.lag_s)
+        lags = np.append(profile.grid, candidate.at[profile.nuisance.name])
         excess = scale * (np.append(profile.objective, least) - least) + candidate.criterion - lowest
         order = np.argsort(lags)
         tallest = max(tallest, float(excess.max()))
@@ -313,47 +311,54 @@ def _draw_lag_profile(axes: Axes, result: FlightEstimate) -> None:
             "-o",
             ms=2,
             lw=1.1,
-            label=f"delay {candidate.delay_s * 1e3:.0f} ms",
+            label=_choice(candidate, result),
         )
-    low, high = (1e3 * end for end in result.quantities["actuator_lag"].interval)
+    name = estimate.best.profiles[0].nuisance.name
+    lag, wording = result.quantities[name], result.motion.wording[name]
+    low, high = (1e3 * end for end in lag.interval)
     axes.axvspan(max(low, 1e-3), high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
-    axes.axvline(1e3 * result.quantities["actuator_lag"].value, color=SHADE, lw=0.7)
+    axes.axvline(1e3 * lag.value, color=SHADE, lw=0.7)
     axes.axhline(quantile, color="black", lw=0.7, ls="--")
     axes.set_xscale("log")
-    grid = estimate.best.profile.lags_s
+    grid = estimate.best.profiles[0].grid
     axes.set_xlim(0.9e3 * float(grid[0]), 1.1e3 * float(grid[-1]))
     axes.set_xticks([2, 5, 10, 20, 50, 100, 200], labels=["2", "5", "10", "20", "50", "100", "200"])
     axes.minorticks_off()
     axes.set_yscale("symlog", linthresh=quantile)
     axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
-    axes.set_xlabel("actuator lag τ [ms]")
+    axes.set_xlabel(f"{wording.words} {wording.symbol} [ms]", parse_math=False)
     axes.set_ylabel("objective above its least (χ² units)")
     axes.grid(alpha=0.25)
     _legend(axes, "upper left", columns=2)
 
 
+def _choice(candidate: Candidate, result: FlightEstimate) -> str:
+    """Values of the discrete nuisances, in the motion's words: "delay 10 ms"."""
+    refined = {profile.nuisance.name for profile in candidate.profiles}
+    told = [
+        (result.motion.wording[name], value) for name, value in candidate.at.items() if name not in refined
+    ]
+    return ", ".join(f"{one.words} {value * one.scale:.0f} {one.shown_unit}".rstrip() for one, value in told)
+
+
 # -- excitation --------------------------------------------------------------------------------------
 
 
-def _draw_excitation(axes: Axes, result: FlightEstimate, problem: VerticalFlights) -> None:
-    """Amplitude of what the input does to the acceleration, and of what the model leaves."""
-    assert result.estimate is not None  # noqa: S101 - the caller has checked it
-    best = result.estimate.best
-    rows = problem.samples(best.profile.lag_s, best.delay_s)
-    driven = rows.regressors[:, 1] * best.theta[1]
-    residual = rows.response - rows.regressors @ best.theta
-    runs = _runs(result)
-    for values, colour, label in (
-        (driven, PREDICTED, "input: K_u U"),
-        (residual, RESIDUAL, "residual"),
-    ):
-        frequency, amplitude = _spectrum(values, runs)
-        axes.loglog(frequency, amplitude, color=colour, lw=1.2, label=label)
+def _draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[_Run]) -> None:
+    """Amplitude of what the input does to each axis, and of what the model leaves."""
+    for trace, style in zip(traces, cycle(STYLES), strict=False):
+        of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
+        for values, colour, label in (
+            (trace.driven, PREDICTED, f"input: {trace.drive}{of_axis}"),
+            (trace.measured - trace.predicted, RESIDUAL, f"residual{of_axis}"),
+        ):
+            frequency, amplitude = _spectrum(values, runs)
+            axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
     low, high = runs[0].spectral.band_hz
     axes.axvspan(low, high, color=SHADE, alpha=0.12, lw=0, label="band used")
     axes.set_title("Excitation", fontsize=9)
     axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel("amplitude [m/s² per √Hz]")
+    axes.set_ylabel(f"amplitude [{traces[0].unit} per √Hz]", parse_math=False)
     axes.grid(alpha=0.25, which="both")
     _legend(axes, "lower left")
 

@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from eivor.errors import EivorError
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
-from eivor.flights.recipe import identify_flight
 from eivor.flights.result import FlightEstimate
+from eivor.motions.identify import identify_flight
 from eivor.report.card import logging_advice_for, missing_channels
 from eivor.signals.recording import Channel, Recording
-
-#: Logged parameters worth showing: the hover input, the thrust curve, the vehicle, its limits of climb.
-SHOWN_PARAMETERS = (
-    "MPC_THR_HOVER",
-    "MOT_THST_HOVER",
-    "THR_MDL_FAC",
-    "MPC_THR_MIN",
-    "MPC_THR_MAX",
-    "MPC_Z_VEL_MAX_UP",
-    "MPC_Z_VEL_MAX_DN",
-    "SYS_AUTOSTART",
-    "CA_ROTOR_COUNT",
-    "SDLOG_PROFILE",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +43,8 @@ class Inspection:
 
     Parameters
     ----------
+    motion : Motion
+        What it was tried for.
     recording : Recording
         The log.
     channels : tuple of ChannelSummary
@@ -68,6 +59,7 @@ class Inspection:
         How to log them.
     """
 
+    motion: Motion[Any]
     recording: Recording
     channels: tuple[ChannelSummary, ...]
     result: FlightEstimate | None
@@ -78,23 +70,92 @@ class Inspection:
     @property
     def verdict(self) -> str:
         """The verdict that `identify` gives, "unusable" when it cannot begin."""
-        return "unusable" if self.result is None else self.result.verdict.status.value
+        return _verdict(self.result)
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Reasons of that verdict."""
-        if self.result is not None:
-            return self.result.verdict.sentences
-        return (str(self.obstacle),) if self.obstacle is not None else ()
+        return _reasons(self.result, self.obstacle)
 
     @property
     def parameters(self) -> dict[str, float]:
         """Logged parameters worth showing."""
         logged = self.recording.parameters
-        return {name: logged[name] for name in SHOWN_PARAMETERS if name in logged}
+        return {name: logged[name] for name in self.motion.logged_parameters if name in logged}
 
 
-def inspection(recording: Recording, options: FlightOptions) -> Inspection:
+@dataclass(frozen=True)
+class PooledInspection:
+    """Several logs, each by itself, and what can be made of them together.
+
+    Parameters
+    ----------
+    logs : tuple of Inspection
+        In the order given.
+    result : FlightEstimate or None
+        What `identify` says of all of them; None when it cannot even begin.
+    obstacle : EivorError or None
+        Why it cannot.
+    """
+
+    logs: tuple[Inspection, ...]
+    result: FlightEstimate | None
+    obstacle: EivorError | None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict that `identify` gives, "unusable" when it cannot begin."""
+        return _verdict(self.result)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons of that verdict."""
+        return _reasons(self.result, self.obstacle)
+
+
+def _verdict(result: FlightEstimate | None) -> str:
+    return "unusable" if result is None else result.verdict.status.value
+
+
+def _reasons(result: FlightEstimate | None, obstacle: EivorError | None) -> tuple[str, ...]:
+    if result is not None:
+        return result.verdict.sentences
+    return (str(obstacle),) if obstacle is not None else ()
+
+
+def pooled_inspection(
+    recordings: Sequence[Recording],
+    options: FlightOptions,
+    windows: Sequence[tuple[float, float] | None],
+    motion: Motion[Any],
+) -> PooledInspection:
+    """Inspect logs, each by itself and all together; never raises for what they lack.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        From `read_log`.
+    options : FlightOptions
+        What to run `identify_flight` with.
+    windows : sequence of (start, end) or None
+        A window [s] for each recording, in place of the options' for those that have one.
+    motion : Motion
+        What to run it for.
+    """
+    logs = tuple(
+        inspection(recording, options if window is None else replace(options, window=window), motion)
+        for recording, window in zip(recordings, windows, strict=True)
+    )
+    if len(logs) == 1:
+        return PooledInspection(logs, logs[0].result, logs[0].obstacle)
+    try:
+        result = identify_flight(recordings, options, windows=windows, model=motion)
+    except EivorError as error:
+        return PooledInspection(logs, None, error)
+    return PooledInspection(logs, result, None)
+
+
+def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:
     """Inspect a log; never raises for what the log lacks.
 
     Parameters
@@ -103,15 +164,18 @@ def inspection(recording: Recording, options: FlightOptions) -> Inspection:
         From `read_log`.
     options : FlightOptions
         What to run `identify_flight` with.
+    motion : Motion
+        What to run it for.
     """
     result, obstacle = None, None
     try:
-        result = identify_flight(recording, options)
+        result = identify_flight(recording, options, model=motion)
     except EivorError as error:
         obstacle = error
-    missing = missing_channels(recording)
+    missing = missing_channels(recording, motion)
     advice = [sentence for name in missing for sentence in logging_advice_for(recording, name)]
     return Inspection(
+        motion,
         recording,
         tuple(_summary(recording.channels[name]) for name in sorted(recording.channels)),
         result,

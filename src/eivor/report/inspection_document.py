@@ -1,75 +1,162 @@
-"""The JSON document of an inspection, schema ``eivor.inspect/1``; its keys are described in docs/json.md."""
+"""The document of an inspection: what a log holds, and what `identify` says of it."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
+import math
+from collections.abc import Iterator
 
-from eivor.flights.prepare import PreparedFlight
-from eivor.report.inspection import ChannelSummary, Inspection, stretches
-from eivor.report.json_document import Json, findings_list, number
+from eivor.flights.motion import Words
+from eivor.flights.prepared import PreparedFlight
+from eivor.inference.verdict import Status
+from eivor.report.document import Bullets, Cell, Column, Document, Section, Statement, TableOf, Tone
+from eivor.report.flight_document import card_section, section
+from eivor.report.inspection import ChannelSummary, Inspection, PooledInspection, stretches
+from eivor.report.wording import NO_NUMBER
+from eivor.signals.recording import Recording
 
-SCHEMA = "eivor.inspect/1"
+#: So many gaps or stretches are listed one by one.
+LISTED = 6
 
 
-def inspection_document(found: Inspection) -> dict[str, Json]:
-    """Document of an inspection, ready for `json_text`."""
+def inspection_document(found: Inspection) -> Document:
+    """Document of one log, with the flight card unless it is identified."""
+    card = () if found.result is None else card_section(found.result)
+    return _document(found, (*_sections(found), *card))
+
+
+def pooled_documents(found: PooledInspection) -> tuple[Document, ...]:
+    """A document of each log, and one of all together, which has the flight card."""
+    verdict = _verdict(found, of=f" of the {len(found.logs)} logs together")
+    card = () if found.result is None else card_section(found.result)
+    together = Document("", None, "", (verdict, *card))
+    return (*(_document(log, tuple(_sections(log))) for log in found.logs), together)
+
+
+def _document(found: Inspection, sections: tuple[Section, ...]) -> Document:
+    return Document(found.recording.name, None, _about(found.recording), sections)
+
+
+def _about(log: Recording) -> str:
+    first, last = log.span_s
+    about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}"
+    return about + (f", sha256 {log.sha256[:12]}…" if log.sha256 else "")
+
+
+def _sections(found: Inspection) -> Iterator[Section]:
+    yield Section("Channels", (_channel_table(found),))
+    if found.result is not None:
+        words, flight = found.motion.words, found.result.prepared[0]
+        yield from section(_sentence(words.where), Bullets, _airborne(flight, words))
+        yield from section("References", Bullets, _references(flight, words))
+    yield from _absent(found)
+    parameters = (f"{name} = {value:g}" for name, value in found.parameters.items())
+    yield from section("Parameters of the vehicle", Bullets, parameters)
+    findings = found.recording.findings if found.result is None else found.result.findings
+    yield from section("Noticed in the log", Bullets, (finding.message for finding in findings))
+    yield _verdict(found)
+
+
+def _channel_table(found: Inspection) -> TableOf:
+    columns = (
+        Column("channel, and its source", strong=True, below=Tone.FAINT),
+        Column("rate [Hz]", right=True, whole=True),
+        Column("range, and remarks", below=Tone.WARNING),
+    )
+    return TableOf(columns, tuple(_channel(summary) for summary in found.channels))
+
+
+def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
+    channel = summary.channel
+    return (
+        Cell(channel.name, channel.source),
+        Cell(f"{channel.rate_hz:.1f}"),
+        Cell(_range(summary), "; ".join(_remarks(summary))),
+    )
+
+
+def _range(summary: ChannelSummary) -> str:
+    if not math.isfinite(summary.lowest):
+        return NO_NUMBER
+    unit = f" {summary.channel.unit}" if summary.channel.unit else ""
+    return f"{summary.lowest:.4g} to {summary.highest:.4g}{unit}"
+
+
+def _remarks(summary: ChannelSummary) -> Iterator[str]:
+    quality = summary.channel.quality
+    count = len(summary.gaps)
+    if count:
+        longest = max(end - start for start, end in summary.gaps)
+        yield f"{count} {'gap' if count == 1 else 'gaps'} up to {longest:.2g} s"
+    for number, what in (
+        (quality.duplicated_stamps, "repeated stamps"),
+        (quality.backward_stamps, "backward stamps"),
+        (quality.missing_values, "without a value"),
+        (quality.overflowed, "overflowed"),
+        (quality.saturated, "saturated"),
+    ):
+        if number:
+            yield f"{number} {what}"
+
+
+def _airborne(flight: PreparedFlight, words: Words) -> Iterator[str]:
+    signals = flight.signals
+    flown = stretches(flight.active.mask, signals.start_s, signals.step_s)
+    yield f"Known by {flight.active.rule}."
+    yield f"{_sentence(words.where)}: {_listed(flown)}." if flown else f"Never {words.where}."
+    if flown:
+        runs = stretches(flight.used, signals.start_s, signals.step_s)
+        kept = f"{float(flight.used.sum()) * signals.step_s:.1f} s in {_listed(runs)}" if runs else "nothing"
+        yield f"Used, after the limits of {words.limited_by}: {kept}."
+
+
+def _sentence(words: str) -> str:
+    """The words with a capital letter."""
+    return words[:1].upper() + words[1:]
+
+
+def _listed(intervals: list[tuple[float, float]]) -> str:
+    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
+    return shown + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
+
+
+def _references(flight: PreparedFlight, words: Words) -> Iterator[str]:
+    if not flight.references:
+        yield words.no_reference
+    for reference in flight.references:
+        verdict = "usable" if reference.usable else "not usable"
+        yield f"{reference.name}: {verdict} ({reference.remark})."
+
+
+def _absent(found: Inspection) -> Iterator[Section]:
+    """Channels that the reader looked for in vain, the indispensable ones first."""
     log = found.recording
-    flight = None if found.result is None else found.result.prepared[0]
-    return {
-        "schema": SCHEMA,
-        "log": {
-            "name": log.name,
-            "format": log.format,
-            "frame": log.frame.name.lower(),
-            "sha256": log.sha256 or None,
-            "span": [number(end) for end in log.span_s],
-        },
-        "channels": [_channel(summary) for summary in found.channels],
-        "missing": list(found.missing),
-        "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
-        "advice": list(found.advice),
-        "airborne": None if flight is None else _airborne(flight),
-        "references": [] if flight is None else _references(flight),
-        "parameters": {name: number(value) for name, value in found.parameters.items()},
-        "findings": findings_list(found.result.findings if found.result is not None else log.findings),
-        "verdict": found.verdict,
-        "reasons": list(found.reasons),
-        "provenance": {"version": version("eivor")},
+    absent = {
+        name: sources
+        for name, sources in log.looked_for.items()
+        if name not in log.channels and not log.family(name.rstrip("1").rstrip("_"))
     }
-
-
-def _channel(summary: ChannelSummary) -> Json:
-    channel, quality = summary.channel, summary.channel.quality
-    return {
-        "name": channel.name,
-        "source": channel.source,
-        "unit": channel.unit,
-        "samples": int(channel.values.size),
-        "rate_hz": number(channel.rate_hz),
-        "held": channel.held,
-        "range": [number(summary.lowest), number(summary.highest)],
-        "gaps": [[number(start), number(end)] for start, end in summary.gaps],
-        "duplicated_stamps": quality.duplicated_stamps,
-        "backward_stamps": quality.backward_stamps,
-        "missing_values": quality.missing_values,
-        "overflowed": quality.overflowed,
-        "saturated": quality.saturated,
-    }
-
-
-def _airborne(flight: PreparedFlight) -> Json:
-    signals = flight.flight.signals
-    flown = stretches(flight.airborne.mask, signals.start_s, signals.step_s)
-    runs = stretches(flight.used, signals.start_s, signals.step_s)
-    return {
-        "rule": flight.airborne.rule,
-        "segments": [[number(start), number(end)] for start, end in flown],
-        "used": [[number(start), number(end)] for start, end in runs],
-    }
-
-
-def _references(flight: PreparedFlight) -> list[Json]:
-    return [
-        {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
-        for reference in flight.references
+    told = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
+    first = [f"{name} (needed): looked for {_sources(absent.get(name, ()), name)}" for name in found.missing]
+    others = [
+        f"{name}: looked for {_sources(sources, name)}"
+        for name, sources in told.items()
+        if name not in found.missing
     ]
+    plain = [name for name in absent if name not in told and name not in found.missing]
+    columns = [f"Columns {', '.join(plain)}."] if plain else []
+    yield from section("Not in the log", Bullets, (*first, *others, *columns))
+    yield from section("How to log it", Bullets, found.advice)
+
+
+def _sources(sources: tuple[str, ...], name: str) -> str:
+    return ", ".join(sources) or f"a channel or column '{name}'"
+
+
+def _verdict(found: Inspection | PooledInspection, of: str = "") -> Section:
+    heading = f"What identify says{of} (found by running it)"
+    if found.result is None:
+        said = Statement("nothing: it cannot begin", Status.REFUSED)
+    else:
+        status = found.result.verdict.status
+        said = Statement(status.value, status, f" (method {found.result.method})")
+    return Section(heading, (said, Bullets(found.reasons)))

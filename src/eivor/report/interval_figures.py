@@ -16,8 +16,9 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.resampling.replicates import Bootstrap
 from eivor.inference.sets.ellipse import Ellipse
+from eivor.motions import wording_of
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
-from eivor.report.wording import QUANTITIES, printable
+from eivor.report.printable import printable
 
 PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
 COLOURS = (BLUE, DARK, "#a06a00", "#1b7f3b", "#7b3f9e")
@@ -257,7 +258,7 @@ def pair_figure(
 
 def axis_words(name: str, unit: str) -> str:
     """Parameter in words with its symbol and unit; "[-]" when it has none."""
-    known = QUANTITIES.get(name)
+    known = wording_of(name)
     words = f"{known.words} {known.symbol}" if known else printable(name)
     return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
 

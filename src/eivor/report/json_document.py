@@ -10,20 +10,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
+from typing import Any
 
+from eivor.estimation.estimate import Estimate
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import PreparedFlight
-from eivor.flights.quantities import nothing_estimated
-from eivor.flights.result import FlightEstimate, FlightRow, Quantity
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Kind, Quantity, Wording
+from eivor.flights.recipe import not_estimated
+from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.signals.recording import Finding
 
 SCHEMA = "eivor.identify/1"
-PARAMETERS = ("viscous_friction", "input_gain", "intercept", "actuator_lag", "delay")
-DERIVED = ("effective_lag", "hover_input", "time_constant")
-#: What a row of `flights` or `comparisons` has.
-ROW_PARAMETERS = ("viscous_friction", "input_gain")
-ROW_DERIVED = ("effective_lag", "hover_input")
-EQUATION = "z'' + g = K_u U - K z' + b; U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)"
 
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
 Json = object
@@ -42,21 +40,17 @@ def json_document(result: FlightEstimate) -> dict[str, Json]:
     dict
         Ready for `json_text`.
     """
-    rates = {flight.flight.signals.rate_hz for flight in result.prepared}
-    first = result.prepared[0]
-    parameters = _quantities(result.quantities, PARAMETERS)
-    intercept = parameters["intercept"]
-    if isinstance(intercept, dict):
-        intercept["by_segment"] = [number(float(value)) for value in result.by_segment]
+    rates = {flight.signals.rate_hz for flight in result.prepared}
+    first, wording = result.prepared[0], result.motion.wording
     return {
         "schema": SCHEMA,
         "logs": [_log(flight) for flight in result.prepared],
         "model": {
-            "name": "vertical_motion",
-            "equation": EQUATION,
-            "input": first.flight.input,
+            "name": result.motion.model_name,
+            "equation": "; ".join(result.motion.equation),
+            "input": first.input.name,
             "input_map": first.input_map,
-            "input_measured": first.flight.measured,
+            "input_measured": first.input.measured,
         },
         "method": result.method,
         "instruments": result.instruments,
@@ -65,12 +59,14 @@ def json_document(result: FlightEstimate) -> dict[str, Json]:
         "rate_hz": number(rates.pop()) if len(rates) == 1 else None,
         "verdict": result.verdict.status.value,
         "reasons": list(result.verdict.sentences),
-        "parameters": parameters,
-        "derived": _quantities(result.quantities, DERIVED),
+        "parameters": _quantities(result.quantities, wording, Kind.PARAMETER),
+        "derived": _quantities(result.quantities, wording, Kind.DERIVED),
+        "covariance": None if result.fit is None else _covariance(result.fit.estimate),
+        "prediction": None if result.fit is None else _prediction(result, result.fit),
         "diagnostics": {name: number(value) for name, value in result.diagnostics.items()},
         "findings": findings_list(result.findings),
-        "flights": [_row("log", row) for row in result.flights],
-        "comparisons": [_row("method", row) for row in result.comparisons],
+        "flights": [_row("log", row, result.motion) for row in result.flights],
+        "comparisons": [_row("method", row, result.motion) for row in result.comparisons],
         "provenance": {
             "version": version("eivor"),
             "logs": [
@@ -97,13 +93,59 @@ def findings_list(findings: tuple[Finding, ...]) -> list[Json]:
     return [{"name": finding.name, "message": finding.message} for finding in findings]
 
 
+def _covariance(estimate: Estimate) -> Json:
+    """Joint vector and its covariance, for each combination of the discrete nuisances that fits."""
+    return {
+        "names": list(estimate.names),
+        "candidates": [
+            {
+                "at": {name: number(value) for name, value in candidate.at.items()},
+                "best": candidate is estimate.best,
+                "values": [number(value) for value in candidate.values],
+                "parts": [
+                    {
+                        "name": part.name,
+                        "matrix": [[number(value) for value in row] for row in part.matrix],
+                        "degrees": number(part.degrees),
+                        "share": part.share,
+                    }
+                    for part in candidate.covariance.parts
+                ],
+            }
+            for candidate in estimate.tenable()
+        ],
+    }
+
+
+def _prediction(result: FlightEstimate, fit: Fit) -> Json:
+    """What a prediction of the same motion needs beside the quantities."""
+    first = result.prepared[0]
+    intercepts = {
+        name: [number(value) for value in result.quantities[name].by_run]
+        for name, words in result.motion.wording.items()
+        if words.by_run
+    }
+    return {
+        "input": first.input.name,
+        "input_map": first.input_map,
+        "instruments": fit.instruments,
+        "at": {name: number(value) for name, value in fit.estimate.best.at.items()},
+        "by_run": intercepts,
+        "limits": {
+            "max_tilt_deg": number(result.options.max_tilt_deg),
+            "window": _pair(result.options.window),
+            "band_hz": _pair(first.band_hz),
+        },
+    }
+
+
 def _pair(interval: tuple[float, float] | None) -> Json:
     return None if interval is None else [number(interval[0]), number(interval[1])]
 
 
 def _log(flight: PreparedFlight) -> Json:
     used = flight.used.nonzero()[0]
-    grid = flight.flight.signals
+    grid = flight.signals
     window = None
     if used.size:
         window = (grid.start_s + used[0] * grid.step_s, grid.start_s + used[-1] * grid.step_s)
@@ -112,17 +154,25 @@ def _log(flight: PreparedFlight) -> Json:
         "format": flight.recording.format,
         "span": _pair(flight.recording.span_s),
         "window": _pair(window),
-        "runs": len(flight.flight.runs),
+        "runs": len(flight.runs),
         "samples": int(used.size),
         "rate_hz": number(grid.rate_hz),
     }
 
 
-def _quantities(quantities: Mapping[str, Quantity], names: tuple[str, ...]) -> dict[str, Json]:
-    return {name: _quantity(quantities[name]) for name in names}
+def _quantities(
+    quantities: Mapping[str, Quantity], wording: Mapping[str, Wording], kind: Kind
+) -> dict[str, Json]:
+    """Quantities of one kind; what belongs to a run has its value in each besides."""
+    return {
+        name: _quantity(quantities[name])
+        | ({"by_segment": [number(value) for value in quantities[name].by_run]} if words.by_run else {})
+        for name, words in wording.items()
+        if words.kind is kind
+    }
 
 
-def _quantity(quantity: Quantity) -> Json:
+def _quantity(quantity: Quantity) -> dict[str, Json]:
     return {
         "value": number(quantity.value),
         "unit": quantity.unit,
@@ -132,14 +182,15 @@ def _quantity(quantity: Quantity) -> Json:
     }
 
 
-def _row(key: str, row: FlightRow) -> Json:
-    quantities = dict(nothing_estimated("", float("nan"))) | dict(row.quantities)
+def _row(key: str, row: FlightRow, motion: Motion[Any]) -> Json:
+    quantities = not_estimated(motion, {}) | dict(row.quantities)
+    wording = {name: motion.wording[name] for name in motion.rows}
     return {
         key: row.label,
         "verdict": row.verdict.value,
         "reasons": list(row.reasons),
-        "parameters": _quantities(quantities, ROW_PARAMETERS),
-        "derived": _quantities(quantities, ROW_DERIVED),
+        "parameters": _quantities(quantities, wording, Kind.PARAMETER),
+        "derived": _quantities(quantities, wording, Kind.DERIVED),
     }
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from eivor.errors import NonFiniteError
 from eivor.report.plain_figure import BLUE, GREY, RED, legend, page
-from eivor.report.wording import printable
+from eivor.report.printable import printable
 from eivor.signals.long_memory import LongMemory, estimate_long_memory
 
 #: Periodogram bins are averaged in bands of so many for each decade of frequency.

@@ -12,11 +12,12 @@ from eivor.report.flight_figure import save_figure
 from eivor.report.signal_figures import signals_figure
 from eivor.report.study_figures import nrmse_figure
 from eivor.signals.signals import Signals
-from eivor.studies.paper import PaperResult, trial_generator
-from eivor.studies.paper_readings import EXAMPLES, PRINTED_METHODS, SCORES, Example, Reading
-from eivor.studies.paper_trials import integrated_height, record
+from eivor.studies.paper.examples import PaperResult, trial_generator
+from eivor.studies.paper.readings import EXAMPLES, PRINTED_METHODS, SCORES, Example, Reading
+from eivor.studies.paper.trials import integrated_height, record
 
 FORMATS = ("svg", "png")
+NAMES = tuple(f"figure-{number}" for number in range(2, 9))
 #: What the columns of the printed tables are called in figures.
 WORDS = {"LS": "least squares", "IV": "extended IV", "GIV": "generalized IV"}
 
@@ -43,10 +44,15 @@ def write_figures(results: Sequence[PaperResult], folder: Path) -> tuple[Path, .
     """
     written = []
     for name, figure in paper_figures(results):
-        for ending in FORMATS:
-            written.append(folder / f"{name}.{ending}")
-            save_figure(figure, written[-1])
+        for path in figure_files(folder, name):
+            save_figure(figure, path)
+            written.append(path)
     return tuple(written)
+
+
+def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
+    """Files of the figures of these names; without names, of all."""
+    return tuple(folder / f"{name}.{ending}" for name in names or NAMES for ending in FORMATS)
 
 
 def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]]:

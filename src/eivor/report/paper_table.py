@@ -12,12 +12,12 @@ from rich.table import Table
 from rich.text import Text
 
 from eivor.report.json_document import Json, number
-from eivor.report.table import heading
+from eivor.report.terminal import heading
 from eivor.studies.generated_page import markdown
 from eivor.studies.metrics import Spread
-from eivor.studies.paper import SEED, Nearness, PaperResult, nearness
-from eivor.studies.paper_errata import errata
-from eivor.studies.paper_readings import METHODS, PRINTED_METHODS, SCORES, Example
+from eivor.studies.paper.errata import errata
+from eivor.studies.paper.examples import SEED, Nearness, PaperResult, nearness
+from eivor.studies.paper.readings import METHODS, PRINTED_METHODS, SCORES, Example
 
 SCHEMA = "eivor.paper/1"
 METHOD_WORDS: Mapping[str, str] = {

@@ -12,7 +12,7 @@ from eivor.inference.quantiles import normal_quantile
 from eivor.inference.resampling.blocks import autocovariance
 from eivor.report.noise_figures import draw_noise_spectrum
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
-from eivor.report.wording import printable
+from eivor.report.printable import printable
 from eivor.signals.long_memory import LEAST_BANDWIDTH
 
 #: Lags of the autocorrelation, and the largest share of the record that they may reach.

@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from eivor.report.plain_figure import DARK, GREY, RED, drawable, labelled, legend, page
-from eivor.report.wording import printable
-from eivor.signals.recording import CANONICAL_UNITS
+from eivor.report.printable import printable
+from eivor.signals.canonical import canonical_channel
 from eivor.signals.signals import Signals
 
 WIDTH, PANEL_HEIGHT = 10.0, 2.3
@@ -75,5 +75,6 @@ def signals_figure(
 
 def axis_label(name: str) -> str:
     """Channel in words with its unit; "[-]" for a channel whose unit is its own."""
-    unit = CANONICAL_UNITS.get(name, "").replace("^2", "²") or "-"
+    channel = canonical_channel(name)
+    unit = (channel.unit if channel else "").replace("^2", "²") or "-"
     return f"{printable(WORDS.get(name, name))} [{unit}]"

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from eivor.motions import wording_of
 from eivor.report.plain_figure import BLUE, DARK, RED, drawable, labelled, legend, page
-from eivor.report.wording import QUANTITIES, printable
+from eivor.report.printable import printable
 from eivor.studies.metrics import TOGETHER, Spread, trial_nrmse
 from eivor.studies.run import StudyResult
 
@@ -86,7 +87,8 @@ def study_figure(result: StudyResult) -> Figure:
 def _words(name: str) -> str:
     if name == TOGETHER:
         return "all parameters"
-    return QUANTITIES[name].symbol if name in QUANTITIES else printable(name)
+    wording = wording_of(name)
+    return wording.symbol if wording is not None else printable(name)
 
 
 def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:

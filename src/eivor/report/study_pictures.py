@@ -10,6 +10,7 @@ from eivor.report.study_figures import study_figure
 from eivor.studies.run import StudyResult
 
 FORMATS = ("svg", "png")
+NAMES = ("nrmse", "coverage")
 
 
 def write_study_figures(result: StudyResult) -> tuple[Path, ...]:
@@ -35,7 +36,12 @@ def write_study_figures(result: StudyResult) -> tuple[Path, ...]:
         figures["coverage"] = study_coverage_figure([result], title=f"Coverage: {result.study.name}")
     written = []
     for name, figure in figures.items():
-        for ending in FORMATS:
-            written.append(result.folder / f"{name}.{ending}")
-            save_figure(figure, written[-1])
+        for path in picture_files(result.folder, name):
+            save_figure(figure, path)
+            written.append(path)
     return tuple(written)
+
+
+def picture_files(folder: Path, *names: str) -> tuple[Path, ...]:
+    """Files of the pictures of these names; without names, of all that there can be."""
+    return tuple(folder / f"{name}.{ending}" for name in names or NAMES for ending in FORMATS)

@@ -11,58 +11,14 @@ Conventions, settled here once:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
-from eivor.flights.result import FlightEstimate, Quantity
+from eivor.flights.quantity import Choice, Quantity, Wording
+from eivor.flights.result import FlightEstimate
 
 #: What to print where there is no number.
 NO_NUMBER = "–"
 #: Values outside this range are written with an exponent.
 PLAIN_RANGE = (1e-3, 1e6)
-
-
-@dataclass(frozen=True, slots=True)
-class Wording:
-    """How a quantity is called.
-
-    Parameters
-    ----------
-    words : str
-        In words.
-    symbol : str
-        As in the equation of motion.
-    unit : str
-        Shown unit; empty for the unit of the input.
-    scale : float
-        From the SI unit to the shown one.
-    """
-
-    words: str
-    symbol: str
-    unit: str
-    scale: float = 1.0
-
-
-#: Every quantity, in the order of reports.
-QUANTITIES = {
-    "viscous_friction": Wording("viscous friction", "K", "1/s"),
-    "time_constant": Wording("time constant", "1/K", "s"),
-    "input_gain": Wording("input gain", "K_u", "m/s²"),
-    "hover_input": Wording("hover input", "u_h", ""),
-    "effective_lag": Wording("effective lag", "τ + d", "ms", 1e3),
-    "actuator_lag": Wording("actuator lag", "τ", "ms", 1e3),
-    "delay": Wording("delay", "d", "ms", 1e3),
-    "intercept": Wording("intercept", "b", "m/s²"),
-}
-
-
-def printable(text: str) -> str:
-    r"""`text` with everything that a terminal or a figure would act on made visible.
-
-    Control characters (the escape character, line breaks), marks that turn the reading direction and
-    bytes that are no text become backslash escapes; letters of any script stay.
-    """
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
@@ -71,8 +27,11 @@ def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
     Returns
     -------
     value, interval : str
-        "0.186" and "[0.162, 0.210]"; `NO_NUMBER` where there is none.
+        "0.186" and "[0.162, 0.210]"; `NO_NUMBER` where there is none. What was chosen out of a few values
+        has those that fit in place of an interval: "0 or 10 (5 tried)".
     """
+    if quantity.choice is not None:
+        return f"{quantity.value * wording.scale:g}", _choice(quantity.choice, wording.scale)
     value = quantity.value * wording.scale
     low, high = (end * wording.scale for end in quantity.interval)
     bounded = math.isfinite(low) and math.isfinite(high)
@@ -82,6 +41,15 @@ def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
     if not bounded:
         return shown, NO_NUMBER
     return shown, f"[{_number(low, place, exponent)}, {_number(high, place, exponent)}]"
+
+
+def _choice(choice: Choice, scale: float) -> str:
+    """Values that fit, and out of how many; nothing to choose is no number."""
+    if len(choice.tried) < 2:
+        return NO_NUMBER
+    *others, last = [f"{value * scale:g}" for value in choice.fitting]
+    fitting = f"{', '.join(others)} or {last}" if others else last
+    return f"{fitting} ({len(choice.tried)} tried)"
 
 
 def _decimal_place(spread: float, digits: int = 2) -> int:
@@ -107,17 +75,9 @@ def _number(value: float, place: int, exponent: int) -> str:
 
 
 def equation(result: FlightEstimate) -> tuple[str, str]:
-    """Model in one line, and a line that says what U is."""
-    flight = result.prepared[0]
-    names = f"the mean of the mapped {flight.flight.input}" if _rotors(result) > 1 else flight.flight.input
-    mapped = f"{names} (map: {flight.input_map})"
-    moved = "measured, without lag" if flight.flight.measured else "behind a lag τ and a delay d"
-    return "z'' + g = K_u U − K z' + b", f"U = cos(tilt) × {mapped}, {moved}"
-
-
-def _rotors(result: FlightEstimate) -> int:
-    flight = result.prepared[0].flight
-    return int(flight.signals.family(flight.input).shape[1])
+    """Model in one line, and a line that says what its symbols are."""
+    model, _ = result.motion.equation
+    return model.replace(" - ", " − "), result.motion.symbols(result.prepared[0])
 
 
 def instruments(result: FlightEstimate) -> str:
@@ -127,12 +87,12 @@ def instruments(result: FlightEstimate) -> str:
 
 def used(result: FlightEstimate) -> str:
     """How much of the flights was used, in one line."""
-    flights = [flight for flight in result.prepared if flight.flight.runs]
+    flights = [flight for flight in result.prepared if flight.runs]
     if not flights:
         return "no usable sample"
-    runs = sum(len(flight.flight.runs) for flight in flights)
-    seconds = sum(float(flight.used.sum()) * flight.flight.signals.step_s for flight in flights)
-    rates = sorted({round(flight.flight.signals.rate_hz) for flight in flights})
+    runs = sum(len(flight.runs) for flight in flights)
+    seconds = sum(flight.used_s for flight in flights)
+    rates = sorted({round(flight.signals.rate_hz) for flight in flights})
     span = ""
     if result.window_s is not None:
         span = f" between {result.window_s[0]:.1f} and {result.window_s[1]:.1f} s"

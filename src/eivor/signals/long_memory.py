@@ -23,7 +23,8 @@ from statistics import NormalDist
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import NonFiniteError, ParameterError, TooFewSamplesError
+from eivor import checks
+from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
 from eivor.signals.noise import LARGEST_ORDER, FractionalNoise
 
 #: Fewest frequencies from which an order is estimated.
@@ -68,6 +69,7 @@ class LongMemory:
         ParameterError
             When the level is not between 0 and 1.
         """
+        checks.number("level", level)
         if not 0.0 < level < 1.0:
             raise ParameterError("a level between 0 and 1", f"level={level}", "Give 0.95 for 95 %.")
         width = NormalDist().inv_cdf(0.5 + level / 2.0) * self.order_error
@@ -92,6 +94,8 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
 
     Raises
     ------
+    DataError, ShapeError
+        When the values are no real numbers, or not those of one record.
     NonFiniteError
         When a value is not finite.
     TooFewSamplesError
@@ -103,6 +107,11 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
     -----
     One FFT and a convex search: 1e6 samples take a quarter of a second.
     """
+    values = checks.real_array("values", values)
+    if values.ndim != 1:
+        raise ShapeError("a record of shape (n,)", f"shape {values.shape}", "Give one channel at a time.")
+    if bandwidth is not None:
+        checks.whole("bandwidth", bandwidth)
     if not np.isfinite(values).all():
         raise NonFiniteError(
             "a record of finite values", "NaN or infinity in it", "Cut the record to a stretch without gaps."

@@ -13,12 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import NonFiniteError
 from eivor.signals.fractional import fractional_difference
 from eivor.signals.fractional_growth import growth_table
 
 #: Largest order, in absolute value, of a fractional measurement noise.
 LARGEST_ORDER = 0.5
+#: Largest standard deviation: its square is a number yet.
+LARGEST_STD = 1e150
 
 
 class MeasurementNoise(ABC):
@@ -58,7 +61,7 @@ class WhiteNoise(MeasurementNoise):
     Raises
     ------
     NonFiniteError
-        When `std` is negative or not finite.
+        When `std` is negative, not finite, or so large that it has no square.
     """
 
     std: float
@@ -99,7 +102,8 @@ class FractionalNoise(MeasurementNoise):
     Raises
     ------
     NonFiniteError
-        When `std` is negative or the order lies outside that range.
+        When `std` is negative, not finite, or so large that it has no square; or the order lies outside
+        that range.
     """
 
     std: float
@@ -107,6 +111,7 @@ class FractionalNoise(MeasurementNoise):
 
     def __post_init__(self) -> None:
         _check_std(self.std)
+        checks.number("order", self.order)
         if not abs(self.order) <= LARGEST_ORDER:
             raise NonFiniteError(
                 f"an order between -{LARGEST_ORDER} and {LARGEST_ORDER}",
@@ -128,7 +133,12 @@ class FractionalNoise(MeasurementNoise):
 
 
 def _check_std(std: float) -> None:
+    checks.number("std", std)
     if not (np.isfinite(std) and std >= 0.0):
         raise NonFiniteError(
             "a standard deviation of zero or more", f"std={std}", "Give it in the channel's own unit."
+        )
+    if std > LARGEST_STD:
+        raise NonFiniteError(
+            f"a standard deviation up to {LARGEST_STD:g}", f"std={std}", "Give it in the channel's own unit."
         )

@@ -4,7 +4,7 @@ Conventions, settled here once:
 
 * Time is in seconds from the log's own start (for ULog its `start_timestamp`), strictly increasing
   within a channel; topics may carry stamps before zero.
-* Values are in SI units, angles in radians, under the canonical names of `CANONICAL_UNITS`.
+* Values are in SI units, angles in radians, under the canonical names of `eivor.signals.canonical`.
 * Axes are as logged; `Recording.frame` says which way they point. Turning them to z up is the work
   of `eivor.flights`.
 * NaN means "the log has no value here": setpoints that are not in force, values outside the
@@ -22,43 +22,12 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
+from eivor.notebook import html_table
 
-#: Unit of each canonical channel; a trailing ``*`` stands for a rotor's number (1, 2, ...).
-#: An empty unit is a pure number. `actuator_output_*` are motor outputs of an autopilot that also logs
-#: a thrust setpoint; they serve as input only when asked for by name.
-CANONICAL_UNITS: Mapping[str, str] = {
-    "position_z": "m",
-    "velocity_x": "m/s",
-    "velocity_y": "m/s",
-    "velocity_z": "m/s",
-    "acceleration_z": "m/s^2",
-    "specific_force_z": "m/s^2",
-    "specific_force_body_x": "m/s^2",
-    "specific_force_body_y": "m/s^2",
-    "specific_force_body_z": "m/s^2",
-    "attitude_w": "",
-    "attitude_x": "",
-    "attitude_y": "",
-    "attitude_z": "",
-    "cos_tilt": "",
-    "angular_rate_x": "rad/s",
-    "angular_rate_y": "rad/s",
-    "angular_rate_z": "rad/s",
-    "input": "",
-    "rotor_command_*": "",
-    "rotor_speed_*": "",
-    "actuator_output_*": "",
-    "battery_voltage": "V",
-    "reference_position_z": "m",
-    "reference_velocity_z": "m/s",
-    "reference_acceleration_z": "m/s^2",
-    "feedback_reference_velocity_z": "m/s",
-    "pilot_throttle": "",
-    "pilot_in_control": "",
-    "landed": "",
-    "ground_contact": "",
-}
+#: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.
+LARGEST_VALUE = 1e100
 
 
 class Frame(Enum):
@@ -94,7 +63,7 @@ class Channel:
     Parameters
     ----------
     name : str
-        Canonical name, see `CANONICAL_UNITS`.
+        Canonical name, see `eivor.signals.canonical`.
     time_s : ndarray, shape (n,)
         Stamps [s], finite and strictly increasing.
     values : ndarray, shape (n,)
@@ -168,16 +137,17 @@ def clean_channel(
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
     A stamp counts as backward when it lies before the latest stamp seen so far; the first sample of a
-    repeated stamp is kept. Infinite values become NaN. What was dropped is counted in the channel's
-    quality; nothing is sorted, since a log's order is evidence of its own.
+    repeated stamp is kept. Infinite values, and those that nothing measures, become NaN. What was dropped is
+    counted in the channel's quality; nothing is sorted, since a log's order is evidence of its own. Stamps
+    are not copied when all of them are kept, so that channels of one clock share it.
 
     Raises
     ------
     ShapeError
         When stamps and values differ in length.
     """
-    time = np.asarray(time_s, dtype=np.float64)
-    series = np.array(values, dtype=np.float64)
+    time = checks.real_array(f"stamps of channel '{name}'", time_s)
+    series = np.array(checks.real_array(f"channel '{name}'", values))
     if time.shape != series.shape:
         raise ShapeError(
             f"one stamp for each value of channel '{name}'",
@@ -185,8 +155,9 @@ def clean_channel(
             "Give both as one-dimensional arrays of the same length.",
         )
     finite = np.isfinite(time)
-    time, series = time[finite], series[finite]
-    series[~np.isfinite(series)] = np.nan
+    if not finite.all():
+        time, series = time[finite], series[finite]
+    series[~(np.abs(series) <= LARGEST_VALUE)] = np.nan
     latest = np.maximum.accumulate(time) if time.size else time
     first = np.ones(time.size, dtype=bool)
     first[1:] = time[1:] > latest[:-1]
@@ -195,11 +166,13 @@ def clean_channel(
     quality = ChannelQuality(
         duplicated_stamps=int(duplicated.sum()),
         backward_stamps=int((~first & ~duplicated).sum()) + int((~finite).sum()),
-        missing_values=int(np.isnan(series[first]).sum()),
+        missing_values=int((np.isnan(series) & first).sum()),
         overflowed=overflowed,
         saturated=saturated,
     )
-    return Channel(name, time[first], series[first], unit, source, held, quality)
+    if not first.all():
+        time, series = time[first], series[first]
+    return Channel(name, time, series, unit, source, held, quality)
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +211,31 @@ class Recording:
     looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("name", "format", "sha256", "input_map"):
+            checks.text(name, getattr(self, name))
+        checks.mapping("channels", self.channels, Channel, "channels")
+        checks.kind("frame", self.frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")
+        checks.mapping("parameters", self.parameters, checks.NUMBERS, "numbers")
+        checks.mapping("looked_for", self.looked_for, tuple, "tuples of names")
+        checks.items("findings", self.findings, Finding, "findings")
+
+    def __repr__(self) -> str:
+        if not self.channels:
+            return f"<Recording {self.name!r} ({self.format}): no channels>"
+        start, end = self.span_s
+        return (
+            f"<Recording {self.name!r} ({self.format}): {len(self.channels)} channels, "
+            f"{start:.1f} to {end:.1f} s>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, channel.unit, f"{channel.values.size}", f"{channel.rate_hz:.4g}", channel.source)
+            for name, channel in self.channels.items()
+        ]
+        return html_table(repr(self), ("channel", "unit", "samples", "rate [Hz]", "source"), rows)
+
     @property
     def span_s(self) -> tuple[float, float]:
         """First and last stamp over all channels [s]."""
@@ -266,6 +264,7 @@ class Recording:
         MissingChannelError
             With the topics that were looked for.
         """
+        checks.text("a channel", name)
         if name in self.channels:
             return self.channels[name]
         sources = ", ".join(self.looked_for.get(name, ())) or "no source of it is known for this format"

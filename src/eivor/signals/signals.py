@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
+from eivor import checks
+from eivor.errors import DataError, MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.signals.noise import MeasurementNoise
 
 
@@ -22,7 +23,7 @@ class Signals:
         Samples per second [Hz].
     channels : mapping of str to ndarray, shape (n,)
         Canonical names to values in SI units, z up. Integer and single-precision arrays are converted
-        to double precision; nothing is modified in place.
+        to double precision, and what a mask hides counts as NaN; nothing is modified in place.
     noise : mapping of str to MeasurementNoise
         What is known of the measurement noise of a channel. A channel that is not named here has no
         *declared* noise, which is not the same as none.
@@ -38,10 +39,13 @@ class Signals:
     ------
     ShapeError
         When there is no channel, or channels or mask differ in length.
+    DataError
+        When there are complex numbers, texts or dates among the values.
     UsageError
-        When a noise is declared for a channel that is not there.
+        When a noise is declared for a channel that is not there, or an argument is of another type.
     NonFiniteError
-        When the rate is not positive and finite, or a channel is not finite at a valid sample.
+        When the rate is not positive and finite, the start not finite or the offset negative, or a channel
+        is not finite at a valid sample.
     """
 
     rate_hz: float
@@ -52,13 +56,26 @@ class Signals:
     offset: int = 0
 
     def __post_init__(self) -> None:
+        checks.number("rate_hz", self.rate_hz)
+        checks.number("start_s", self.start_s)
+        checks.whole("offset", self.offset)
+        checks.mapping("channels", self.channels, object, "values")
+        checks.mapping("noise", self.noise, MeasurementNoise, "noises")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
             raise NonFiniteError(
                 "a positive rate in Hz", f"rate_hz={self.rate_hz}", "Give the number of samples per second."
             )
-        converted = {name: np.asarray(values, dtype=np.float64) for name, values in self.channels.items()}
+        if not np.isfinite(self.start_s) or self.offset < 0:
+            raise NonFiniteError(
+                "a finite start, and an offset of zero samples or more",
+                f"start_s={self.start_s}, offset={self.offset}",
+                "Leave them out where they are not known.",
+            )
+        converted = {
+            name: checks.real_array(f"channel '{name}'", values) for name, values in self.channels.items()
+        }
         lengths = {name: values.shape for name, values in converted.items()}
-        mask = None if self.valid is None else np.asarray(self.valid, dtype=np.bool_)
+        mask = None if self.valid is None else _mask(self.valid)
         shapes = set(lengths.values()) | (set() if mask is None else {mask.shape})
         if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not lengths:
             raise ShapeError(
@@ -105,6 +122,7 @@ class Signals:
         MissingChannelError
             When there is none.
         """
+        checks.text("a channel", name)
         if name not in self.channels:
             raise MissingChannelError(
                 f"a channel called '{name}'",
@@ -136,3 +154,15 @@ class Signals:
             for first, last in zip(edges[::2], edges[1::2], strict=True)
             if (last - first) * self.step_s >= at_least_s
         ]
+
+
+def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:
+    """Mask of the samples that count; what a mask of its own hides does not."""
+    mask = np.ma.filled(valid, False) if np.ma.isMaskedArray(valid) else np.asarray(valid)
+    if mask.dtype == np.bool_:
+        return mask
+    if mask.dtype.kind not in "iu" or not np.isin(mask, (0, 1)).all():
+        raise DataError(
+            "a mask of True and False for valid", f"values of the type {mask.dtype}", "Compare first: x > 0."
+        )
+    return np.asarray(mask, dtype=np.bool_)

@@ -1,9 +1,9 @@
-"""Shards of a study on a Dask cluster. The only file that imports Dask, an optional dependency."""
+"""Tasks on a Dask cluster. The only file that imports Dask, an optional dependency."""
 
 from __future__ import annotations
 
 import uuid
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from itertools import islice
@@ -12,17 +12,14 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.studies.executors import SHARDS_PER_WORKER, Executor, ShardResult
-from eivor.studies.study import Study
-from eivor.studies.trial import trial
-from eivor.studies.trial_shards import shard_trials
+from eivor.studies.executors import TASKS_PER_WORKER, Executor, Item, Result
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
 #: How long a scheduler may take to answer [s].
 PATIENCE_S = 10
-#: Packages whose versions bear on a trial's numbers.
+#: Packages whose versions bear on a task's numbers.
 NUMERIC_PACKAGES = ("eivor", "numpy", "scipy")
 
 
@@ -49,15 +46,17 @@ class DaskCluster(Executor):
                 "the address of a Dask scheduler", f"'{self.address}'", "Give one such as tcp://HOST:8786."
             )
 
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        """As they are done, see `Executor.results`.
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """As they are done, see `Executor.map`.
 
         Raises
         ------
         UsageError
             When Dask is not installed.
         InputError
-            When the scheduler does not answer, or its workers cannot compute trials.
+            When the scheduler does not answer, or its workers cannot compute tasks.
         """
         try:
             import distributed
@@ -68,17 +67,16 @@ class DaskCluster(Executor):
                 "Install it: pip install 'eivor[dask]'.",
             ) from error
         versions = {package: version(package) for package in NUMERIC_PACKAGES}
-        waiting = iter(shards)
+        waiting = enumerate(items)
         with self._client() as client:
             # No key is used twice: what another study left on the cluster is none of this one's results.
             name = f"eivor-{uuid.uuid4().hex}"
             flying = distributed.as_completed(loop=client.loop)
-            room = SHARDS_PER_WORKER * max(1, sum(client.nthreads().values()))
+            room = TASKS_PER_WORKER * max(1, sum(client.nthreads().values()))
             while True:
-                for number in islice(waiting, room):
-                    flying.add(
-                        client.submit(_shard_on_worker, study, number, versions, key=f"{name}-{number}")
-                    )
+                for place, item in islice(waiting, room):
+                    task = (function, place, item, versions)
+                    flying.add(client.submit(_task_on_worker, *task, key=f"{name}-{place}"))
                 if flying.is_empty():
                     return
                 future = next(flying)
@@ -109,22 +107,24 @@ class DaskCluster(Executor):
         return client
 
 
-def _result(future: Future[ShardResult]) -> ShardResult:
+def _result(future: Future[tuple[int, Result]]) -> tuple[int, Result]:
     try:
         return future.result()
     except EivorError:
         raise
     except Exception as error:
         raise InputError(
-            "workers that compute trials",
+            "workers that compute their tasks",
             f"{type(error).__name__}: {error}",
             "Check that the scheduler is up and that every worker has this version of eivor. Complete trials "
             "are kept: run the same again.",
         ) from error
 
 
-def _shard_on_worker(study: Study, number: int, versions: Mapping[str, str]) -> ShardResult:
-    """Trials of a shard, computed with the versions that the caller has.
+def _task_on_worker(
+    function: Callable[[Item], Result], place: int, item: Item, versions: Mapping[str, str]
+) -> tuple[int, Result]:
+    """Result of an item, computed with the versions that the caller has.
 
     Raises
     ------
@@ -137,4 +137,4 @@ def _shard_on_worker(study: Study, number: int, versions: Mapping[str, str]) -> 
             f"workers with the versions {dict(versions)}", f"one with {own}", "Install the same everywhere."
         )
     threadpool_limits(limits=1)  # for good: another thread of this worker may be computing as well
-    return ShardResult(number, tuple(trial(study, index) for index in shard_trials(study.runs, number)))
+    return place, function(item)

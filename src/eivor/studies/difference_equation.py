@@ -18,13 +18,12 @@ from scipy.linalg.lapack import dtbtrs
 
 from eivor.errors import ParameterError
 from eivor.models.column import Column
-from eivor.models.equation import Equation
-from eivor.models.parameter import Parameter
+from eivor.models.equation import Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
-from eivor.signals.disturbance import Disturbance
-from eivor.signals.excitation import Excitation
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
+from eivor.simulation.sources.disturbance import Disturbance
+from eivor.simulation.sources.excitation import Excitation
 from eivor.studies.experiment import Experiment
 
 #: Channels of a record.

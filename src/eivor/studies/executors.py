@@ -1,7 +1,7 @@
-"""Executors: where shards of a study are computed. Whatever does it, the trials are the same.
+"""Executors: where tasks are computed. Whatever does it, the results are the same.
 
-The matrices are small, so a process that computes trials uses one thread for linear algebra: more only
-wait for each other, and another number of threads may round differently.
+A task is a function of one item. The matrices are small, so a process that computes tasks uses one thread
+for linear algebra: more only wait for each other, and another number of threads may round differently.
 """
 
 from __future__ import annotations
@@ -10,55 +10,59 @@ import os
 import signal
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.synchronize import Event
+from typing import Any, ClassVar, TypeVar
 
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import InputError, UsageError
-from eivor.studies.study import Study
-from eivor.studies.trial import TrialRecord, trial
-from eivor.studies.trial_shards import shard_trials
+from eivor.studies.interrupts import interrupts_wait
 
-#: Shards that are handed out for each worker: one at work and one that waits for it.
-SHARDS_PER_WORKER = 2
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
-
-@dataclass(frozen=True, slots=True)
-class ShardResult:
-    """A computed shard.
-
-    Parameters
-    ----------
-    number : int
-        Which.
-    trials : tuple of TrialRecord
-        In order.
-    """
-
-    number: int
-    trials: tuple[TrialRecord, ...]
+#: Tasks that are handed out for each worker: one at work and one that waits for it.
+TASKS_PER_WORKER = 2
 
 
 class Executor(ABC):
-    """Maps shards to their trials."""
+    """Maps a function over items."""
 
     @abstractmethod
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        """Trials of each shard, in any order, as they are done.
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """Result of each item with the item's place, in any order, as they are done; see `in_order`.
 
-        The number of shards in flight is bounded, so that memory does not grow with the study. Closing the
-        iterator ends the work.
+        The number of tasks in flight is bounded, so that memory does not grow with the number of items.
+        Closing the iterator ends the work.
+
+        Parameters
+        ----------
+        function : callable
+            A pure function that can be pickled, as can its items and results: one of a module, or an object
+            that holds what all tasks have in common.
+        items : iterable
+            Taken as there is room for them.
+
+        Yields
+        ------
+        int, result
+            Place of an item, counted from zero, and what the function made of it.
 
         Raises
         ------
         InputError
             When a worker is lost for good.
+        EivorError
+            What the function raises.
         """
 
 
@@ -66,12 +70,14 @@ class Executor(ABC):
 class InProcess(Executor):
     """One after another, in this process."""
 
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        """In order, see `Executor.results`."""
-        for number in shards:
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """In order, see `Executor.map`."""
+        for place, item in enumerate(items):
             with threadpool_limits(limits=1):
-                trials = tuple(trial(study, index) for index in shard_trials(study.runs, number))
-            yield ShardResult(number, trials)
+                result = function(item)
+            yield place, result
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,22 +98,24 @@ class LocalProcesses(Executor):
     workers: int
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise UsageError("one worker or more", f"{self.workers}", "Leave it out to use every core.")
+        check_workers(self.workers)
 
-    def results(self, study: Study, shards: Iterable[int]) -> Generator[ShardResult, None, None]:
-        """As they are done, see `Executor.results`."""
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """As they are done, see `Executor.map`."""
         context = get_context("spawn")
         stop = context.Event()
         pool = ProcessPoolExecutor(
-            self.workers, mp_context=context, initializer=_begin_worker, initargs=(study, stop)
+            self.workers, mp_context=context, initializer=_begin_worker, initargs=(function, stop)
         )
-        waiting = iter(shards)
-        flying: set[Future[ShardResult]] = set()
+        waiting = enumerate(items)
+        flying: set[Future[tuple[int, Result]]] = set()
         try:
             while True:
-                room = SHARDS_PER_WORKER * self.workers - len(flying)
-                flying |= {pool.submit(_shard_in_worker, number) for number in islice(waiting, room)}
+                tasks = list(islice(waiting, TASKS_PER_WORKER * self.workers - len(flying)))
+                with interrupts_wait():  # a task that is handed in may begin a process
+                    flying |= {pool.submit(_task_in_worker, *task) for task in tasks}
                 if not flying:
                     return
                 done, flying = wait(flying, return_when=FIRST_COMPLETED)
@@ -125,19 +133,78 @@ class LocalProcesses(Executor):
             pool.shutdown(cancel_futures=True)
 
 
+def local_executor(workers: int | None, tasks: int) -> Executor:
+    """Executor on this computer, of no more processes than there are tasks; this one, where one will do.
+
+    Parameters
+    ----------
+    workers : int or None
+        Number of processes; None for one for each core.
+    tasks : int
+        Number of tasks.
+
+    Raises
+    ------
+    UsageError
+        When there is less than one worker.
+    """
+    if workers is not None:
+        check_workers(workers)
+    useful = min(workers or os.cpu_count() or 1, tasks)
+    return LocalProcesses(useful) if useful > 1 else InProcess()
+
+
+def check_workers(workers: int) -> None:
+    """Refuse a number of processes that computes nothing.
+
+    Raises
+    ------
+    UsageError
+        When it is less than one.
+    """
+    if workers < 1:
+        raise UsageError("one worker or more", f"{workers}", "Leave it out to use every core.")
+
+
+def in_order(results: Generator[tuple[int, Result], None, None]) -> Generator[Result, None, None]:
+    """Results in the order of their items: one that comes early is kept until it is its turn.
+
+    Parameters
+    ----------
+    results : generator of (int, result)
+        As `Executor.map` gives them; closed with this one.
+    """
+    early: dict[int, Result] = {}
+    turn = 0
+    with closing(results):
+        for place, result in results:
+            early[place] = result
+            while turn in early:
+                yield early.pop(turn)
+                turn += 1
+
+
+def abandoned() -> bool:
+    """Whether nobody waits for the task's result any more; a long task asks between its parts, and ends."""
+    return _Worker.stop is not None and _Worker.stop.is_set()
+
+
 class _Worker:
     """What a worker process was begun with."""
 
-    study: Study
-    stop: Event
+    function: ClassVar[Callable[[Any], Any]]
+    stop: ClassVar[Event | None] = None
 
 
-def _begin_worker(study: Study, stop: Event) -> None:
-    """Set a worker process up: an interrupt is its parent's business, and so is its life."""
+def _begin_worker(function: Callable[[Any], Any], stop: Event) -> None:
+    """Set a worker process up: an interrupt is its parent's business, and so is its life.
+
+    Until here interrupts were blocked, see `interrupts_wait`; from here on they are ignored.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     threadpool_limits(limits=1)
-    _Worker.study, _Worker.stop = study, stop
+    _Worker.function, _Worker.stop = function, stop
 
 
 def _end_with_parent() -> None:
@@ -148,10 +215,5 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _shard_in_worker(number: int) -> ShardResult:
-    trials = []
-    for index in shard_trials(_Worker.study.runs, number):
-        if _Worker.stop.is_set():
-            break  # nobody waits for the result any more
-        trials.append(trial(_Worker.study, index))
-    return ShardResult(number, tuple(trials))
+def _task_in_worker(place: int, item: Any) -> tuple[int, Any]:
+    return place, _Worker.function(item)

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.models.column import Column
-from eivor.models.scenario import Scenario
 from eivor.models.signal_regression import SignalRegression
-from eivor.models.simulation import simulate
-from eivor.models.vertical import VerticalMotion
+from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.signals import Signals
+from eivor.simulation.records.scenario import Scenario
+from eivor.simulation.records.simulate import simulate
 
 
 class Experiment(ABC):
@@ -69,7 +69,7 @@ class VerticalExperiment(Experiment):
         return self.scenario.control.reference
 
     def record(self, rng: np.random.Generator) -> Signals:
-        """Simulate, see `eivor.models.simulation`."""
+        """Simulate, see `eivor.simulation.records.simulate`."""
         return simulate(self.scenario, rng).signals
 
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:

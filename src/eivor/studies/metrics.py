@@ -13,15 +13,13 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from eivor.inference.quantiles import normal_quantile
 from eivor.inference.verdict import Status
 from eivor.studies.run import StudyResult
+from eivor.studies.share import Share
 from eivor.studies.trial import FAILED
 
 #: What scores of all parameters together are called.
 TOGETHER = "together"
-#: Confidence level of the intervals of shares.
-SHARE_LEVEL = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,35 +34,6 @@ class Spread:
 
     mean: float
     std: float
-
-
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """How often intervals held the truth.
-
-    Parameters
-    ----------
-    hits, count : int
-        Intervals that did, and all.
-    """
-
-    hits: int
-    count: int
-
-    @property
-    def share(self) -> float:
-        """Hits per count; NaN of nothing."""
-        return self.hits / self.count if self.count else float("nan")
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """Wilson interval of the share at 95 %; (0, 1) of nothing."""
-        if not self.count:
-            return 0.0, 1.0
-        z, n, p = normal_quantile(SHARE_LEVEL), self.count, self.share
-        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
-        half = z / (1 + z * z / n) * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
-        return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +52,8 @@ class ParameterScore:
         In percent.
     bias, rmse : float
         Mean error and root mean square error, in the parameter's unit.
-    coverage : Coverage or None
-        None when the study records no intervals.
+    coverage : Share or None
+        Of the intervals that held the truth; None when the study records no intervals.
     """
 
     name: str
@@ -93,7 +62,7 @@ class ParameterScore:
     nrmse: Spread
     bias: float
     rmse: float
-    coverage: Coverage | None
+    coverage: Share | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +141,7 @@ def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterSco
     coverage = None
     if result.study.intervals:
         low, high = (kept[f"{label}.{name}.{end}"].to_numpy() for end in ("low", "high"))
-        coverage = Coverage(int(((low <= truth) & (truth <= high)).sum()), len(values))
+        coverage = Share(int(((low <= truth) & (truth <= high)).sum()), len(values))
     rmse = float(np.sqrt(np.mean((values - truth) ** 2))) if len(values) else float("nan")
     nrmse = _spread(trial_nrmse(result, label, name))
     return ParameterScore(name, truth, _spread(values), nrmse, error.mean, rmse, coverage)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import polars as pl
 
-from eivor.studies.executors import Executor, InProcess
+from eivor.studies.executors import Executor, InProcess, abandoned
 from eivor.studies.study import Study
+from eivor.studies.trial import TrialRecord, trial
 from eivor.studies.trial_shards import open_folder, shard_trials
 
 #: Called with the number of trials that are done, and that of all.
@@ -34,6 +35,28 @@ class StudyResult:
     study: Study
     folder: Path
     trials: pl.DataFrame
+
+
+@dataclass(frozen=True, slots=True)
+class ShardTrials:
+    """The task of a study: from the number of a shard to its trials.
+
+    Parameters
+    ----------
+    study : Study
+        Whose shards.
+    """
+
+    study: Study
+
+    def __call__(self, number: int) -> tuple[TrialRecord, ...]:
+        """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
+        trials = []
+        for index in shard_trials(self.study.runs, number):
+            if abandoned():
+                break
+            trials.append(trial(self.study, index))
+        return tuple(trials)
 
 
 def run_study(
@@ -76,9 +99,9 @@ def run_study(
     missing = shards.missing()
     done = study.runs - sum(len(shard_trials(study.runs, number)) for number in missing)
     progress(done, study.runs)
-    with closing((executor or InProcess()).results(study, missing)) as results:
-        for result in results:
-            shards.write(result.number, result.trials)
-            done += len(result.trials)
+    with closing((executor or InProcess()).map(ShardTrials(study), missing)) as results:
+        for place, trials in results:
+            shards.write(missing[place], trials)
+            done += len(trials)
             progress(done, study.runs)
     return StudyResult(study, folder, shards.consolidate())

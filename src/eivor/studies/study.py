@@ -14,35 +14,35 @@ from enum import Enum
 
 import numpy as np
 
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.method import Method
-from eivor.estimation.weighting import Weighting
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.weighting.equations import EquationWeighting
 from eivor.inference import covariances
 from eivor.models.column import Column, lags
 from eivor.studies.experiment import Experiment
 
 #: Methods that need no instruments.
-DIRECT: Mapping[str, Callable[[], Method]] = {
+DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
     "least_squares": methods.least_squares,
     "total_least_squares": methods.total_least_squares,
     "bias_compensated_least_squares": methods.bias_compensated_least_squares,
 }
 #: Methods with instruments whose equations can be weighted.
-WEIGHTED: Mapping[str, Callable[[Weighting | None], Method]] = {
+WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], LinearMethod]] = {
     "extended_iv": methods.extended_iv,
     "generalized_iv": methods.generalized_iv,
 }
 #: Methods with instruments whose equations cannot.
-UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
+UNWEIGHTED: Mapping[str, Callable[[], LinearMethod]] = {
     "extended_iv_tls": methods.extended_iv_tls,
     "generalized_iv_tls": methods.generalized_iv_tls,
 }
 #: Every method of a study.
 METHODS = (*DIRECT, *WEIGHTED, *UNWEIGHTED)
 #: Weightings of equations by name.
-WEIGHTINGS: Mapping[str, Callable[[], Weighting]] = {
+WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
     "unweighted": methods.Unweighted,
     "two_stage": methods.TwoStage,
     "two_step_robust": methods.TwoStepRobust,
@@ -108,7 +108,7 @@ class MethodChoice:
             )
 
     @property
-    def method(self) -> Method:
+    def method(self) -> LinearMethod:
         """The method itself."""
         if self.name in WEIGHTED:
             return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
@@ -218,10 +218,7 @@ def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, .
         With all known names.
     """
     if name not in known:
-        from difflib import get_close_matches
-
-        near = get_close_matches(name, list(known), n=1)
-        remedy = f"Did you mean '{near[0]}'?" if near else "Name one of them."
+        remedy = did_you_mean(name, known, "Name one of them.")
         raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
 
 

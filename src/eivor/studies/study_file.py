@@ -15,7 +15,7 @@
     known_noise = ["input"]         # optional: all channels
     label = "giv"                   # optional: the name
 
-A scenario is one of vertical motion, see `eivor.studies.scenario_file`, or with
+A scenario is one of vertical motion, see `eivor.simulation.scenario_files.scenario_file`, or with
 ``kind = "difference_equation"`` one whose keys are the parameters of `DifferenceEquation`; its noises are
 tables [scenario.noise.output] and [scenario.noise.input], like those of vertical motion.
 """
@@ -25,15 +25,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from eivor.errors import EivorError, InputError
-from eivor.signals.disturbance import Disturbance
-from eivor.signals.excitation import Excitation
+from eivor.simulation.scenario_files.kinds import of_kind
+from eivor.simulation.scenario_files.noise_tables import noises
+from eivor.simulation.scenario_files.scenario_file import sample_count, scenario_from_table
+from eivor.simulation.sources.disturbance import Disturbance
+from eivor.simulation.sources.excitation import Excitation
 from eivor.studies.difference_equation import INPUT, OUTPUT, DifferenceEquation
 from eivor.studies.experiment import Experiment, VerticalExperiment
-from eivor.studies.noise_tables import noises
-from eivor.studies.scenario_file import scenario_from_table
-from eivor.studies.scenario_kinds import of_kind
 from eivor.studies.study import MethodChoice, Study
-from eivor.studies.toml_table import TomlTable, read_toml
+from eivor.toml_table import TomlTable, read_toml
 
 #: What a scenario may be of, the first when it does not say.
 KINDS = ("vertical", "difference_equation")
@@ -52,12 +52,27 @@ def read_study(path: Path) -> Study:
     InputError
         When a file cannot be read, or does not describe a study; says where and why.
     """
-    top = read_toml(path, "a study")
-    name = top.text("name", path.stem)
+    return study_from_table(read_toml(path, "a study"))
+
+
+def study_from_table(top: TomlTable) -> Study:
+    """Study from the top table of a file, all of whose keys it takes.
+
+    Parameters
+    ----------
+    top : TomlTable
+        As `read_toml` gives it; its `files` are all that were read once the study is there.
+
+    Raises
+    ------
+    InputError
+        When a file that it names cannot be read, or it does not describe a study; says where and why.
+    """
+    name = top.text("name", Path(top.file).stem)
     runs, seed = top.whole("runs"), top.whole("seed")
     intervals, level = top.flag("intervals", default=False), top.number("level", 0.95)
     if isinstance(top.values.get("scenario"), str):
-        experiment = _experiment(read_toml(path.parent / top.text("scenario"), "a scenario"))
+        experiment = _experiment(top.neighbour("scenario", "a scenario"))
     else:
         experiment = _experiment(top.section("scenario"))
     choices = tuple(method_choice(table) for table in top.sections("methods"))
@@ -112,7 +127,7 @@ def _difference_equation(table: TomlTable) -> DifferenceEquation:
     output_coefficients = table.numbers("output_coefficients")
     input_coefficients = table.numbers("input_coefficients")
     excitation = of_kind(table.section("excitation"), Excitation)
-    delay, samples = table.whole("delay", 1), table.whole("samples", 1000)
+    delay, samples = table.whole("delay", 1), sample_count(table, 1000)
     rate_hz = table.number("rate_hz", 1.0)
     table.taken.update(("disturbance", "noise"))
     table.finish()

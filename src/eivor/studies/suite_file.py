@@ -22,12 +22,17 @@ from importlib.resources import as_file, files
 from pathlib import Path
 
 from eivor.errors import EivorError
-from eivor.models.scenario import Scenario
+from eivor.simulation.records.scenario import Scenario
+from eivor.simulation.scenario_files.scenario_file import (
+    MOST_SAMPLES,
+    read_scenario,
+    shipped_scenario,
+    shipped_scenarios,
+)
 from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.scenario_file import MOST_SAMPLES, read_scenario, shipped_scenario, shipped_scenarios
 from eivor.studies.study import Study
 from eivor.studies.study_file import method_choice
-from eivor.studies.toml_table import TomlTable, read_toml
+from eivor.toml_table import TomlTable, read_toml
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +111,7 @@ def read_suite(path: Path) -> Suite:
 
 def coverage_suite() -> Suite:
     """The suite that comes with the package: coverage of the intervals of generalized IV."""
-    with as_file(files("eivor.studies").joinpath("coverage.toml")) as path:
+    with as_file(files("validation.coverage").joinpath("coverage.toml")) as path:
         return read_suite(path)
 
 

@@ -6,15 +6,14 @@
 
 A row is a trial: its number, and for each method LABEL.status, LABEL.error and LABEL.PARAMETER, with
 LABEL.PARAMETER.std_error, .low and .high when the study asks for intervals; null where a method failed.
-Files appear under their names only when they are whole, and the same trials give the same bytes.
+Files appear under their names only when they are whole, and the same trials give the same bytes. A shard is
+sealed (`eivor.studies.sealed_table`): one that was damaged, or belongs elsewhere, counts as missing.
 """
 
 from __future__ import annotations
 
 import io
 import json
-import os
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,13 +23,13 @@ from pathlib import Path
 import polars as pl
 
 from eivor.errors import InputError, UsageError
+from eivor.studies.sealed_table import GROUP_ROWS, is_sealed, parquet_bytes, sealed
 from eivor.studies.study import Study
 from eivor.studies.trial import TrialRecord
+from eivor.whole_file import remove_abandoned, write_whole
 
 #: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
 SHARD_TRIALS = 25
-#: Rows of a row group of the final table.
-GROUP_ROWS = 10_000
 #: Packages whose versions bear on the bytes.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
 #: Parts of a parameter's record when intervals are asked for, besides the value.
@@ -63,17 +62,43 @@ class TrialShards:
         """File of a shard."""
         return self.folder / "shards" / f"{number:06d}.parquet"
 
+    @property
+    def tables(self) -> tuple[Path, Path]:
+        """What stands beside the shards: the identity, and the table of all trials."""
+        return self.folder / IDENTITY_FILE, self.folder / TABLE_FILE
+
     def missing(self) -> list[int]:
         """Shards that are not there, or not whole, in order."""
         return [number for number in range(self.count) if not self._whole(number)]
 
     def _whole(self, number: int) -> bool:
-        """Whether a shard's file holds its trials; another program may have cut it off since."""
+        """Whether a shard's file holds its trials, to the bit."""
         try:
-            rows = pl.read_parquet(self.path(number), columns=["trial"])["trial"]
-        except (OSError, pl.exceptions.PolarsError):
+            return is_sealed(self.path(number).read_bytes(), self._facts(number))
+        except OSError:
             return False
-        return rows.to_list() == list(shard_trials(self.study.runs, number))
+
+    def _facts(self, number: int) -> dict[str, str]:
+        """What the seal of a shard says: whose trials, and which."""
+        trials = shard_trials(self.study.runs, number)
+        return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
+
+    def _read(self, number: int) -> pl.DataFrame:
+        """Trials of a shard.
+
+        Raises
+        ------
+        InputError
+            When it is not whole.
+        """
+        content = self.path(number).read_bytes()
+        if not is_sealed(content, self._facts(number)):
+            raise InputError(
+                f"'{self.path(number)}' as it was written",
+                "other bytes",
+                "Something has changed it meanwhile: run the same again, and it is computed anew.",
+            )
+        return pl.read_parquet(io.BytesIO(content))
 
     def write(self, number: int, trials: Sequence[TrialRecord]) -> None:
         """Keep the trials of a shard.
@@ -84,7 +109,7 @@ class TrialShards:
             When the system refuses, for example because the disk is full. What was complete stays.
         """
         with kept_on_failure(self.folder):
-            write_whole(self.path(number), parquet_bytes(frame(self.study, trials)))
+            write_whole(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
         """Make the table of all trials from the shards.
@@ -92,13 +117,13 @@ class TrialShards:
         Raises
         ------
         InputError
-            When the system refuses.
+            When the system refuses, or a shard is not whole.
         """
         with kept_on_failure(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             table = pl.concat(
                 [
-                    pl.concat([pl.read_parquet(self.path(number)) for number in group], rechunk=True)
+                    pl.concat([self._read(number) for number in group], rechunk=True)
                     for group in batched(range(self.count), GROUP_ROWS // SHARD_TRIALS)
                 ],
                 rechunk=True,
@@ -126,13 +151,16 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
     UsageError
         When it holds another study, more runs than asked for, or files that are not a study's.
     InputError
-        When it cannot be read or written, or was begun with other versions and is not finished.
+        When it cannot be read or written, or when trials are missing and others were computed by other
+        versions.
     """
     shards = TrialShards(study, folder)
     with kept_on_failure(folder):
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
         shards.path(0).parent.mkdir(parents=True, exist_ok=True)
+        for place in (folder, shards.path(0).parent):
+            remove_abandoned(place)
         document = {
             "name": study.name,
             "identity": study.identity,
@@ -143,6 +171,7 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
         before = _document(folder)
         if before is not None:
             _check_same(shards, document, before)
+            document["versions"] = before["versions"]  # those that computed the trials, whoever looks at them
         if document != before:
             write_whole(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
     return shards
@@ -160,7 +189,7 @@ def _document(folder: Path) -> Mapping[str, object] | None:
         return None
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or not {"identity", "runs", "versions"} <= document.keys():
         raise UsageError(
@@ -189,7 +218,8 @@ def _check_same(shards: TrialShards, document: Mapping[str, object], before: Map
         raise InputError(
             f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
             _listed(document["versions"]),
-            "Trials of different versions need not agree to the bit. Install those, or begin a new folder.",
+            "Trials of different versions need not agree to the bit, so they are never put together. Begin "
+            "anew in another folder with --out, delete this one, or install those versions.",
         )
 
 
@@ -221,37 +251,6 @@ def frame(study: Study, trials: Sequence[TrialRecord]) -> pl.DataFrame:
     return pl.DataFrame(columns)
 
 
-def parquet_bytes(table: pl.DataFrame) -> bytes:
-    """Parquet with settings that are all fixed, so that equal tables give equal bytes."""
-    buffer = io.BytesIO()
-    table.write_parquet(
-        buffer, compression="zstd", compression_level=3, statistics=False, row_group_size=GROUP_ROWS
-    )
-    return buffer.getvalue()
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file that is either whole or not there, whenever the power fails.
-
-    Raises
-    ------
-    OSError
-        When the system refuses; nothing is left behind.
-    """
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    temporary = Path(name)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-
-
 @contextmanager
 def kept_on_failure(folder: Path) -> Iterator[None]:
     """Turn the system's error for a file of the study into one of Eivor's.
@@ -263,7 +262,7 @@ def kept_on_failure(folder: Path) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, pl.exceptions.PolarsError) as error:
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
             f"a folder '{folder}' that the study can be written to",

@@ -58,3 +58,8 @@ TABLE: Mapping[str, Callable[[], CovarianceEstimator]] = {
     "bartlett_fixed_b": lambda: KernelRobust(Bartlett(), SquareRootRule()),
     "widest": lambda: FLIGHT_DEFAULT,
 }
+
+
+def __dir__() -> list[str]:
+    """Names that the module offers, and not those that it uses."""
+    return __all__

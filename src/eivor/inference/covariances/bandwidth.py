@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
 
@@ -56,6 +57,7 @@ class FixedBandwidth(Bandwidth):
     bandwidth: float | int
 
     def __post_init__(self) -> None:
+        checks.number("bandwidth", self.bandwidth)
         if not self.bandwidth >= 0.0:
             raise UsageError("a bandwidth of zero lags or more", f"{self.bandwidth}", "Zero sees no lag.")
 

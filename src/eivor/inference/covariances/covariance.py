@@ -2,7 +2,8 @@
 
 Notation: M sensitivity of the sum to the estimates, V covariance of the sum of the scores. Then
 theta_hat - theta = M^-1 sum s_t to first order, and its covariance is M^-1 V M^-T. How V is estimated is
-an axis of its own, see `eivor.inference.covariances.estimators`.
+an axis of its own, see `eivor.inference.covariances.estimators`. Both are taken in orthonormal coordinates of
+the equation, where M has the condition of the regressors and not its square.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import CollinearError, UsageError
+from eivor.errors import UsageError
+from eivor.inference.estimating_equation import singular_sensitivity
 from eivor.inference.quantiles import t_quantile
 
 
@@ -104,7 +106,7 @@ class JointCovariance:
         """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
         leading = self.parts[0].matrix
         largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
-        own = np.sqrt(np.diag(leading))
+        own = np.sqrt(np.maximum(np.diag(leading), 0.0))
         scale = np.divide(largest, own, out=np.zeros(own.size), where=own > 0.0)
         return leading * np.outer(scale, scale)
 
@@ -120,16 +122,17 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
         When the sensitivity is singular altogether.
     """
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
-    diagonal = np.abs(np.diag(M))
-    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    both = np.outer(scale, scale)
+    columns = unit_scale(np.einsum("ij,ij->j", M, M))
+    rows = unit_scale(np.einsum("ij,ij->i", M * columns, M * columns))
+    scaled = rows[:, None] * M * columns
     try:
-        half = np.linalg.solve(both * M, both * meat)
-        covariance: Float[np.ndarray, "n n"] = both * np.linalg.solve(both * M, half.T)
+        half = np.linalg.solve(scaled, np.outer(rows, rows) * meat)
+        covariance: Float[np.ndarray, "n n"] = np.linalg.solve(scaled, half.T)
     except np.linalg.LinAlgError as error:
-        raise CollinearError(
-            "equations that tell every parameter from the others",
-            "a singular sensitivity of the equations to the parameters",
-            "Give data in which response and regressors move, each in its own way.",
-        ) from error
-    return 0.5 * (covariance + covariance.T)
+        raise singular_sensitivity() from error
+    return np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+
+
+def unit_scale(squares: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
+    return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))

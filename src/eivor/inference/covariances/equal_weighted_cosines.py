@@ -63,6 +63,19 @@ def cosine_sums(
     return total
 
 
+def cosine_averages(
+    scores: Float[np.ndarray, "samples *shape"], averages: int
+) -> Float[np.ndarray, "averages *shape"]:
+    """sqrt(count) L_j of scores that are all at hand: the mean of their squares is the variance of the sum.
+
+    By a cosine transform, O(count log(count)) for each column however many averages. Performs no checks.
+    """
+    from scipy.fft import dct
+
+    transformed: Float[np.ndarray, "samples *shape"] = dct(scores, type=2, axis=0)
+    return np.sqrt(0.5) * transformed[1 : averages + 1]
+
+
 def long_run_sum_covariance(
     scores: Float[np.ndarray, "samples n"], averages: int = COSINE_AVERAGES
 ) -> Float[np.ndarray, "n n"]:

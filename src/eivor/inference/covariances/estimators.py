@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, sandwich
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, cosine_covariance
@@ -58,6 +59,23 @@ class CovarianceEstimator(ABC):
         return JointCovariance(parts)
 
 
+def check_covariance_estimator(estimator: object) -> None:
+    """Refuse what is no estimator of covariances.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.kind(
+        "covariance",
+        estimator,
+        CovarianceEstimator,
+        "one of eivor.covariances",
+        "Make one: ev.covariances.Classical().",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class Classical(CovarianceEstimator):
     """V = s^2 P'P: residuals are white, all of one variance, and independent of the test functions.
@@ -68,14 +86,18 @@ class Classical(CovarianceEstimator):
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n^2)."""
-        unknowns = equation.sensitivity.shape[0]
+        unknowns = equation.unknowns
         power, count, products = 0.0, 0, np.zeros((unknowns, unknowns))
         for rows in equation.blocks():
             products += rows.test.T @ rows.test
             power += float(rows.residual @ rows.residual)
             count += rows.residual.size
         variance = power / max(count - unknowns, 1)
-        return (CovariancePart("classical", sandwich(equation.sensitivity, variance * products)),)
+        return (
+            CovariancePart(
+                "classical", sandwich(equation.slope, variance * products + equation.prior_covariance)
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +106,15 @@ class HeteroskedasticityRobust(CovarianceEstimator):
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n^2)."""
-        unknowns = equation.sensitivity.shape[0]
+        unknowns = equation.unknowns
         products: Float[np.ndarray, "n n"] = np.zeros((unknowns, unknowns))
         for rows in equation.blocks():
             products += rows.scores.T @ rows.scores
-        return (CovariancePart("heteroskedasticity_robust", sandwich(equation.sensitivity, products)),)
+        return (
+            CovariancePart(
+                "heteroskedasticity_robust", sandwich(equation.slope, products + equation.prior_covariance)
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,16 +137,17 @@ class EqualWeightedCosines(CovarianceEstimator):
     averages: int = COSINE_AVERAGES
 
     def __post_init__(self) -> None:
+        checks.whole("averages", self.averages)
         if self.averages < 1:
             raise UsageError("one cosine average or more", f"{self.averages}", "Eight are the default.")
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n B)."""
         scores = (rows.scores for rows in equation.blocks())
-        count, unknowns = equation.sample_count, equation.sensitivity.shape[0]
+        count, unknowns = equation.sample_count, equation.unknowns
         averages = max(min(self.averages, count - unknowns), 1)
         meat = cosine_covariance(scores, count, averages)
-        matrix = sandwich(equation.sensitivity, meat)
+        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
         degrees = float(averages) if count > unknowns else 0.0
         return (CovariancePart("equal_weighted_cosines", matrix, degrees),)
 
@@ -136,6 +163,9 @@ class ClusteredByFlight(CovarianceEstimator):
     """
 
     least_flights: int = CLUSTERED_FROM
+
+    def __post_init__(self) -> None:
+        checks.whole("least_flights", self.least_flights)
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part, with t on flights - 1 degrees of freedom, or none."""
@@ -153,7 +183,11 @@ class ClusteredByFlight(CovarianceEstimator):
         stacked = np.stack(list(sums.values()))
         stacked -= stacked.mean(axis=0)
         meat = stacked.T @ stacked * flights / (flights - 1)
-        return (CovariancePart("clustered", sandwich(equation.sensitivity, meat), float(flights - 1)),)
+        return (
+            CovariancePart(
+                "clustered", sandwich(equation.slope, meat + equation.prior_covariance), float(flights - 1)
+            ),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +201,11 @@ class Widest(CovarianceEstimator):
     """
 
     estimators: tuple[CovarianceEstimator, ...]
+
+    def __post_init__(self) -> None:
+        checks.items("estimators", self.estimators, CovarianceEstimator, "covariances")
+        if not self.estimators:
+            raise UsageError("one covariance or more", "none", "Name those that are to be compared.")
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """Parts of all."""

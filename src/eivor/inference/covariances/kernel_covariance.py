@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.inference.covariances.bandwidth import Bandwidth, NeweyWestRule
 from eivor.inference.covariances.covariance import CovariancePart, sandwich
 from eivor.inference.covariances.estimators import CovarianceEstimator
@@ -36,17 +37,31 @@ class KernelRobust(CovarianceEstimator):
     bandwidth: Bandwidth = field(default_factory=NeweyWestRule)
     fixed_b: bool = True
 
+    def __post_init__(self) -> None:
+        checks.kind("kernel", self.kernel, Kernel, "a kernel", "Make one: ev.covariances.Bartlett().")
+        checks.kind(
+            "bandwidth",
+            self.bandwidth,
+            Bandwidth,
+            "a bandwidth",
+            "Make one: ev.covariances.FixedBandwidth(9).",
+        )
+        checks.flag("fixed_b", self.fixed_b)
+
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; see `kernel_sum_covariance` for its cost."""
 
         def blocks() -> Iterator[Float[np.ndarray, "_ n"]]:
             return (rows.scores for rows in equation.blocks())
 
+        def own() -> Iterator[Float[np.ndarray, "_ n"]]:
+            return (scores @ equation.root for scores in blocks())
+
         count = equation.sample_count
         # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
-        lags = min(self.bandwidth.lags(blocks, count, self.kernel), count - 1.0)
+        lags = min(self.bandwidth.lags(own, count, self.kernel), count - 1.0)
         meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
-        matrix = sandwich(equation.sensitivity, meat)
+        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
         reference = FixedBReference(math.inf, 1.0)
         span = self.kernel.span(lags)
         if self.fixed_b and lags > 0.0:

@@ -17,6 +17,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special
 
+from eivor.inference.covariances.covariance import unit_scale
+from eivor.inference.covariances.equal_weighted_cosines import cosine_averages
 from eivor.inference.quantiles import chi_square_tail
 
 #: Fewest averages, and how many there are for each equation that is tested.
@@ -29,16 +31,9 @@ def joint_averages(equations: int, blocks: int) -> int:
     return min(max(LEAST_AVERAGES, AVERAGES_PER_EQUATION * equations), blocks // 2)
 
 
-def block_cosines(sums: Float[np.ndarray, "K *shape"], averages: int) -> Float[np.ndarray, "averages *shape"]:
-    """sqrt(K) L_j of each column of block sums: the mean of their squares is the variance of the total."""
-    blocks = sums.shape[0]
-    angles = np.pi / blocks * np.outer(np.arange(1, averages + 1), np.arange(blocks) + 0.5)
-    return np.sqrt(2.0) * np.tensordot(np.cos(angles), sums, axes=1)
-
-
 def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[np.ndarray, "n n"]:
     """Covariance of the sum over all blocks."""
-    L = block_cosines(sums, averages)
+    L = cosine_averages(sums, averages)
     return L.T @ L / averages
 
 
@@ -47,11 +42,6 @@ def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray,
     scale = unit_scale(np.diag(covariance))
     correlation = np.outer(scale, scale) * covariance
     return float((scale * total) @ np.linalg.lstsq(correlation, scale * total, rcond=None)[0])
-
-
-def unit_scale(squares: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
-    return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
 
 
 def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:

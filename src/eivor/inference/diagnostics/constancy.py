@@ -17,14 +17,17 @@ one whose parameters change by its leverages, not by this test.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.diagnostics.block_cosines import unit_scale
+from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
+from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject, told
+from eivor.inference.verdict import Reason, Status
 
 #: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
 GROUPS = 64
@@ -33,7 +36,7 @@ SIDE_AVERAGES = 6
 
 
 @dataclass(frozen=True)
-class Constancy:
+class Constancy(Diagnostic):
     """Whether the parameters changed during the record.
 
     Parameters
@@ -55,6 +58,39 @@ class Constancy:
     p_values: Float[np.ndarray, " n"]
     break_at: float
     change: Float[np.ndarray, " n"]
+
+    @property
+    def outcome(self) -> str:
+        """What the parameters do, in words."""
+        return told(self.p_value, ("stay the same", "may change", "change"))
+
+    @property
+    def speaks(self) -> bool:
+        """Whether a change is worth a word."""
+        return bool(self.p_value < SIGNIFICANT)
+
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """The statistic, each parameter's change with its p-value, and where it is most likely."""
+        yield Row("constancy", "", self.statistic, self.p_value)
+        for name, p, change in zip(of.names, self.p_values, self.change, strict=True):
+            yield Row("change", name, float(change), float(p))
+        yield Row("break_at", "share of the record", self.break_at, None)
+
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """The statistic, and where a change is most likely."""
+        likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
+        yield f"constancy            {self.statistic:>10.4g}  {likely}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """Parameters that change."""
+        if self.speaks:
+            j = int(np.argmin(self.p_values))
+            yield Reason(
+                Status.WEAK,
+                f"The parameters {self.outcome} during the record, most likely at {of.when(self.break_at)}: "
+                f"{of.names[j]} by {self.change[j]:+.3g} (p-value {self.p_value:.1g} or less).",
+                "Identify both parts apart, and look for what changed: load, battery, wind, a mode.",
+            )
 
 
 def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]) -> Constancy:

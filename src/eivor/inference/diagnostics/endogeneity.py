@@ -12,28 +12,33 @@ squares and white errors the statistic is Durbin's (1954), from which Wu's F fol
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy import special
 
+from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.block_cosines import (
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
     quadratic_form,
-    unit_scale,
 )
-from eivor.inference.diagnostics.time_products import TimeProducts
+from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject
+from eivor.inference.diagnostics.equation_products import EquationProducts
 from eivor.inference.quantiles import chi_square_tail
+from eivor.inference.verdict import Reason, Status
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9
+#: Bias of least squares, in standard errors of the estimate, that is worth a word.
+NOTABLE_BIAS = 0.5
 
 
 @dataclass(frozen=True)
-class Endogeneity:
+class Endogeneity(Diagnostic):
     """Least squares against the estimate.
 
     Parameters
@@ -62,15 +67,41 @@ class Endogeneity:
     wu_p_value: float
     averages: int
 
+    def notable(self, bias: float) -> bool:
+        """Whether a bias of least squares, in standard errors of the estimate, is worth a word."""
+        return bool(self.p_value < SIGNIFICANT and abs(bias) > NOTABLE_BIAS)
+
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """The statistic, and the estimate less least squares."""
+        yield Row("endogeneity", "", self.statistic, self.p_value)
+        for name, value in zip(of.names, self.difference, strict=True):
+            yield Row("less_least_squares", name, float(value), None)
+
+    def lines(self, _of: Subject, /) -> Iterator[str]:
+        """The statistic and its p-value."""
+        yield f"endogeneity          {self.statistic:>10.4g}  p-value {self.p_value:.3g}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """Least squares that would be biased."""
+        apart = -self.difference / of.std_errors
+        j = int(np.argmax(np.abs(apart)))
+        if self.notable(apart[j]):
+            yield Reason(
+                Status.IDENTIFIED,
+                f"Least squares would be biased here: {of.names[j]} by {apart[j]:+.1f} standard errors "
+                f"(p-value {self.p_value:.1g}).",
+                "Keep the instruments.",
+            )
+
 
 def endogeneity(
-    products: TimeProducts, weights: Float[np.ndarray, "p n"], averages: int | None = None
+    products: EquationProducts, weights: Float[np.ndarray, "p n"], averages: int | None = None
 ) -> Endogeneity | None:
     """Test of least squares against an instrumental estimate. Performs no checks.
 
     Parameters
     ----------
-    products : TimeProducts
+    products : EquationProducts
         At the estimate.
     weights : ndarray, shape (p, n)
         W A: the combinations of the equations that the estimate solves.
@@ -106,10 +137,11 @@ def endogeneity(
     h = h @ U
     total = h.sum(axis=0)
     statistic = quadratic_form(total, covariance_of_total(h, B))
-    variance = (float(products.power.sum()) - float(gamma @ GG @ gamma)) / products.count
+    rows = products.row_count
+    variance = (float(products.power.sum()) - float(gamma @ GG @ gamma)) / rows
     durbin = quadratic_form(total, variance * (U.T @ spread @ U))
-    freedom = products.count - gamma.size - degrees
-    wu = durbin / (products.count - durbin) * freedom / degrees if durbin < products.count else float("inf")
+    freedom = rows - gamma.size - degrees
+    wu = durbin / (rows - durbin) * freedom / degrees if durbin < rows else float("inf")
     return Endogeneity(
         -scale * gamma,
         degrees,

@@ -6,13 +6,16 @@ scaled to a unit diagonal, so that an eigenvector names a combination of the col
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.inference.diagnostics.time_products import TimeProducts
+from eivor.inference.diagnostics.diagnostic import Diagnostic, Row, Subject
+from eivor.inference.diagnostics.equation_products import EquationProducts
+from eivor.inference.verdict import Reason, Status
 
 #: Variance below this share of a column's largest square is rounding: the column is constant.
 VANISHING = 1e-24
@@ -20,10 +23,12 @@ VANISHING = 1e-24
 STRETCH = 4096
 STRETCHES = 16
 BANDS = 8
+#: Condition of the scaled information from which a combination is called badly determined.
+BADLY_CONDITIONED = 1e3
 
 
 @dataclass(frozen=True)
-class Information:
+class Information(Diagnostic):
     """Scaled information matrix.
 
     Parameters
@@ -54,9 +59,27 @@ class Information:
         text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in told)
         return text.removeprefix("+ ")
 
+    def rows(self, _of: Subject, /) -> Iterator[Row]:
+        """The condition."""
+        yield Row("information_condition", "", self.condition, None)
+
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """The condition, and which combination is determined worst."""
+        yield f"information          {self.condition:>10.4g}  condition; worst: {self.worst(of.names)}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """A combination that is determined badly."""
+        if self.condition > BADLY_CONDITIONED:
+            yield Reason(
+                Status.WEAK,
+                f"One combination of the parameters is determined {np.sqrt(self.condition):.0f} times "
+                f"worse than another: {self.worst(of.names)}, each in units of its column's rms.",
+                "Excite them apart from each other, or fix one of them.",
+            )
+
 
 @dataclass(frozen=True)
-class BandPower:
+class BandPower(Diagnostic):
     """Power of the model part against that of the residual in bands.
 
     Parameters
@@ -82,13 +105,41 @@ class BandPower:
         """In which bands the power of each column is above the residual's, shape (bands, n)."""
         return self.input_power > self.residual_power[:, None]
 
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """Share of each column above the residual, and both powers in every band."""
+        linear = of.names[: self.share_above.size]
+        for name, share in zip(linear, self.share_above, strict=True):
+            if not math.isnan(share):
+                yield Row("power_above", name, float(share), None)
+        for b, (low, high) in enumerate(zip(self.low_hz, self.high_hz, strict=True)):
+            for j, name in enumerate(linear):
+                power, residual = float(self.input_power[b, j]), float(self.residual_power[b])
+                yield Row("band_power", f"{name}, {low:.3g} to {high:.3g} Hz", power, residual)
 
-def information(products: TimeProducts, *, instrumental: bool) -> Information:
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """Share of each column above the residual."""
+        for name, share in zip(of.names, self.share_above, strict=False):
+            if not math.isnan(share):
+                yield f"power above residual {share:>10.0%}  {name}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """Columns that contribute mostly where the residual is stronger."""
+        for name, share in zip(of.names, self.share_above, strict=False):
+            if share < 0.5:
+                yield Reason(
+                    Status.IDENTIFIED,
+                    f"{1.0 - share:.0%} of what {name} contributes lies in bands where the residual is "
+                    "stronger.",
+                    "Excite at other frequencies, or harder.",
+                )
+
+
+def information(products: EquationProducts, *, instrumental: bool) -> Information:
     """Information about the parameters, scaled. Performs no checks.
 
     Parameters
     ----------
-    products : TimeProducts
+    products : EquationProducts
         At the estimate.
     instrumental : bool
         By way of the instruments, as A' mean(psi psi')^-1 A; False takes mean(G G').

@@ -60,7 +60,7 @@ def first_stage_of_products(
     instruments: Float[np.ndarray, "p p"],
     cross: Float[np.ndarray, "p n"],
     regressors: Float[np.ndarray, "n n"],
-    rows: int,
+    rows: int | float,
     shared: Float[np.ndarray, "p n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
     """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi').

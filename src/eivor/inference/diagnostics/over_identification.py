@@ -12,23 +12,26 @@ that estimate having to be made. Compensated equations enter with the noises' pa
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.block_cosines import (
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
     quadratic_form,
-    unit_scale,
 )
-from eivor.inference.diagnostics.time_products import TimeProducts
+from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject, told
+from eivor.inference.diagnostics.equation_products import EquationProducts
+from eivor.inference.verdict import Reason, Status
 
 
 @dataclass(frozen=True)
-class OverIdentification:
+class OverIdentification(Diagnostic):
     """Hansen's J.
 
     Parameters
@@ -49,12 +52,36 @@ class OverIdentification:
     p_value: float
     averages: int | None
 
+    @property
+    def outcome(self) -> str:
+        """Whether the instruments agree, in words."""
+        return told(self.p_value, ("agree", "may disagree", "disagree"))
+
+    def rows(self, _of: Subject, /) -> Iterator[Row]:
+        """J and its p-value."""
+        yield Row("over_identification_J", "", self.J, self.p_value)
+
+    def lines(self, _of: Subject, /) -> Iterator[str]:
+        """J and its p-value."""
+        yield f"over-identification  {self.J:>10.4g}  J on {self.degrees} degrees, p-value {self.p_value:.3g}"
+
+    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+        """Instruments that disagree."""
+        if self.p_value < SIGNIFICANT:
+            yield Reason(
+                Status.WEAK,
+                f"The instruments {self.outcome} about the parameters (J {self.J:.3g} on {self.degrees} "
+                f"degrees, p-value {self.p_value:.1g}): one of them is not exogenous, a declared noise is "
+                "wrong, or the model lacks a term.",
+                "Leave out the most recent lags, check the declared noise, or add the term.",
+            )
+
 
 def hansen_j(
     equations: Float[np.ndarray, " p"],
     sensitivity: Float[np.ndarray, "p n"],
     covariance: Float[np.ndarray, "p p"],
-    count: int,
+    count: int | float,
     averages: int | None = None,
 ) -> OverIdentification:
     """J of equations with any weight. Performs no checks.
@@ -84,12 +111,12 @@ def hansen_j(
     return OverIdentification(J, degrees, hotelling_p_value(J, degrees, averages), averages)
 
 
-def robust_over_identification(products: TimeProducts, averages: int | None = None) -> OverIdentification:
-    """J with a weight that allows for autocorrelation, from time products. Performs no checks.
+def robust_over_identification(products: EquationProducts, averages: int | None = None) -> OverIdentification:
+    """J with a weight that allows for autocorrelation, from the products at an estimate. Performs no checks.
 
     Parameters
     ----------
-    products : TimeProducts
+    products : EquationProducts
         At the estimate.
     averages : int, optional
         Cosine averages. Default: three for each equation that is left over, at least eight.

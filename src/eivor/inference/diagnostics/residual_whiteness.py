@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject
 from eivor.inference.quantiles import chi_square_tail, normal_quantile
+from eivor.inference.verdict import Reason, Status
 
 #: Lags that are tested.
 LAGS = 20
@@ -16,7 +19,7 @@ FOLDED_ROWS = 512
 
 
 @dataclass(frozen=True)
-class ResidualWhiteness:
+class ResidualWhiteness(Diagnostic):
     """Whiteness of a residual.
 
     Parameters
@@ -41,6 +44,28 @@ class ResidualWhiteness:
     def outside(self) -> int:
         """Lags whose autocorrelation is outside the band."""
         return int((np.abs(self.autocorrelation) > self.band).sum())
+
+    def rows(self, _of: Subject, /) -> Iterator[Row]:
+        """Both statistics, and every autocorrelation with its band."""
+        yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value)
+        yield Row("durbin_watson", "", self.durbin_watson, 2.0)
+        for lag, r in enumerate(self.autocorrelation, start=1):
+            yield Row("autocorrelation", f"lag {lag}", float(r), self.band)
+
+    def lines(self, _of: Subject, /) -> Iterator[str]:
+        """Both statistics."""
+        yield f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
+        yield f"Durbin-Watson        {self.durbin_watson:>10.4g}"
+
+    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+        """Autocorrelation, which white-noise standard errors do not allow for."""
+        if self.p_value < SIGNIFICANT:
+            yield Reason(
+                Status.IDENTIFIED,
+                f"The residual is autocorrelated: {self.outside} of {self.autocorrelation.size} lags are "
+                f"outside the band, Durbin-Watson is {self.durbin_watson:.3g}.",
+                "Keep a covariance that allows for it; white-noise standard errors are wrong here.",
+            )
 
 
 def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -> ResidualWhiteness:

@@ -196,13 +196,13 @@ def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.nd
 
 
 def piece_sums(
-    atom_sums: Float[np.ndarray, "atoms columns"], plan: BlockPlan
-) -> Float[np.ndarray, "pieces columns"]:
+    atom_sums: Float[np.ndarray, "atoms *columns"], plan: BlockPlan
+) -> Float[np.ndarray, "pieces *columns"]:
     """Sums over the atoms of each piece.
 
     Parameters
     ----------
-    atom_sums : ndarray, shape (atoms, columns)
+    atom_sums : ndarray, shape (atoms, ...)
         Sums over each atom.
     plan : BlockPlan
         Which atoms a piece has.

@@ -16,8 +16,32 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import UsageError
-from eivor.inference.quantiles import normal_quantile, t_quantile
+from eivor.inference.quantiles import check_level, normal_quantile, t_quantile
+
+
+def check_draws(runs: object, seed: object) -> None:
+    """Refuse fewer replicates than two, and a seed that is none.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.whole("runs", runs)
+    if isinstance(runs, int | np.integer) and runs < 2:
+        raise UsageError("two runs or more", f"runs={runs}", "A thousand are usual.")
+    if isinstance(seed, np.random.Generator):
+        return
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise UsageError(
+            "a whole number or a numpy.random.Generator for seed",
+            checks.described(seed),
+            "Give 0, for example.",
+        )
+    if seed < 0:
+        raise UsageError("a seed of zero or more", f"seed={seed}", "Any other one will do.")
 
 
 class IntervalKind(StrEnum):
@@ -135,11 +159,16 @@ class Bootstrap:
             errors.
         """
         place = self._place(name)
-        if not 0.0 < level < 1.0:
-            raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
-        return _INTERVALS[kind](self, place, level)
+        check_level(level)
+        try:
+            chosen = IntervalKind(kind)
+        except ValueError as error:
+            known = ", ".join(IntervalKind)
+            raise UsageError(f"a kind out of {known}", checks.described(kind), "Name one of them.") from error
+        return _INTERVALS[chosen](self, place, level)
 
     def _place(self, name: str) -> int:
+        checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a quantity out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
         return self.names.index(name)

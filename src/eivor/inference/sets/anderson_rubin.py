@@ -87,14 +87,6 @@ def averages_for(samples: int, equations: int) -> int:
     return averages
 
 
-def cosine_averages(scores: Float[np.ndarray, "samples p"], averages: int) -> Float[np.ndarray, "averages p"]:
-    """sqrt(2) sum_t s_t cos(pi j (t - 1/2) / N), j = 1..B. O(N log N) for each column; performs no checks."""
-    from scipy.fft import dct
-
-    transformed: Float[np.ndarray, "samples p"] = dct(scores, type=2, axis=0)
-    return np.sqrt(0.5) * transformed[1 : averages + 1]
-
-
 @dataclass(frozen=True)
 class RobustShape(RegionShape):
     """Region of the autocorrelation-robust test, in coordinates in which V is the identity at the pivot.

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
+from eivor import checks
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.sets.confidence_set import ConfidenceSet
 
@@ -118,7 +119,7 @@ class ConfidenceRegion:
         ShapeError
             When there is not one value for each parameter.
         """
-        values = np.asarray(theta, dtype=np.float64)
+        values = checks.real_array("theta", theta)
         if values.shape != (len(self.names),):
             raise ShapeError(
                 f"one value for each of {', '.join(self.names)}",
@@ -145,6 +146,7 @@ class ConfidenceRegion:
         UsageError
             When the region has no parameter of that name.
         """
+        checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
         axis = self.names.index(name)
@@ -184,6 +186,12 @@ class ConfidenceRegion:
                     "Give window=((low, high), (low, high)) in the parameters' units.",
                 )
             window = (-inf, inf), (-inf, inf)
+        remedy = "Give window=((low, high), (low, high)) in the parameters' units."
+        checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
+        for pair in window:
+            checks.items("window", pair, checks.NUMBERS, "two pairs of numbers", remedy)
+        if [len(pair) for pair in window] != [2, 2]:
+            raise UsageError("a window of two pairs of numbers", f"{window}", remedy)
         polygons: list[np.ndarray] = []
         for low, high in _cut(across, window[0]).intervals:
             polygons.extend(self._polygons(low, high, window[1]))

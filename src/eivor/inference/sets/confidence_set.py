@@ -13,6 +13,7 @@ from fractions import Fraction
 from itertools import pairwise
 from math import inf, isfinite, isnan, isqrt
 
+from eivor import checks
 from eivor.errors import ParameterError
 
 #: Binary digits of a square root: more than a double has, so that roots are right to rounding.
@@ -38,6 +39,11 @@ class ConfidenceSet:
     intervals: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
+        checks.items("intervals", self.intervals, tuple, "pairs of numbers")
+        for pair in self.intervals:
+            checks.items("an interval", pair, checks.NUMBERS, "two numbers")
+            if len(pair) != 2:
+                raise ParameterError("intervals of two ends", f"{pair}", "Give a lower and an upper end.")
         ends = [end for interval in self.intervals for end in interval]
         ordered = all(low <= high for low, high in self.intervals)
         apart = all(one[1] < other[0] for one, other in zip(self.intervals, self.intervals[1:], strict=False))
@@ -172,6 +178,7 @@ class ConfidenceSet:
 
     def contains(self, value: float) -> bool:
         """Whether `value` belongs to the set."""
+        checks.number("value", value)
         return any(low <= value <= high for low, high in self.intervals)
 
     def scaled(self, factor: float) -> ConfidenceSet:

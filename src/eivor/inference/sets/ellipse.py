@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from scipy import special
 
 from eivor.errors import ShapeError, UsageError
-from eivor.inference.quantiles import chi_square_quantile
+from eivor.inference.quantiles import check_level, chi_square_quantile
 
 #: Largest magnitude of a correlation that still spans an ellipse in numbers.
 FULL_CORRELATION = 1.0 - 1e-15
@@ -217,8 +217,7 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
     UsageError
         When the level is not between 0 and 1, or there are fewer degrees of freedom than estimates.
     """
-    if not 0.0 < level < 1.0:
-        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
+    check_level(level)
     if not degrees >= dimension:
         raise UsageError(
             f"at least {dimension} degrees of freedom for {dimension} estimates together",

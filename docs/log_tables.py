@@ -1,0 +1,61 @@
+"""Write the tables of docs/logs.md: where PX4 logs each channel and how often, and the units of channel maps.
+
+    python docs/log_tables.py
+
+A test compares the page with what this would write.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
+from eivor.logs.units import UNITS
+from eivor.studies.generated_page import markdown, page_with
+
+PAGE = Path(__file__).resolve().parent / "logs.md"
+
+
+def parts() -> dict[str, str]:
+    """Generated parts of the page by name."""
+    return {"ulog sources": ulog_sources(), "ulog rates": ulog_rates(), "units": units()}
+
+
+def code(words: Iterable[str], joint: str = ", ") -> str:
+    """Words as inline code."""
+    return joint.join(f"`{word}`" for word in words)
+
+
+def ulog_sources() -> str:
+    """Where each channel is looked for in a ULog."""
+    rows = (
+        (code([name]), code((source.partition(" [")[0] for source in sources), "<br>"))
+        for name, sources in LOOKED_FOR.items()
+    )
+    return markdown(("channel", "topics and fields, in order of preference"), rows)
+
+
+def ulog_rates() -> str:
+    """How often PX4 logs each topic."""
+    rows = []
+    for entry in TOPIC_LOGGING:
+        always = entry.default_rate_hz == float("inf")
+        bits = [f"{bit} ({PROFILE_BITS[bit]})" for bit in entry.full_rate_bits if bit != 0]
+        raised = "-" if always else " or ".join(bits) or "none; see `logger_topics.txt` below"
+        rows.append(
+            (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
+        )
+    return markdown(("topic", "default profile", "full rate with bit"), rows)
+
+
+def units() -> str:
+    """Units that a channel map may name."""
+    rows = ((code([unit or '""']), f"{factor:.6g} {si}".strip()) for unit, (si, factor) in UNITS.items())
+    return markdown(("unit", "in SI"), rows)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), parts()), encoding="utf-8")
+    sys.stdout.write(f"{PAGE}\n")

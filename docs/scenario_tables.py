@@ -1,0 +1,145 @@
+"""Write the tables of docs/studies/scenarios.md: every kind that a scenario file may name, with its keys.
+
+    python docs/scenario_tables.py
+
+The kinds come from the registry that reads the files, the words from the docstrings. A test compares the page
+with what this would write.
+"""
+
+from __future__ import annotations
+
+import inspect
+import logging
+import sys
+from collections.abc import Callable, Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import Any, get_args
+
+import griffe
+
+from eivor.simulation.flights.sensor_noise import SensorNoise
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.scenario_files.flight_file import KIND
+from eivor.simulation.scenario_files.kinds import CONTROLS, DISTURBANCES, EXCITATIONS, NOISES, parameters_of
+from eivor.simulation.scenario_files.scenario_file import shipped_scenarios
+from eivor.simulation.sources.linear_disturbance import CoefficientCourse
+from eivor.studies.generated_page import markdown, page_with
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "studies" / "scenarios.md"
+SHIPPED = ROOT / "src" / "eivor" / "simulation" / "scenario_files"
+#: What a value of a type is called.
+WORDS: Mapping[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    tuple[float, ...]: "a list of numbers",
+    tuple[tuple[float, ...], ...]: "a list of lists of numbers",
+}
+#: Keys that the command line gives, that stand in tables of their own, or that a log has no channel for.
+ELSEWHERE = {"seed", "noise", "angular_rate"}
+
+
+def parts() -> dict[str, str]:
+    """Generated parts of the page by name."""
+    flight = {"flight": VerticalFlightSpec, "its `[noise]`": SensorNoise}
+    return {
+        "noises": kinds(NOISES),
+        "disturbances": kinds(DISTURBANCES | {"a coefficient of `time_varying_arma`": CoefficientCourse}),
+        "excitations": kinds(EXCITATIONS),
+        "controls": kinds(CONTROLS),
+        "flights": markdown(("table", "keys"), [(name, keys(maker)) for name, maker in flight.items()]),
+        "shipped": shipped(),
+    }
+
+
+def kinds(registry: Mapping[str, Callable[..., Any]]) -> str:
+    """Table of kinds."""
+    rows = [
+        (name if " " in name else f"`{name}`", summary(maker), keys(maker))
+        for name, maker in registry.items()
+    ]
+    return markdown(("kind", "what it is", "keys"), rows)
+
+
+def summary(maker: Callable[..., Any]) -> str:
+    """Text of a docstring before its sections, on one line."""
+    text = [part.value for part in sections(maker) if part.kind is griffe.DocstringSectionKind.text]
+    return cell(" ".join(text))
+
+
+def keys(maker: Callable[..., Any]) -> str:
+    """Keys of a kind: what each means, and its default."""
+    meanings: dict[str, str] = {}
+    for part in sections(maker):
+        if part.kind is griffe.DocstringSectionKind.parameters:
+            meanings |= {item.name: cell(item.description) for item in part.value}
+    known = {name: value for name, value in parameters_of(maker).items() if name not in ELSEWHERE}
+    lines = []
+    for (meaning, annotation), group in groupby(known, lambda name: (meanings[name], known[name][0])):
+        names = list(group)
+        each = " each" if len(names) > 1 else ""
+        defaults = dict.fromkeys(
+            shown(known[name][1]) for name in names if known[name][1] is not inspect.Parameter.empty
+        )
+        left_out = f"; {' and '.join(defaults)} when left out" if defaults else ""
+        called = ", ".join(f"`{name}`" for name in names)
+        lines.append(f"{called}, {kind_of_value(annotation)}{each}{left_out}: {meaning}")
+    return "<br>".join(lines)
+
+
+def sections(maker: Callable[..., Any]) -> list[Any]:
+    """Sections of a docstring."""
+    logging.getLogger("griffe").setLevel(logging.ERROR)  # a docstring without its module has no types
+    return griffe.Docstring(inspect.getdoc(maker) or "", lineno=1).parse("numpy")
+
+
+def kind_of_value(annotation: Any) -> str:
+    """What to write for a parameter of a type."""
+    if annotation in WORDS:
+        return WORDS[annotation]
+    options = [option for option in get_args(annotation) if option not in (type(None), ...)]
+    if len(options) == 1 and annotation == (options[0] | None):
+        return kind_of_value(options[0])
+    if options:
+        return "tables"
+    if hasattr(annotation, "__members__"):
+        return " or ".join(f'`"{member.value}"`' for member in annotation)
+    return "a table"
+
+
+def shown(default: object) -> str:
+    """Return the default as TOML has it."""
+    if default is None or default == ():
+        return "none"
+    if hasattr(default, "value"):
+        return f'`"{default.value}"`'
+    if isinstance(default, tuple):
+        return f"`{list(default)}`"
+    return f"`{default}`"
+
+
+def cell(text: str) -> str:
+    """Text on one line, without what would end a cell of the table."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def shipped() -> str:
+    """Table of the scenarios that come with the package, by their first comment."""
+    files = {name: SHIPPED / "shipped" / f"{name}.toml" for name in shipped_scenarios()}
+    files[KIND] = SHIPPED / "flights" / f"{KIND}.toml"
+    rows = []
+    for name in sorted(files):
+        lines = files[name].read_text(encoding="utf-8").splitlines()
+        comment = [line.removeprefix("#").strip() for line in lines[: _first_without_mark(lines)]]
+        rows.append((f"`{name}`", cell(" ".join(comment))))
+    return markdown(("name", "what it is"), rows)
+
+
+def _first_without_mark(lines: list[str]) -> int:
+    return next(number for number, line in enumerate(lines) if not line.startswith("#"))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page_with(PAGE.read_text(encoding="utf-8"), parts()), encoding="utf-8")
+    sys.stdout.write(f"{PAGE}\n")

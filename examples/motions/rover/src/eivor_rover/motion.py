@@ -1,0 +1,111 @@
+"""The rover, as Eivor's recipe and reports see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.estimation.estimate import Estimate
+from eivor.flights.airborne import Active
+from eivor.flights.estimated import joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.grid import Grid
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Unjudged
+from eivor.flights.selection import Selection
+from eivor.inference.verdict import Reason
+from eivor.models.instruments import InstrumentRule
+from eivor.models.lagged_runs import LaggedRuns
+from eivor.signals.recording import Recording
+from eivor_rover.channels import CHANNELS, INPUTS, REFERENCES, SPEED, selected
+from eivor_rover.problem import rover_runs
+from eivor_rover.rule import grounds
+from eivor_rover.words import CARD, EQUATION, QUANTITIES, WORDS
+
+
+@dataclass(frozen=True)
+class Rover(Motion[LaggedRuns]):
+    """v' = a u - c v - d sign(v) + b, behind the lag of the drive."""
+
+    name = "rover"
+    model_name = "rover"
+    equation = EQUATION
+    wording = QUANTITIES
+    shown = tuple(QUANTITIES)
+    headline = ("drive_gain", "dry_friction")
+    rows = ("drive_gain", "rolling_drag", "dry_friction", "effective_lag")
+    words = WORDS
+    inputs = INPUTS
+    needed = (SPEED,)
+    references = REFERENCES
+    channels = CHANNELS
+
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Speed, command and accelerometer."""
+        return selected(log, options)
+
+    def active(self, log: Recording, grid: Grid, input_level: np.ndarray) -> Active:
+        """Everywhere: a rover need not take off."""
+        del log, input_level
+        return Active(np.ones(grid.count, dtype=np.bool_), "the record, which is a drive throughout")
+
+    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the drives for each lag and delay."""
+        return rover_runs(flights, rule)
+
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+        """Parameters, lags, and what follows from them."""
+        joint = joint_quantities(estimate)
+        return {
+            **{name: joint[name] for name in ("drive_gain", "rolling_drag", "dry_friction")},
+            **lag_quantities(problem, estimate),
+            "breakaway_command": ratio_quantity(estimate, "dry_friction", "drive_gain", ""),
+            "time_constant": ratio_quantity(estimate, 1.0, "rolling_drag", "s"),
+        }
+
+    def grounds(
+        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """The rule of the verdicts."""
+        return grounds(quantities, strength, at)
+
+    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+        """How much speed and command varied."""
+        speed = np.concatenate([flight.signals.channel(SPEED)[flight.used] for flight in flights])
+        command = np.concatenate([flight.used_input.mean(axis=1) for flight in flights])
+        return (
+            f"The command varied by {command.std():.2g} and the speed by {speed.std():.2g} m/s (standard "
+            "deviations)."
+        )
+
+    def symbols(self, flight: PreparedFlight) -> str:
+        """What u is in this drive."""
+        return f"u = {flight.input.name} behind a lag τ and a delay t_d"
+
+    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
+        """Forward acceleration, means of each run removed."""
+        best = estimate.best
+        rows = problem.rows(best.at)
+        return (
+            Trace(
+                "forward acceleration",
+                "m/s²",
+                "a u − c v − d sign(v)",
+                "a u",
+                rows.response,
+                rows.regressors @ best.theta,
+                rows.regressors[:, 2] * best.theta[2],
+            ),
+        )
+
+    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+        """Speed."""
+        return (Panel("forward speed\n[m/s]", flight.signals.channel(SPEED)),)
+
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to drive and to log, whatever the format."""
+        del log_format
+        return CARD

@@ -1,0 +1,204 @@
+"""What the public doors ask of their arguments: a wrong type is told in words, not by what breaks on it.
+
+Values are judged where they are used; here it is only whether they are of the kind that can be judged.
+"""
+
+from __future__ import annotations
+
+import os
+import reprlib
+import sys
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import DataError, UsageError
+
+#: What counts as a real number by itself; booleans are no numbers.
+NUMBERS = (int, float, np.integer, np.floating)
+#: Largest number of 64 bits, which arrays are counted in.
+LARGEST_WHOLE = 2**63 - 1
+#: Letters of NumPy's types that are real numbers in arrays: booleans and whole numbers are converted.
+REAL_KINDS = frozenset("biuf")
+
+
+def kind(
+    name: str, value: object, types: type | tuple[type, ...], expected: str, remedy: str = "Correct the call."
+) -> None:
+    """Refuse what is none of some types.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    if not isinstance(value, types):
+        raise UsageError(f"{expected} for {name}", described(value), remedy)
+
+
+def text(name: str, value: object) -> None:
+    """Refuse what is no text.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    kind(name, value, str, "text")
+
+
+def number(name: str, value: object) -> None:
+    """Refuse what is no real number, and whole ones beyond the largest double; NaN and infinity are some.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    if isinstance(value, bool):
+        raise UsageError(f"a number for {name}", described(value), "Correct the call.")
+    kind(name, value, NUMBERS, "a number")
+    if isinstance(value, int) and abs(value) > sys.float_info.max:
+        raise UsageError(f"a number below 1.8e308 for {name}", described(value), "Correct the call.")
+
+
+def whole(name: str, value: object) -> None:
+    """Refuse what is no whole number, and what no count of anything can be.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    if isinstance(value, bool):
+        raise UsageError(f"a whole number for {name}", described(value), "Correct the call.")
+    kind(name, value, (int, np.integer), "a whole number")
+    if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+        raise UsageError(f"a whole number below 9.2e18 for {name}", described(value), "Correct the call.")
+
+
+def path(name: str, value: object) -> None:
+    """Refuse what is no path: a number would be taken for an open file.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    kind(name, value, (str, os.PathLike), "a path, as a text or a Path", 'Give its text: "flight.ulg".')
+
+
+def flag(name: str, value: object) -> None:
+    """Refuse what is neither true nor false.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    kind(name, value, (bool, np.bool_), "True or False")
+
+
+def items(
+    name: str,
+    values: object,
+    types: type | tuple[type, ...],
+    expected: str,
+    remedy: str = "Correct the call.",
+) -> None:
+    """Refuse what is no tuple or list of some types.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    kind(name, values, (tuple, list), f"a tuple of {expected}", remedy)
+    assert isinstance(values, tuple | list)  # noqa: S101 - `kind` has refused anything else
+    for value in values:
+        if not isinstance(value, types):
+            raise UsageError(f"a tuple of {expected} for {name}", f"{described(value)} in it", remedy)
+
+
+def texts(name: str, values: object, remedy: str = "Correct the call.") -> None:
+    """Refuse what are no several texts; a single one would be taken for its letters.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    if isinstance(values, str) or not isinstance(values, Iterable):
+        raise UsageError(f"several texts for {name}", described(values), remedy)
+    for value in values:
+        if not isinstance(value, str):
+            raise UsageError(f"several texts for {name}", f"{described(value)} among them", remedy)
+
+
+def mapping(name: str, value: object, types: type | tuple[type, ...], expected: str) -> None:
+    """Refuse what is no mapping from texts to some types.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    expected = f"a mapping of names to {expected}"
+    kind(name, value, Mapping, expected, "Give a dictionary.")
+    assert isinstance(value, Mapping)  # noqa: S101 - `kind` has refused anything else
+    for key, one in value.items():
+        if not isinstance(key, str) or not isinstance(one, types):
+            raise UsageError(
+                f"{expected} for {name}", f"{described(one)} for {described(key)}", "Correct the call."
+            )
+
+
+def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
+    """Array in double precision; what a mask hides is NaN, as it is no value.
+
+    Parameters
+    ----------
+    name : str
+        What messages call it.
+    values : array_like
+        Real numbers in arrays, masked arrays, series, data frames or nested lists; left as they are.
+
+    Raises
+    ------
+    DataError
+        When there are complex numbers, texts, dates or other things than real numbers in it.
+    """
+    if type(values) is np.ndarray and values.dtype == np.float64:
+        return values
+    try:
+        array = _unmasked(values)
+        if array.dtype.kind == "O" and not any(isinstance(one, str | bytes) for one in array.flat):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise DataError(f"real numbers in {name}", f"{error}", "Convert them first.") from error
+    if array.dtype.kind not in REAL_KINDS:
+        complex_numbers = array.dtype.kind == "c"
+        raise DataError(
+            f"real numbers in {name}",
+            "complex ones" if complex_numbers else f"values of the type {array.dtype}",
+            "Take their real part or their absolute value." if complex_numbers else "Convert them first.",
+        )
+    return np.asarray(array, dtype=np.float64)
+
+
+def _unmasked(values: Any) -> np.ndarray:
+    """Array of what is given, NaN where it is masked."""
+    parts = values if isinstance(values, list | tuple) else ()
+    if not (np.ma.isMaskedArray(values) or any(np.ma.isMaskedArray(part) for part in parts)):
+        return np.asarray(values)
+    masked = np.ma.masked_array(values)
+    if masked.dtype.kind not in REAL_KINDS:
+        return np.asarray(masked.data)
+    return np.where(np.ma.getmaskarray(masked), np.nan, masked.data.astype(np.float64))
+
+
+def described(value: object) -> str:
+    """A value in a few characters, and its type."""
+    return f"{reprlib.repr(value)} ({type(value).__name__})"

@@ -1,0 +1,40 @@
+"""Help without the types of the programming language: an argument has its name, a switch has none."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+
+
+class ReadableCommand(TyperCommand):
+    """A command whose help shows what to type, in paragraphs that are as wide as the terminal."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        if self.help:
+            paragraphs = inspect.cleandoc(self.help).split("\n\n")
+            self.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Parameters as the help shows them."""
+        return _readable(super().get_params(ctx))
+
+
+class ReadableGroup(TyperGroup):
+    """A group of commands whose help shows what to type."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Parameters as the help shows them."""
+        return _readable(super().get_params(ctx))
+
+
+def _readable(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if isinstance(parameter, TyperArgument):
+            # releases that print <list[str]> beside the name ask this; the others never call it
+            parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]  # noqa: ARG005
+        elif isinstance(parameter, TyperOption) and parameter.is_flag and parameter.metavar is None:
+            parameter.metavar = ""
+    return parameters

@@ -1,0 +1,212 @@
+"""Linear methods: an assembler, a weighting of rows, a weighting of equations, and a solver.
+
+Nuisances that move columns are searched outside, the linear parameters are solved for inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.estimation.assembler import Assembler
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.method import Method, NaturalInstruments, Problem
+from eivor.estimation.moments import Moments, ProblemMoments
+from eivor.estimation.refusals import check_freedom, check_instruments, check_rank
+from eivor.estimation.search import Minimum, Search
+from eivor.estimation.solved import Solved
+from eivor.estimation.strength import weak_instruments
+from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, UnweightedEquations
+from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
+from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
+from eivor.linalg.system import Solution, Solver
+from eivor.models.regression import LinearProblem, Regression
+from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.spectral import BinRows
+
+
+@dataclass(frozen=True, slots=True)
+class LinearMethod(Method):
+    """A method that is linear in its parameters, but for nuisances.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+    assembler : Assembler
+        Which equations.
+    solver : Solver
+        How the equations are solved.
+    row_weighting : RowWeighting
+        How rows are weighted.
+    equation_weighting : EquationWeighting
+        How equations are weighted.
+    natural_instruments : NaturalInstruments
+        What serves as instruments of a flight when nothing else is asked for.
+    """
+
+    name: str
+    assembler: Assembler
+    solver: Solver
+    row_weighting: RowWeighting = field(default_factory=EqualRows)
+    equation_weighting: EquationWeighting = field(default_factory=Unweighted)
+    natural_instruments: NaturalInstruments = NaturalInstruments.REFERENCES
+
+    @property
+    def needs_instruments(self) -> bool:
+        """As the assembler does."""
+        return self.assembler.needs_instruments
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
+        if isinstance(problem, SeparableProblem):
+            return _separable_estimate(self, problem)
+        if isinstance(problem, ProblemMoments):
+            moments, parameters, rows = problem.moments, problem.parameters, None
+        else:
+            moments, parameters, rows = self.moments(problem), problem.parameters, problem
+        solved = self.determined(moments, rows)
+        reasons = weak_instruments(moments, solved.system, parameters)
+        return Estimate(self.name, parameters, (Candidate({}, solved),), reasons)
+
+    def moments(self, problem: LinearProblem) -> Moments:
+        """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
+        return (
+            self.assembler.full_moments(problem)
+            if self.needs_instruments
+            else self.assembler.moments(problem)
+        )
+
+    def solve(self, problem: LinearProblem) -> Solved:
+        """Solve for the linear parameters of a problem with its rows at hand."""
+        full = self.equation_weighting.needs_instrument_products
+        moments = self.assembler.full_moments(problem) if full else self.assembler.moments(problem)
+        return self.solve_moments(moments, problem)
+
+    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
+        """Solve for the linear parameters from moments, in as many passes as the equations' weighting asks.
+
+        Raises
+        ------
+        UsageError
+            When the weighting of rows needs spectra and there are none.
+        EstimationError
+            When the equations have no unique solution.
+        """
+        if self.row_weighting.needs_spectra and not _has_spectra(problem):
+            raise UsageError(
+                "a flight, whose runs have spectra, for a method with spectral whitening",
+                "a regression of plain rows",
+                "Use identify_flight, or another method.",
+            )
+        system = self.assembler.system(moments)
+        theta: Float[np.ndarray, " n"] | None = None
+        for _ in range(self.equation_weighting.passes):
+            weighted = self.equation_weighting.equations(UnweightedEquations(system, moments, problem, theta))
+            solution = self.solver.solve(weighted.system)
+            theta = solution.theta
+        return Solved(self.assembler, self.solver, moments, problem, system, weighted.factor, solution)
+
+    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
+        """Solution of moments that determine the parameters, and leave a residual to judge them by.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When there are no more rows than parameters.
+        InstrumentError
+            When the instruments do not determine the parameters.
+        EstimationError
+            When the equations have no unique solution.
+        """
+        system = self.assembler.system(moments)
+        check_freedom(moments.rows, system.matrix.shape[1])
+        if self.assembler.moment_equations:
+            check_rank(system)
+        return self.solve_moments(moments, problem)
+
+
+def _has_spectra(problem: LinearProblem | None) -> bool:
+    return isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
+
+
+# -- problems with nuisances ------------------------------------------------------------------------------
+
+
+def check_linear(method: object) -> None:
+    """Refuse what is no linear method.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    remedy = "Call the function of eivor.methods that is named so."
+    checks.kind("method", method, LinearMethod, "a method, such as eivor.methods.least_squares()", remedy)
+
+
+def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
+    """Estimate with a candidate for each combination of the discrete nuisances' values."""
+    others = [nuisance for nuisance in problem.nuisances if not nuisance.refined]
+    names = [nuisance.name for nuisance in others]
+    candidates = tuple(
+        _candidate(method, problem, dict(zip(names, values, strict=True)))
+        for values in product(*(nuisance.grid.tolist() for nuisance in others))
+    )
+    refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
+    return Estimate(method.name, candidates[0].rows.parameters + refined, candidates)
+
+
+def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float]) -> Candidate:
+    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
+    weights = method.row_weighting.first_pass(problem)
+    found = _minimum(method, problem, weights, fixed)
+    while weights.renewal is not None:
+        weights = weights.renewal(found.solution.theta, found.at)
+        found = _minimum(method, problem, weights, fixed)
+    solved = method.solve(weights.rows(found.at))
+    refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
+    columns = [_slope(weights, nuisance, found) for nuisance in refined]
+    precision = [0.0 if nuisance.prior is None else nuisance.prior.std**-2.0 for nuisance in refined]
+    known = [nuisance for nuisance in problem.nuisances if nuisance.searched and nuisance.prior is not None]
+    solved = replace(
+        solved,
+        nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
+        precision=np.array(precision),
+        misfits=tuple(nuisance.misfit(found.at[nuisance.name]) for nuisance in known),
+    )
+    at = {nuisance.name: found.at[nuisance.name] for nuisance in problem.nuisances}
+    return Candidate(at, solved, found.profiles, FLIGHT_DEFAULT)
+
+
+def _minimum(
+    method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, fixed: dict[str, float]
+) -> Minimum:
+    """Best continuous nuisances with weights of one pass; roughly, where another pass follows."""
+    sought = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
+    rows = weights.rows(problem.first_values | fixed)
+    check_freedom(rows.response.size, rows.regressors.shape[1] + len(sought))
+    if method.needs_instruments:
+        unknown = sum(nuisance.prior is None for nuisance in sought)
+        check_instruments(rows, unknown, method.name)
+
+    def solve(at: Values) -> Solution:
+        return method.solve(weights.rows(at)).solution
+
+    def unit(at: Values) -> float:
+        return method.solve(weights.rows(at)).objective_unit()
+
+    return Search(sought, fixed, solve, unit).minimum(coarse=weights.renewal is not None)
+
+
+def _slope(weights: WeightedRows, nuisance: Nuisance, found: Minimum) -> Float[np.ndarray, " rows"]:
+    """Derivative of Phi theta by a nuisance at a minimum, by a central difference."""
+    low, high = nuisance.around(found.at[nuisance.name])
+    below, above = (weights.rows({**found.at, nuisance.name: value}).regressors for value in (low, high))
+    return (above - below) @ found.solution.theta / (high - low)

@@ -1,0 +1,282 @@
+"""Variable projection: the nuisances that minimise what is left after the linear parameters are solved for.
+
+One continuous nuisance: the objective on its grid, and golden sections between the neighbours of the least.
+Several: the objective on a coarse product of their grids, and from its least a bounded search without
+derivatives (Nelder and Mead 1965), begun again where it ends until that gains nothing.
+
+What is known beforehand of a nuisance t adds ``unit ((t - mean) / std)^2``, with the variance of one
+equation as the unit: the term that a measurement of t would add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import ConvergenceError
+from eivor.linalg.system import Solution
+from eivor.models.separable import Nuisance, Values
+
+#: Where only weights are made of an estimate, tolerances are so many times coarser.
+COARSE = 1000.0
+#: Points of a product of grids; but no grid is thinned below three.
+PRODUCT_POINTS = 200
+#: A search of several nuisances has settled when beginning again gains less than this share of the
+#: objective; so often it may begin.
+LEAST_GAIN = 1e-10
+RESTARTS = 20
+
+#: Values of the nuisances that are sought, in their order.
+Point = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class NuisanceProfile:
+    """Objective over the grid of one nuisance, at the best of the others.
+
+    Parameters
+    ----------
+    nuisance : Nuisance
+        Which.
+    grid, objective : ndarray, shape (values,)
+        Values, and what is left at each, a prior's term included.
+    """
+
+    nuisance: Nuisance
+    grid: Float[np.ndarray, " values"]
+    objective: Float[np.ndarray, " values"]
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """What a search found.
+
+    Parameters
+    ----------
+    at : dict of str to float
+        Every nuisance's value.
+    objective : float
+        What is left there, a prior's term included.
+    solution : Solution
+        Linear parameters there.
+    profiles : tuple of NuisanceProfile
+        One for each nuisance that was sought.
+    """
+
+    at: dict[str, float]
+    objective: float
+    solution: Solution
+    profiles: tuple[NuisanceProfile, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The objective at one point.
+
+    Parameters
+    ----------
+    point : tuple of float
+        Where.
+    objective : float
+        What is left, a prior's term included.
+    solution : Solution
+        Linear parameters there.
+    """
+
+    point: Point
+    objective: float
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search over continuous nuisances.
+
+    Parameters
+    ----------
+    sought : tuple of Nuisance
+        What is searched for.
+    fixed : dict of str to float
+        Values of the other nuisances.
+    solve : callable
+        Linear parameters at values of all nuisances.
+    unit : callable
+        Variance of one equation there, in units of the objective. Asked only where something is known
+        beforehand.
+    """
+
+    sought: tuple[Nuisance, ...]
+    fixed: dict[str, float]
+    solve: Callable[[Values], Solution]
+    unit: Callable[[Values], float]
+
+    def minimum(self, *, coarse: bool = False) -> Minimum:
+        """Minimise the objective; to coarse tolerances where only weights are made of it.
+
+        Raises
+        ------
+        ConvergenceError
+            When a search of several nuisances does not settle.
+        EstimationError
+            When the linear parameters have no unique solution.
+        """
+        grids = product_grids(self.sought)
+        points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
+        solutions = [self.solve(self._at(point)) for point in points]
+        left = np.array([solution.objective for solution in solutions])
+        misfit = np.array([self._misfit(point) for point in points])
+        tolerance = COARSE if coarse else 1.0
+
+        def from_grid(unit: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
+            objective = left + unit * misfit
+            place = int(np.argmin(objective))
+            best = Trial(points[place], float(objective[place]), solutions[place])
+            return self._refined(best, grids, unit, tolerance), objective
+
+        if any(nuisance.prior for nuisance in self.sought):
+            # In units of the best fit to the data alone, and then of where that has led.
+            first, _ = from_grid(self.unit(self._at(points[int(np.argmin(left))])))
+            best, objective = from_grid(self.unit(self._at(first.point)))
+        else:
+            best, objective = from_grid(0.0)
+        profiles = _profiles(self.sought, grids, objective)
+        return Minimum(self._at(best.point), best.objective, best.solution, profiles)
+
+    def _at(self, point: Point) -> dict[str, float]:
+        names = (nuisance.name for nuisance in self.sought)
+        return self.fixed | dict(zip(names, point, strict=True))
+
+    def _misfit(self, point: Point) -> float:
+        pairs = zip(self.sought, point, strict=True)
+        return float(sum(nuisance.misfit(value) for nuisance, value in pairs))
+
+    def _refined(
+        self, best: Trial, grids: list[Float[np.ndarray, " _"]], unit: float, tolerance: float
+    ) -> Trial:
+        """Least trial between the grid's points, never worse than the best of these."""
+
+        def trial(point: Point) -> Trial:
+            solution = self.solve(self._at(point))
+            return Trial(point, solution.objective + unit * self._misfit(point), solution)
+
+        if not self.sought:
+            return best
+        if len(self.sought) > 1:
+            return bounded_search(trial, best, self.sought, grids, tolerance)
+        (nuisance,), (grid,), (value,) = self.sought, grids, best.point
+        place = int(np.searchsorted(grid, value))
+        bounds = float(grid[max(place - 1, 0)]), float(grid[min(place + 1, grid.size - 1)])
+        return golden_section(trial, best, bounds, tolerance * nuisance.tolerance)
+
+
+def product_grids(sought: tuple[Nuisance, ...]) -> list[Float[np.ndarray, " _"]]:
+    """Grid of each nuisance, thinned where there are several so that their product stays small."""
+    if len(sought) < 2:
+        return [nuisance.grid for nuisance in sought]
+    most = max(int(PRODUCT_POINTS ** (1.0 / len(sought))), 3)
+    return [
+        grid if grid.size <= most else grid[np.linspace(0, grid.size - 1, most).round().astype(np.int64)]
+        for grid in (nuisance.grid for nuisance in sought)
+    ]
+
+
+def _profiles(
+    sought: tuple[Nuisance, ...],
+    grids: list[Float[np.ndarray, " _"]],
+    objective: Float[np.ndarray, " points"],
+) -> tuple[NuisanceProfile, ...]:
+    table = objective.reshape([grid.size for grid in grids])
+    return tuple(
+        NuisanceProfile(nuisance, grid, np.moveaxis(table, number, 0).reshape(grid.size, -1).min(axis=1))
+        for number, (nuisance, grid) in enumerate(zip(sought, grids, strict=True))
+    )
+
+
+def golden_section(
+    trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
+) -> Trial:
+    """Least trial between two values of one nuisance; never worse than `best`."""
+    low, high = bounds
+    share = 0.5 * (np.sqrt(5.0) - 1.0)
+    trials = [trial((high - share * (high - low),)), trial((low + share * (high - low),))]
+    while high - low > tolerance:
+        if trials[0].objective <= trials[1].objective:
+            high, trials[1] = trials[1].point[0], trials[0]
+            trials[0] = trial((high - share * (high - low),))
+        else:
+            low, trials[0] = trials[0].point[0], trials[1]
+            trials[1] = trial((low + share * (high - low),))
+    return min([best, *trials], key=lambda one: one.objective)
+
+
+def bounded_search(
+    trial: Callable[[Point], Trial],
+    best: Trial,
+    sought: tuple[Nuisance, ...],
+    grids: list[Float[np.ndarray, " _"]],
+    tolerance: float,
+) -> Trial:
+    """Least trial of several nuisances within their grids, from a good one; never worse than that.
+
+    Each nuisance is searched on a scale from 0 to 1, by ratios where it is positive.
+
+    Raises
+    ------
+    ConvergenceError
+        When it does not settle.
+    """
+    from scipy.optimize import minimize
+
+    ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])
+    ratios = np.array([nuisance.positive for nuisance in sought])
+
+    def scaled(values: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+        logs = np.where(ratios, np.log(np.where(ratios, values, 1.0)), values)
+        return np.asarray(logs)
+
+    low, high = scaled(ends[:, 0]), scaled(ends[:, 1])
+
+    def point_of(place: Float[np.ndarray, " q"]) -> Point:
+        values = low + np.clip(place, 0.0, 1.0) * (high - low)
+        values = np.clip(np.where(ratios, np.exp(np.where(ratios, values, 0.0)), values), *ends.T)
+        return tuple(values.tolist())
+
+    found = best
+
+    def left_at(place: Float[np.ndarray, " q"]) -> float:
+        nonlocal found
+        tried = trial(point_of(place))
+        found = min(found, tried, key=lambda one: one.objective)
+        return tried.objective
+
+    steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
+    accuracy = float(np.min([n.tolerance for n in sought] / steepest)) * tolerance
+    spacing = np.array([0.5 / (grid.size - 1) for grid in grids])
+    for _ in range(RESTARTS):
+        before = found
+        place = (scaled(np.array(before.point)) - low) / (high - low)
+        steps = np.where(place + spacing <= 1.0, spacing, -spacing)
+        minimize(
+            left_at,
+            place,
+            method="Nelder-Mead",
+            bounds=[(0.0, 1.0)] * len(sought),
+            options={
+                "initial_simplex": np.vstack([place, place + np.diag(steps)]),
+                "xatol": accuracy,
+                "fatol": np.inf,
+                "maxfev": 400 * len(sought),
+            },
+        )
+        if before.objective - found.objective <= LEAST_GAIN * abs(found.objective):
+            return found
+        spacing = np.maximum(0.3 * spacing, 100.0 * accuracy)
+    raise ConvergenceError(
+        f"a search of {', '.join(nuisance.name for nuisance in sought)} that settles",
+        f"one that still gains after {RESTARTS} beginnings",
+        "Give narrower grids, what is known of one of them, or more exciting data.",
+    )

@@ -1,0 +1,79 @@
+"""Weights of rows: from a problem with nuisances to weighted rows, pass by pass.
+
+Weights do not depend on the nuisances, so that a whole search shares them. Those that are made of residuals
+are renewed at each estimate, so often as the weighting says; then they stand.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.models.regression import Regression
+from eivor.models.separable import SeparableProblem, Values
+
+
+class WeightedRows(ABC):
+    """A problem's rows with weights of one pass."""
+
+    @abstractmethod
+    def rows(self, at: Values) -> Regression:
+        """Weighted rows at values of the nuisances."""
+
+    @property
+    @abstractmethod
+    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
+        """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
+
+
+class RowWeighting(ABC):
+    """A way to weight rows."""
+
+    @property
+    @abstractmethod
+    def needs_spectra(self) -> bool:
+        """True when rows must be bins of spectra, which plain regressions do not have."""
+
+    @abstractmethod
+    def first_pass(self, problem: SeparableProblem) -> WeightedRows:
+        """Rows weighted before anything is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRows(WeightedRows):
+    """Rows in time, as they are.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        Whose.
+    """
+
+    problem: SeparableProblem
+
+    def rows(self, at: Values) -> Regression:
+        """Rows in time."""
+        return self.problem.rows(at)
+
+    @property
+    def renewal(self) -> None:
+        """None: there is nothing to renew."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class EqualRows(RowWeighting):
+    """Every row in time with weight one."""
+
+    @property
+    def needs_spectra(self) -> bool:
+        """No."""
+        return False
+
+    def first_pass(self, problem: SeparableProblem) -> TimeRows:
+        """Rows in time."""
+        return TimeRows(problem)

@@ -1,0 +1,78 @@
+"""Quantities that motions share: parameters, ratios of them, the lag of actuators, the delay, their sum."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.derived import ratio
+from eivor.estimation.estimate import Estimate
+from eivor.flights.quantity import NAN, Choice, Unjudged
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import Nuisance, SeparableProblem
+
+#: Sum of lag and delay, which a flight tells better than either.
+EFFECTIVE_LAG = "effective_lag"
+
+
+def joint_quantities(estimate: Estimate) -> dict[str, Unjudged]:
+    """Every parameter of the joint vector."""
+    return {
+        name: Unjudged(estimate.parameters[name], unit, estimate.std_error(name), estimate.interval(name))
+        for name, unit in zip(estimate.names, estimate.units, strict=True)
+    }
+
+
+def ratio_quantity(estimate: Estimate, numerator: str | float, denominator: str, unit: str) -> Unjudged:
+    """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`.
+
+    Its interval has no bound as soon as the denominator cannot be told from zero; the standard error is by
+    the delta method.
+    """
+    at, below = estimate.parameters, estimate.parameters[denominator]
+    above = at[numerator] if isinstance(numerator, str) else float(numerator)
+    interval = ratio(estimate, numerator, denominator).hull
+    if not below:
+        return Unjudged(NAN, unit, NAN, interval)
+    gradient = -above / below**2 * estimate.direction(denominator)
+    if isinstance(numerator, str):
+        gradient = gradient + estimate.direction(numerator) / below
+    return Unjudged(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
+
+
+def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:
+    """`actuator_lag`, `delay` and `effective_lag`; all zero for actuators whose state is measured.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        With the nuisances actuator_lag and delay, the latter discrete.
+    estimate : Estimate
+        Of it.
+    """
+    lag = joint_quantities(estimate).get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    effective = lag
+    if ACTUATOR_LAG.name in estimate.names:
+        sum_of = _effective_lag(estimate)
+        value, direction = sum_of(estimate.best)
+        error = estimate.best.covariance.std_error(direction)
+        effective = Unjudged(value, "s", error, estimate.interval_of(sum_of))
+    delay = next(nuisance for nuisance in problem.nuisances if nuisance.name == DELAY.name)
+    return {ACTUATOR_LAG.name: lag, DELAY.name: chosen(delay, estimate), EFFECTIVE_LAG: effective}
+
+
+def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:
+    """A discrete nuisance: it has the values that fit in place of an interval."""
+    fitting = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.tenable()}))
+    choice = Choice(fitting, tuple(nuisance.grid.tolist()))
+    unit = nuisance.parameter.unit
+    return Unjudged(estimate.best.at[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice)
+
+
+def _effective_lag(estimate: Estimate) -> Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]:
+    """Lag plus delay and its gradient, at a candidate."""
+    direction = estimate.direction(ACTUATOR_LAG.name)
+    return lambda candidate: (float(direction @ candidate.values) + candidate.at[DELAY.name], direction)

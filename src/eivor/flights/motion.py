@@ -1,0 +1,330 @@
+"""What a motion is: everything that is true of one kind of motion only, behind one interface.
+
+The recipe, the reports and the command line know this interface and no parameter of any motion. How to
+write one is told in docs/motions.md.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.estimate import Estimate
+from eivor.flights.airborne import Active, airborne_by_log
+from eivor.flights.grid import Grid
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Quantity, Unjudged, Wording
+from eivor.flights.references import ReferenceSource
+from eivor.flights.selection import InputFamily, Selection
+from eivor.inference.verdict import Reason, Status
+from eivor.models.instruments import InstrumentRule
+from eivor.models.separable import SeparableProblem
+from eivor.signals.canonical import CanonicalChannel
+from eivor.signals.recording import Finding, Recording
+
+P = TypeVar("P", bound=SeparableProblem)
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """How reports speak of a motion.
+
+    Parameters
+    ----------
+    title : str
+        Name of the motion, as a heading.
+    meanings : mapping of Status to str
+        What each verdict means.
+    fly : str
+        What to fly when nothing else helps, one sentence.
+    limits : str
+        What samples are limited by, after "three seconds in the air without a gap,".
+    limited_by : str
+        The same as a list of nouns.
+    loosen : str
+        What to do when those limits leave nothing.
+    no_reference : str
+        What is missing when no reference is logged.
+    no_lag : str
+        Why there is no lag to find when the input is measured.
+    where : str
+        Where the vehicle is while the motion holds.
+    begins : str
+        What it does to get there.
+    another_log : str
+        What to do when it never does.
+    """
+
+    title: str
+    meanings: Mapping[Status, str]
+    fly: str
+    limits: str = "inside the window"
+    limited_by: str = "window and gaps"
+    loosen: str = "Widen the window."
+    no_reference: str = "None is logged."
+    no_lag: str = "The input was measured:\nthere is no lag to find."
+    where: str = "in the air"
+    begins: str = "takes off"
+    another_log: str = "Give a log of a flight."
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """A nuisance parameter that was searched for on a grid.
+
+    Parameters
+    ----------
+    value : float
+        Where the search ended.
+    highest : float
+        Top of the grid.
+    """
+
+    value: float
+    highest: float
+
+
+@dataclass(frozen=True, slots=True)
+class Strength:
+    """What the instruments tell, in numbers.
+
+    Parameters
+    ----------
+    first_stage : mapping of str to float
+        Conditional first-stage F of each joint parameter; NaN without instruments.
+    p_value : float
+        Of the over-identification test.
+    searched : mapping of str to Searched
+        Nuisance parameters that were searched for.
+    """
+
+    first_stage: Mapping[str, float]
+    p_value: float
+    searched: Mapping[str, Searched] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What a verdict needs to know beside the numbers.
+
+    Parameters
+    ----------
+    flights : int
+        Number of flights used.
+    command_rate_hz, response_rate_hz : float
+        Slowest command, and the fastest of what was measured over the slowest flight [Hz].
+    exogenous : bool
+        The instruments do not answer the vehicle.
+    direct : bool
+        The method uses no instruments.
+    missing_reference : str
+        Why there is no instrument; empty when there is one.
+    constant_reference : bool
+        A reference is logged, and constant.
+    excitation : str
+        How much the flights moved, as a sentence; empty when it is not known.
+    """
+
+    flights: int
+    command_rate_hz: float
+    response_rate_hz: float
+    exogenous: bool
+    direct: bool
+    missing_reference: str = ""
+    constant_reference: bool = False
+    excitation: str = ""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One axis over the samples of all runs, run after run: what was measured and what the model says.
+
+    Parameters
+    ----------
+    axis : str
+        What is measured, in words.
+    unit : str
+        As it is shown.
+    model, drive : str
+        The prediction, and the part of it that the input makes, in symbols.
+    measured, predicted, driven : ndarray, shape (samples,)
+        In that unit; the mean of each run may be missing from them.
+    """
+
+    axis: str
+    unit: str
+    model: str
+    drive: str
+    measured: Float[np.ndarray, " samples"]
+    predicted: Float[np.ndarray, " samples"]
+    driven: Float[np.ndarray, " samples"]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A series of a flight to look at when nothing could be estimated.
+
+    Parameters
+    ----------
+    label : str
+        With its unit.
+    values : ndarray, shape (n,)
+        On the flight's grid.
+    """
+
+    label: str
+    values: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, slots=True)
+class CardSection:
+    """One part of a flight card.
+
+    Parameters
+    ----------
+    title : str
+        A few words.
+    sentences : tuple of str
+        What to do.
+    """
+
+    title: str
+    sentences: tuple[str, ...]
+
+
+class Motion(ABC, Generic[P]):
+    """One kind of motion: its equation, its quantities, their verdicts and their words."""
+
+    name: ClassVar[str]
+    """The command line's word."""
+    model_name: ClassVar[str]
+    """The name in JSON documents."""
+    equation: ClassVar[tuple[str, str]]
+    """The equation in one line, and what its symbols are."""
+    wording: ClassVar[Mapping[str, Wording]]
+    """Every quantity, in the order of results; each joint parameter of the estimate is among them."""
+    shown: ClassVar[tuple[str, ...]]
+    """The same names in the order of reports."""
+    headline: ClassVar[tuple[str, ...]]
+    """Quantities whose grounds make the overall verdict."""
+    rows: ClassVar[tuple[str, ...]]
+    """Quantities that a table of flights or of methods shows."""
+    words: ClassVar[Words]
+    """How reports speak of it."""
+    inputs: ClassVar[tuple[InputFamily, ...]]
+    """What may drive the vehicle, in order of preference."""
+    needed: ClassVar[tuple[str, ...]]
+    """Channels without which nothing can be identified, beside an input."""
+    references: ClassVar[tuple[ReferenceSource, ...]]
+    """Channels that may be instruments."""
+    channels: ClassVar[tuple[CanonicalChannel, ...]] = ()
+    """Channels that it adds to the canonical ones."""
+    logged_parameters: ClassVar[tuple[str, ...]] = ()
+    """Parameters of an autopilot that are worth showing."""
+
+    # -- from a log to a problem --------------------------------------------------------------------------
+
+    def check(self, options: FlightOptions) -> None:
+        """Refuse options that this motion does not have, before any log is looked at.
+
+        Raises
+        ------
+        UsageError
+            With what there is.
+        """
+
+    @abstractmethod
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Return the channels by role, and which samples count.
+
+        Raises
+        ------
+        MissingChannelError
+            When the log lacks one that is needed.
+        """
+
+    def active(self, log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
+        """Samples during which the motion holds; for what flies: while it is in the air.
+
+        Parameters
+        ----------
+        log : Recording
+            Z up.
+        grid : Grid
+            Samples to judge.
+        input_level : ndarray, shape (n,)
+            Mean of the actuators' commands on the grid.
+        """
+        return airborne_by_log(log, grid, input_level)
+
+    @abstractmethod
+    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> P:
+        """Return the problem of flights that all have runs.
+
+        Raises
+        ------
+        EivorError
+            When they make none.
+        """
+
+    def input_level(self, flight: PreparedFlight) -> float:
+        """Size of a flight's input over the samples used, by which inputs of other scales are told."""
+        return float(np.abs(flight.used_input).mean())
+
+    # -- from an estimate to a result ---------------------------------------------------------------------
+
+    @abstractmethod
+    def quantities(self, problem: P, estimate: Estimate) -> Mapping[str, Unjudged]:
+        """Return every quantity of `wording`."""
+
+    @abstractmethod
+    def grounds(
+        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """Grounds against each quantity of `wording`."""
+
+    def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
+        """Values of quantities that flights with runs tell without an estimate."""
+        del flights
+        return {}
+
+    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+        """Say how much the flights moved, in a sentence; empty for nothing."""
+        del flights
+        return ""
+
+    def diagnostics(self, problem: P, estimate: Estimate) -> Mapping[str, float]:
+        """Numbers behind the verdict that this motion alone has."""
+        del problem, estimate
+        return {}
+
+    def findings(
+        self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+    ) -> tuple[Finding, ...]:
+        """What this motion alone notices in the logs, beside the result."""
+        del flights, quantities
+        return ()
+
+    # -- for reports --------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def symbols(self, flight: PreparedFlight) -> str:
+        """What the symbols of the equation are in this flight, one line."""
+
+    @abstractmethod
+    def traces(self, problem: P, estimate: Estimate) -> tuple[Trace, ...]:
+        """Measured and predicted, for each axis."""
+
+    @abstractmethod
+    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+        """Series to look at beside the input when nothing could be estimated."""
+
+    @abstractmethod
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to fly and to log."""

@@ -1,0 +1,103 @@
+"""A flight on its grid, with everything that a motion, the recipe and the verdict need to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.flights.airborne import Active
+from eivor.flights.references import Reference
+from eivor.flights.selection import InputFamily
+from eivor.signals.recording import Finding, Recording
+from eivor.signals.signals import Signals
+
+#: An input whose standard deviation is below this share of its mean is constant.
+CONSTANT_INPUT_SHARE = 1e-6
+
+
+@dataclass(frozen=True)
+class PreparedFlight:
+    """A flight on its grid.
+
+    Parameters
+    ----------
+    recording : Recording
+        The log, z up.
+    signals : Signals
+        Channels that the motion selected, and the references, on one grid.
+    input : InputFamily
+        What drives the vehicle.
+    input_map : str
+        Name of the input map.
+    runs : tuple of slice
+        Stretches to use; without any nothing can be estimated.
+    band_hz : tuple of float
+        Band of spectral rows [Hz].
+    references : tuple of Reference
+        Candidate instruments.
+    active : Active
+        Where the vehicle does what the motion describes: where it flies.
+    usable : ndarray of bool, shape (n,)
+        Samples that are active, in the window, within the motion's limits, and standing on data.
+    rates_hz : mapping of str to float
+        Mean logging rates by role: "command" and those of the selection (0 when absent).
+    findings : tuple of Finding
+        Named diagnostics.
+    """
+
+    recording: Recording
+    signals: Signals
+    input: InputFamily
+    input_map: str
+    runs: tuple[slice, ...]
+    band_hz: tuple[float, float]
+    references: tuple[Reference, ...]
+    active: Active
+    usable: Bool[np.ndarray, " n"]
+    rates_hz: Mapping[str, float]
+    findings: tuple[Finding, ...]
+
+    @property
+    def usable_references(self) -> tuple[str, ...]:
+        """Names of the references that may serve as instruments."""
+        return tuple(reference.name for reference in self.references if reference.usable)
+
+    @property
+    def used(self) -> Bool[np.ndarray, " n"]:
+        """Samples of the runs."""
+        return mask_of(self.runs, self.usable.size)
+
+    @property
+    def used_s(self) -> float:
+        """Time used [s]."""
+        return float(self.used.sum()) * self.signals.step_s
+
+    @property
+    def used_input(self) -> Float[np.ndarray, "used rotors"]:
+        """Input over the samples used, one column for each actuator."""
+        return self.signals.family(self.input.name)[self.used]
+
+    @property
+    def actuators(self) -> int:
+        """Number of channels that drive the vehicle."""
+        return int(self.signals.family(self.input.name).shape[1])
+
+    @property
+    def constant_input(self) -> bool:
+        """The input does not vary over the runs."""
+        if not self.runs:
+            return False
+        level = self.used_input
+        spread = float(level.std(axis=0).max())
+        return spread <= CONSTANT_INPUT_SHARE * max(float(np.abs(level).max()), 1e-12)
+
+
+def mask_of(runs: Sequence[slice], count: int) -> Bool[np.ndarray, " n"]:
+    """Mask of `count` samples that is true within the runs."""
+    mask = np.zeros(count, dtype=np.bool_)
+    for run in runs:
+        mask[run] = True
+    return mask

@@ -1,0 +1,311 @@
+"""Products: sums of products of a problem's columns over successive blocks of its rows.
+
+One table serves all that follows from sums: the equations of an instrumental method and their weights, the
+tests of instruments, of constancy and of leverage, data in chunks, and replicates of a bootstrap.
+
+The columns are p instruments psi, then n regressors phi, then the response y, or, at an estimate, its
+residual e. A table holds the products of all columns with each other, or, where they are not needed, only
+those of psi with [phi y].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from eivor.errors import UsageError
+
+#: Rows that are multiplied at once: a few columns of them fit in a second-level cache.
+BLOCK_ROWS = 32_768
+#: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
+SHORT_BLOCK = 64
+CHUNK_PRODUCTS = 4_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ProductLayout:
+    """Which columns a table of products is of.
+
+    Parameters
+    ----------
+    instruments, regressors : int
+        p and n.
+    whole : bool
+        Whether instruments, and regressors and response, are multiplied among themselves as well.
+    """
+
+    instruments: int
+    regressors: int
+    whole: bool
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Shape of one block's sums."""
+        both = self.instruments + self.regressors + 1
+        return (both, both) if self.whole else (self.instruments, self.regressors + 1)
+
+    @property
+    def first_right(self) -> int:
+        """Place of the first regressor among the columns of a block's sums."""
+        return self.instruments if self.whole else 0
+
+
+@dataclass(frozen=True)
+class Products:
+    """Sums of products of [psi phi y] over successive blocks of rows.
+
+    Parameters
+    ----------
+    counts : ndarray, shape (K,)
+        Rows in each block; not necessarily whole numbers, so that rows may count less than one.
+    sums : ndarray, shape (K, ...)
+        Products of the columns, as the layout says.
+    layout : ProductLayout
+        Which columns.
+
+    Notes
+    -----
+    Performs no checks when it is made.
+    """
+
+    counts: Float[np.ndarray, " K"]
+    sums: Float[np.ndarray, "K left right"]
+    layout: ProductLayout
+
+    # -- parts --------------------------------------------------------------------------------------------
+
+    @property
+    def equations(self) -> Float[np.ndarray, "K p n_plus_1"]:
+        """Psi [phi' y] of each block."""
+        return self.sums[:, : self.layout.instruments, self.layout.first_right :]
+
+    @property
+    def cross(self) -> Float[np.ndarray, "K p n"]:
+        """Psi phi' of each block."""
+        return self.equations[:, :, :-1]
+
+    @property
+    def instrument_response(self) -> Float[np.ndarray, "K p"]:
+        """Psi y of each block; psi e at an estimate."""
+        return self.equations[:, :, -1]
+
+    @property
+    def instruments(self) -> Float[np.ndarray, "K p p"]:
+        """Psi psi' of each block.
+
+        Raises
+        ------
+        UsageError
+            When they are not in the table.
+        """
+        self._check_whole("psi psi'")
+        return self.sums[:, : self.layout.instruments, : self.layout.instruments]
+
+    @property
+    def regressors(self) -> Float[np.ndarray, "K n n"]:
+        """Phi phi' of each block.
+
+        Raises
+        ------
+        UsageError
+            When they are not in the table.
+        """
+        self._check_whole("phi phi'")
+        return self.sums[:, self.layout.instruments : -1, self.layout.instruments : -1]
+
+    @property
+    def regressor_response(self) -> Float[np.ndarray, "K n"]:
+        """Phi y of each block; phi e at an estimate.
+
+        Raises
+        ------
+        UsageError
+            When they are not in the table.
+        """
+        self._check_whole("phi y")
+        return self.sums[:, self.layout.instruments : -1, -1]
+
+    @property
+    def power(self) -> Float[np.ndarray, " K"]:
+        """y^2 of each block; e^2 at an estimate.
+
+        Raises
+        ------
+        UsageError
+            When they are not in the table.
+        """
+        self._check_whole("y^2")
+        return self.sums[:, -1, -1]
+
+    def _check_whole(self, part: str) -> None:
+        if not self.layout.whole:
+            raise UsageError(
+                f"a table with the products {part}",
+                "one with those of the instruments with regressors and response only",
+                "Make the products of all columns: full_moments of an assembler.",
+            )
+
+    # -- totals -------------------------------------------------------------------------------------------
+
+    @property
+    def count(self) -> float:
+        """Rows in all blocks."""
+        return float(self.counts.sum())
+
+    @property
+    def means(self) -> Float[np.ndarray, "left right"]:
+        """Means over all rows."""
+        return np.asarray(self.sums.sum(axis=0)) / self.count
+
+    @property
+    def total(self) -> Products:
+        """One block with all rows."""
+        return replace(self, counts=self.counts.sum(keepdims=True), sums=self.sums.sum(axis=0, keepdims=True))
+
+    @property
+    def equations_only(self) -> Products:
+        """The same with the products of psi with [phi y] only."""
+        return replace(self, sums=self.equations, layout=replace(self.layout, whole=False))
+
+    # -- operations ---------------------------------------------------------------------------------------
+
+    def __add__(self, other: Products) -> Products:
+        """Blocks of both, one after the other.
+
+        Raises
+        ------
+        UsageError
+            When their columns differ.
+        """
+        if self.layout != other.layout:
+            raise UsageError(
+                f"products of {_words(self.layout)}",
+                f"products of {_words(other.layout)}",
+                "Add the products of one problem.",
+            )
+        return replace(
+            self,
+            counts=np.concatenate([self.counts, other.counts]),
+            sums=np.concatenate([self.sums, other.sums]),
+        )
+
+    def grouped(self, edges: Sequence[int] | Int[np.ndarray, " groups_plus_1"]) -> Products:
+        """Sums over groups of successive blocks.
+
+        Parameters
+        ----------
+        edges : sequence of int
+            First block of each group, increasing, and the end of the last.
+        """
+        ends = list(pairwise(edges))
+        return replace(
+            self,
+            counts=np.array([self.counts[a:b].sum() for a, b in ends]),
+            sums=np.stack([self.sums[a:b].sum(axis=0) for a, b in ends]),
+        )
+
+    def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
+        """One block, with the rows of the blocks that were drawn, each as often as it was."""
+        return replace(
+            self,
+            counts=self.counts[blocks].sum(keepdims=True),
+            sums=self.sums[blocks].sum(axis=0, keepdims=True),
+        )
+
+    def weighted(self, weights: Float[np.ndarray, " K"]) -> Products:
+        """One block, in which every block counts as often as its weight says."""
+        return replace(
+            self,
+            counts=np.array([weights @ self.counts]),
+            sums=np.tensordot(weights, self.sums, 1)[None],
+        )
+
+    def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:
+        """The same with the residual y - Phi theta in the response's place.
+
+        A difference of large numbers: the power of a residual that is small beside y loses digits.
+        """
+        n, first = self.layout.regressors, self.layout.first_right
+        turned = np.eye(self.sums.shape[2])
+        turned[first : first + n, -1] = -theta
+        sums = self.sums @ turned
+        if self.layout.whole:
+            sums = turned.T @ sums
+        return replace(self, sums=sums)
+
+
+def _words(layout: ProductLayout) -> str:
+    extent = "all columns" if layout.whole else "the instruments with the others"
+    return f"{layout.instruments} instruments and {layout.regressors} regressors, {extent}"
+
+
+def block_edges(rows: int, blocks: int) -> Int[np.ndarray, " blocks_plus_1"]:
+    """First row of each of `blocks` blocks that differ by one row at most, and the end."""
+    return np.asarray((np.arange(blocks + 1) * rows) // blocks)
+
+
+def products_of_rows(
+    instruments: Float[np.ndarray, "rows p"],
+    regressors: Float[np.ndarray, "rows n"],
+    response: Float[np.ndarray, " rows"],
+    *,
+    edges: Int[np.ndarray, " K_plus_1"],
+    whole: bool = True,
+) -> Products:
+    """Products of rows in arrays. Performs no checks.
+
+    Parameters
+    ----------
+    instruments, regressors, response : ndarray, shapes (rows, p), (rows, n) and (rows,)
+        psi, phi and y.
+    edges : ndarray of int, shape (K + 1,)
+        First row of each block, and the end of the last.
+    whole : bool
+        See `ProductLayout`.
+
+    Notes
+    -----
+    One matrix product for each block; where blocks are short and many, for a stretch of them at once.
+    O(rows (p + n)^2).
+    """
+    layout = ProductLayout(instruments.shape[1], regressors.shape[1], whole)
+    right = (regressors, response[:, None])
+    counts = np.diff(edges)
+    sums = np.zeros((counts.size, *layout.shape))
+    if counts.size and counts.mean() < SHORT_BLOCK:
+        columns = np.column_stack([instruments, *right])
+        left = columns if whole else instruments
+        others = columns if whole else columns[:, layout.instruments :]
+        _sum_short_blocks(left, others, edges, sums)
+        return Products(counts.astype(np.float64), sums, layout)
+    for k, ends in enumerate(pairwise(edges.tolist())):
+        for start in range(*ends, BLOCK_ROWS):
+            here = slice(start, min(start + BLOCK_ROWS, ends[1]))
+            if whole:
+                columns = np.column_stack([instruments[here], *(part[here] for part in right)])
+                sums[k] += columns.T @ columns
+            else:
+                sums[k, :, :-1] += instruments[here].T @ regressors[here]
+                sums[k, :, -1] += instruments[here].T @ response[here]
+    return Products(counts.astype(np.float64), sums, layout)
+
+
+def _sum_short_blocks(
+    left: Float[np.ndarray, "rows a"],
+    right: Float[np.ndarray, "rows b"],
+    edges: Int[np.ndarray, " K_plus_1"],
+    sums: Float[np.ndarray, "K a b"],
+) -> None:
+    """Fill sums of many short blocks, each of at least one row."""
+    blocks, width = sums.shape[0], left.shape[1] * right.shape[1]
+    rows = int(edges[-1] - edges[0])
+    step = max(1, int(CHUNK_PRODUCTS * blocks / max(width * rows, 1)))
+    for first in range(0, blocks, step):
+        last = min(first + step, blocks)
+        here = slice(edges[first], edges[last])
+        products = left[here, :, None] * right[here, None, :]
+        sums[first:last] = np.add.reduceat(products, edges[first:last] - edges[first], axis=0)

@@ -1,0 +1,28 @@
+"""Columns of numbers: what every reader of tables hands to a channel map."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns of a table as numbers.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, shape (n,)
+        By column name, in the logged unit; NaN where the table has no number.
+    unreadable : mapping of str to int
+        Number of cells, by column, that hold a text which is no number.
+    seconds : frozenset of str
+        Columns that hold points in time and have been turned into seconds.
+    """
+
+    values: Mapping[str, Float[np.ndarray, " n"]]
+    unreadable: Mapping[str, int] = field(default_factory=dict)
+    seconds: frozenset[str] = frozenset()

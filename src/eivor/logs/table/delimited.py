@@ -1,0 +1,295 @@
+"""Delimited text: one line of column names, then one line per instant.
+
+The lines are counted and checked before they are converted, so that a ragged or damaged table is told
+by its line and never filled up in silence. The delimiter is the one that splits the header most often
+(comma, semicolon, tab, bar); with semicolons, decimal commas are understood. A quoted cell may hold line
+breaks; a quote inside a cell that is not quoted is a letter, in tables without quoted cells.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
+
+import numpy as np
+
+from eivor.errors import CorruptLogError, EmptyLogError, UnknownFormatError
+from eivor.logs.columns import Columns
+from eivor.logs.table.formats import DELIMITERS
+from eivor.logs.table.source import MAX_COLUMNS, TableSource, corrupt_table
+from eivor.signals.recording import Finding
+
+if TYPE_CHECKING:
+    import polars as pl
+
+MAX_LINE_BYTES = 1 << 20
+_THOUSANDS = r"^[+-]?\d{1,3}(,\d{3})+$"
+_NO_VALUE = ("", "na", "n/a", "null", "none", "-", "--")
+_WORDS = {"true": "1", "false": "0"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """How the lines are made: where the rows begin, how many there are, and what splits them.
+
+    `cut` says that the last line was incomplete and is not counted, `open_end` that the last cell may be
+    incomplete, as no line break follows it.
+    """
+
+    names: tuple[str, ...]
+    delimiter: str
+    header_lines: int
+    rows: int = 0
+    cut: bool = False
+    open_end: bool = False
+    trailing: bool = False
+    quoted: bool = False
+
+
+def open_csv(file: Path) -> TableSource:
+    """Check the lines of a delimited text and name its columns.
+
+    Raises
+    ------
+    CorruptLogError
+        When a line is too long, holds NUL bytes, or has another number of fields than the header.
+    EmptyLogError
+        When there is a header only.
+    UnknownFormatError
+        When there is no line of column names.
+    """
+    try:
+        with file.open("rb") as stream:
+            layout = _layout(stream, file.name)
+    except OSError as error:
+        raise corrupt_table(file.name, f"which cannot be read: {error}", "Copy it again.") from error
+    findings = []
+    if layout.cut:
+        findings.append(Finding("truncated", "The last line is incomplete; it was left out."))
+    if layout.open_end:
+        cell = f"the last cell, of '{layout.names[-1]}'"
+        findings.append(
+            Finding("truncated", f"No line break ends the file: {cell}, may be cut and is left out.")
+        )
+
+    def read(columns: Sequence[str]) -> Columns:
+        return _read(file, layout, columns)
+
+    return TableSource(layout.names, read, tuple(findings))
+
+
+@dataclass(frozen=True, slots=True)
+class _Quotes:
+    """Patterns of rows: quotes around whole cells only (their own doubled), and a cell that is left open."""
+
+    around_cells: re.Pattern[bytes]
+    left_open: re.Pattern[bytes]
+
+    @classmethod
+    def between(cls, delimiter: str) -> _Quotes:
+        """Patterns for cells between delimiters."""
+        mark = re.escape(delimiter.encode())
+        quoted = rb'"[^"]*(?:""[^"]*)*'
+        cell = rb"(?:" + quoted + rb'"|[^"' + mark + rb"]*)"
+        return cls(
+            re.compile(cell + rb"(?:" + mark + cell + rb")*"),
+            re.compile(rb"(?:" + cell + mark + rb")*" + quoted),
+        )
+
+
+@dataclass(slots=True)
+class _Lines:
+    """The lines of a text, one after the other."""
+
+    stream: BinaryIO
+    name: str
+    number: int = 0
+
+    def line(self) -> bytes:
+        """Return the next line with its end, empty after the last."""
+        line = self.stream.readline(MAX_LINE_BYTES + 1)
+        self.number += 1
+        if len(line) > MAX_LINE_BYTES:
+            raise self.corrupt(f"is longer than {MAX_LINE_BYTES} bytes", "Check that it is a table.")
+        if b"\x00" in line:
+            raise corrupt_table(
+                self.name,
+                f"with NUL bytes in line {self.number}",
+                "A power cut leaves them; remove the lines that hold them.",
+            )
+        return line
+
+    def whole_row(self, row: bytes, quotes: _Quotes) -> bytes:
+        """Return a line that has been read, with those that follow as long as a quoted cell is open."""
+        if not quotes.left_open.fullmatch(row):
+            return row
+        begun, parts, size, quote_count = self.number, [row], len(row), row.count(b'"')
+        while quote_count % 2:
+            more = self.line()
+            if not more and len(parts) == 1:
+                break  # the last line, cut
+            size += len(more)
+            if not more or size > MAX_LINE_BYTES:
+                self.number = begun
+                raise self.corrupt("opens a quote that is not closed", "Close it, or remove it.")
+            parts.append(more)
+            quote_count += more.count(b'"')
+        return b"".join(parts)
+
+    def corrupt(self, what: str, remedy: str) -> CorruptLogError:
+        """Return the error for the line that was read last."""
+        return corrupt_table(self.name, f"whose line {self.number} {what}", remedy)
+
+
+def _fields(row: bytes, delimiter: str, lines: _Lines) -> list[str]:
+    try:
+        return next(csv.reader([row.decode("utf-8", "replace")], delimiter=delimiter, strict=False), [])
+    except csv.Error as error:
+        raise lines.corrupt(f"cannot be split: {error}", "Correct it.") from error
+
+
+def _layout(stream: BinaryIO, name: str) -> _Layout:
+    """Read the header, then count and check the rows."""
+    lines = _Lines(stream, name)
+    line = lines.line()
+    while line and not line.strip():
+        line = lines.line()
+    header = line.removeprefix(codecs.BOM_UTF8)
+    delimiter = max(DELIMITERS, key=lambda mark: header.count(mark.encode()))
+    quotes = _Quotes.between(delimiter)
+    header = lines.whole_row(header, quotes).rstrip(b"\r\n")
+    names = [field.strip() for field in _fields(header, delimiter, lines)]
+    if len(names) > MAX_COLUMNS:
+        raise corrupt_table(
+            name, f"with {len(names)} columns", f"At most {MAX_COLUMNS} are read; cut the table."
+        )
+    if names and all(_is_number(field) for field in names):
+        raise UnknownFormatError(
+            "a table whose first line holds the names of the columns",
+            f"'{name}', whose first line holds numbers only",
+            "Put a line of column names on top.",
+        )
+    layout = _check_rows(lines, quotes, _Layout(tuple(names), delimiter, lines.number))
+    if layout.rows == 0:
+        raise EmptyLogError(
+            "a table with rows",
+            f"'{name}' with a header only",
+            "Check that logging was on during the flight.",
+        )
+    return layout
+
+
+def _check_rows(lines: _Lines, quotes: _Quotes, header: _Layout) -> _Layout:
+    """Return the layout with the number of rows (blank ones included), once every line has been checked."""
+    mark, width = header.delimiter.encode(), len(header.names)
+    rows, cut, trailing, last = 0, False, False, b""
+    quoted_line = stray_line = 0
+    while row := lines.line():
+        count = row.count(mark) + 1
+        if b'"' in row:
+            row = lines.whole_row(row, quotes)
+            if quotes.around_cells.fullmatch(row.rstrip(b"\r\n")):
+                quoted_line, count = lines.number, len(_fields(row, header.delimiter, lines))
+            elif quotes.left_open.fullmatch(row):
+                count = 0
+            else:
+                stray_line = lines.number
+        if count != width and row.strip():
+            if count < width and (count == 0 or not row.endswith(b"\n")):
+                cut = True
+                break
+            if count == width + 1 and row.rstrip(b"\r\n").endswith(mark):
+                trailing = True
+            else:
+                raise lines.corrupt(
+                    f"has {count} fields where the header has {width}",
+                    "Correct the line, or cut the table before it.",
+                )
+        rows += 1
+        last = row
+    if quoted_line and stray_line:
+        lines.number = stray_line
+        what = "has a quote inside a cell without quotes around it, where other cells have them"
+        raise lines.corrupt(what, "Quote the cell, and double the quote.")
+    open_end = not cut and not last.endswith((b"\n", b'"', mark))
+    return replace(header, rows=rows, cut=cut, open_end=open_end, trailing=trailing, quoted=quoted_line > 0)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
+    """Convert some columns; a cell that is no number becomes NaN and is counted."""
+    import polars as pl
+
+    # one column more, for the lines that end with a delimiter
+    schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
+    position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
+    try:
+        frame = (
+            pl.scan_csv(
+                file.resolve(),
+                has_header=False,
+                separator=layout.delimiter,
+                quote_char='"' if layout.quoted else None,
+                skip_lines=layout.header_lines,
+                n_rows=layout.rows,
+                schema=schema,
+                glob=False,
+            )
+            .select([position[name] for name in columns])
+            .collect()
+        )
+        if frame.height != layout.rows:
+            raise ValueError(f"{frame.height} rows where {layout.rows} were counted")
+        frame = frame.with_columns(pl.all().str.strip_chars())
+        if layout.delimiter == ";" and _has_decimal_commas(frame):
+            frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
+        numbers = {name: _numbers(frame[position[name]]) for name in columns}
+        if layout.open_end and layout.names[-1] in numbers:
+            numbers[layout.names[-1]][0][-1] = np.nan
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
+        raise _unreadable(file, error) from error
+    return Columns(
+        {name: values for name, (values, _) in numbers.items()},
+        {name: bad for name, (_, bad) in numbers.items() if bad},
+    )
+
+
+def _has_decimal_commas(frame: pl.DataFrame) -> bool:
+    """Whether commas in cells are decimal ones: not those of "1,234" where "0.5" stands elsewhere."""
+    import polars as pl
+
+    cells = pl.concat([column.alias("") for column in frame.iter_columns()])
+    commas = cells.filter(cells.str.contains(",", literal=True))
+    thousands = bool(commas.str.contains(_THOUSANDS).all())
+    return commas.len() > 0 and not (thousands and bool(cells.str.contains(".", literal=True).any()))
+
+
+def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
+    """Numbers of a column of texts, and the count of cells that are none."""
+    import polars as pl
+
+    numbers = texts.cast(pl.Float64, strict=False)
+    if numbers.null_count() == 0:
+        return numbers.to_numpy().copy(), 0
+    words = texts.str.to_lowercase().replace(_WORDS)
+    numbers = numbers.fill_null(words.cast(pl.Float64, strict=False))
+    bad = numbers.is_null() & words.is_not_null() & ~words.is_in(_NO_VALUE)
+    return numbers.fill_null(np.nan).to_numpy().copy(), int(bad.sum())
+
+
+def _unreadable(file: Path, error: BaseException) -> CorruptLogError:
+    return corrupt_table(
+        file.name, f"which cannot be converted: {error}", "Check the table's encoding (UTF-8)."
+    )

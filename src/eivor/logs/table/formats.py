@@ -1,0 +1,67 @@
+"""Tables as rows of the table of formats: how they are told, and what to log in them."""
+
+from __future__ import annotations
+
+import codecs
+from pathlib import Path
+
+from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
+from eivor.signals.recording import Recording
+
+DELIMITERS = (",", ";", "\t", "|")
+_ADVICE = (
+    "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
+    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
+    "vertical acceleration, the attitude, and the height reference.",
+    "Log setpoints as they are commanded, not filtered or interpolated.",
+)
+_SETPOINTS = (
+    "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
+    "(the stick, when a pilot flies)."
+)
+
+
+def is_delimited(text: str) -> bool:
+    """Say whether the first line of a text that is not blank holds a delimiter."""
+    header = next((line for line in text.splitlines() if line.strip()), "")
+    return any(mark in header for mark in DELIMITERS)
+
+
+def _is_csv(head: bytes, _file: Path) -> bool:
+    """Whether the first bytes are delimited text in UTF-8."""
+    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+    try:
+        return is_delimited(decoder.decode(head))
+    except UnicodeDecodeError:
+        return False
+
+
+def _read_csv(file: Path, options: ReadOptions) -> Recording:
+    from eivor.logs.table.delimited import open_csv
+    from eivor.logs.table.read import read_table
+
+    return read_table(file, open_csv(file), CSV.name, options)
+
+
+def _read_parquet(file: Path, options: ReadOptions) -> Recording:
+    from eivor.logs.table.parquet import open_parquet
+    from eivor.logs.table.read import read_table
+
+    return read_table(file, open_parquet(file), PARQUET.name, options)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """Which columns to write."""
+    return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
+
+
+CSV = LogFormat("csv", "CSV", _is_csv, _read_csv, takes_map=True, advice=_advice, setpoints=_SETPOINTS)
+PARQUET = LogFormat(
+    "parquet",
+    "Parquet",
+    begins_with(b"PAR1"),
+    _read_parquet,
+    takes_map=True,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+)

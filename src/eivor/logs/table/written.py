@@ -1,0 +1,175 @@
+"""`write_recording`: a Recording whose channels share one clock, as a table that reads back the same.
+
+Parquet keeps everything: numbers exactly, and in the file's metadata the frame, the sources, which
+channels are held, the parameters and the input map. CSV keeps the numbers (exactly too); it has no place
+for the rest, so it is refused where the rest is needed to understand the numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.logs.table.parquet import METADATA_KEY
+from eivor.signals.canonical import held_by_default
+from eivor.signals.recording import Channel, Finding, Frame, Recording
+from eivor.whole_file import whole_file
+
+_VERSION = 1
+
+
+def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write a recording as one table with canonical column names.
+
+    Parameters
+    ----------
+    recording : Recording
+        All of whose channels have the same stamps.
+    path : str or path
+        Ends in ".parquet" or ".csv".
+
+    Raises
+    ------
+    UsageError
+        When the channels have several clocks or there are none, when the ending is another one, or when
+        a CSV cannot keep what the recording says (z down, an input map, unusual held channels).
+    OSError
+        When the system refuses; an earlier file is as it was.
+    """
+    import polars as pl
+
+    place = Path(path)
+    if place.suffix not in (".parquet", ".csv"):
+        raise UsageError(
+            "a path that ends in .parquet or .csv",
+            f"'{place.name}'",
+            "Parquet keeps everything; CSV the numbers.",
+        )
+    frame = pl.DataFrame(_columns(recording))
+    if place.suffix == ".csv":
+        _check_csv(recording)
+    with whole_file(place) as file:
+        if place.suffix == ".csv":
+            frame.write_csv(file)
+        else:
+            frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording)})
+
+
+def _columns(recording: Recording) -> dict[str, np.ndarray]:
+    """Time and values; the stamps must be those of the first channel."""
+    channels = list(recording.channels.values())
+    if not channels:
+        raise UsageError("a recording with channels", "one without", "Nothing can be written.")
+    clock = channels[0].time_s
+    others = [c.name for c in channels if not np.array_equal(c.time_s, clock)]
+    if others:
+        raise UsageError(
+            "a recording whose channels share one clock",
+            f"other stamps than those of {channels[0].name} in {', '.join(others)}",
+            "Resample it first, or write groups of channels with one clock each.",
+        )
+    return {"time": clock, **{c.name: c.values for c in channels}}
+
+
+def _check_csv(recording: Recording) -> None:
+    lost = []
+    if recording.frame is not Frame.Z_UP:
+        lost.append("its frame (z down)")
+    if recording.input_map:
+        lost.append(f"its input map '{recording.input_map}'")
+    lost += [
+        f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
+    ]
+    if lost:
+        raise UsageError(
+            "a recording that a CSV can keep",
+            f"one that would lose {', '.join(lost)}",
+            "Write .parquet instead.",
+        )
+
+
+def _metadata(recording: Recording) -> str:
+    return json.dumps(
+        {
+            "version": _VERSION,
+            "frame": recording.frame.name,
+            "input_map": recording.input_map,
+            "parameters": dict(recording.parameters),
+            "channels": {
+                c.name: {
+                    "source": c.source,
+                    "held": c.held,
+                    "overflowed": c.quality.overflowed,
+                    "saturated": c.quality.saturated,
+                }
+                for c in recording.channels.values()
+            },
+        }
+    )
+
+
+def restore(recording: Recording, metadata: str) -> Recording:
+    """Return the recording with what `write_recording` left in the file's metadata.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read from the table alone.
+    metadata : str
+        JSON, empty when there is none. What is not understood is left out, with a finding.
+    """
+    if not metadata:
+        return recording
+    try:
+        content = json.loads(metadata)
+        frame = Frame[content["frame"]]
+        input_map = _text(content["input_map"])
+        parameters = {_text(key): _finite(value) for key, value in content["parameters"].items()}
+        channels = {
+            name: _restored(channel, content["channels"].get(name, {}))
+            for name, channel in recording.channels.items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+        finding = Finding(
+            "metadata", "The file's metadata are not understood; the table is read without them."
+        )
+        return replace(recording, findings=(*recording.findings, finding))
+    return replace(recording, frame=frame, input_map=input_map, parameters=parameters, channels=channels)
+
+
+def _restored(channel: Channel, content: object) -> Channel:
+    if not isinstance(content, dict):
+        raise TypeError("channel")
+    quality = replace(
+        channel.quality,
+        overflowed=_count(content.get("overflowed", 0)),
+        saturated=_count(content.get("saturated", 0)),
+    )
+    held = content.get("held", channel.held)
+    if not isinstance(held, bool):
+        raise TypeError("held")
+    return replace(channel, source=_text(content.get("source", channel.source)), held=held, quality=quality)
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("text")
+    return value
+
+
+def _count(value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise TypeError("count")
+    return value
+
+
+def _finite(value: object) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise TypeError("number")
+    return float(value)

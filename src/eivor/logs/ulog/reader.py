@@ -1,0 +1,319 @@
+"""PX4 ULog files.
+
+Axes are as PX4 logs them: z down (`Frame.NED`), in positions, velocities, accelerations and setpoints
+alike. One channel is turned: `input` is positive up, whatever the sign of the topic it comes from.
+Time 0 is the log's `start_timestamp`; topics may carry stamps before it. A channel's stamps are the
+topic's `timestamp`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import mmap
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.logs.findings import channel_findings
+from eivor.logs.ulog.frames import CleanLog, clean_log
+from eivor.logs.ulog.instances import Topic, choose_instance, varying_fields
+from eivor.logs.ulog.topics import (
+    ACTUATOR_SOURCES,
+    CHANNEL_SOURCES,
+    CONTROLLER_POSITION,
+    CONTROLLER_VELOCITY,
+    LOOKED_FOR,
+    NAVIGATION_STATE,
+    NEEDED_TOPICS,
+    PILOT_STATES,
+    RESET_COUNTERS,
+    Source,
+)
+from eivor.signals.canonical import held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
+
+#: Stamps further than this from the log's start are damaged [s].
+MAX_SPAN_S = 1e6
+#: A setpoint whose topic is silent for longer than this, and than five of its steps, is not in force [s].
+SILENCE_S = 1.0
+
+
+@dataclass(slots=True)
+class _Reading:
+    """The state of one reading: topics in, channels and findings out."""
+
+    topics: Mapping[str, Topic]
+    end_s: float
+    channels: dict[str, Channel]
+    findings: list[Finding]
+    silent: list[str]
+    never_valid: list[str]
+
+
+def read_ulog(file: Path, *, sha256: str = "") -> Recording:
+    """Read a ULog file.
+
+    Parameters
+    ----------
+    file : Path
+        The file; `read_log` has checked its size and its first bytes.
+    sha256 : str
+        Hash of its bytes, for the Recording.
+
+    Returns
+    -------
+    Recording
+        In `Frame.NED`, `input` positive up.
+
+    Raises
+    ------
+    CorruptLogError
+        When the file cannot be decoded.
+    EmptyLogError
+        When it holds none of the topics that are needed.
+    """
+    try:
+        with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            clean = clean_log(data, NEEDED_TOPICS, file.name)
+    except OSError as error:
+        raise _corrupt(file, error) from error
+    ulog, printed = _decode(clean, file)
+    findings = _file_findings(clean, ulog, printed)
+    reading = _read_channels(ulog, findings)
+    if not reading.channels:
+        topics = ", ".join(NEEDED_TOPICS)
+        raise EmptyLogError(
+            f"a ULog with flight data (one of the topics {topics})",
+            f"'{file.name}' without a value of any of them",
+            "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
+        )
+    return Recording(
+        name=file.name,
+        format="ulog",
+        channels=reading.channels,
+        frame=Frame.NED,
+        sha256=sha256,
+        parameters=_parameters(ulog),
+        looked_for=LOOKED_FOR,
+        findings=(*reading.findings, *channel_findings(reading.channels)),
+    )
+
+
+def _corrupt(file: Path, error: Exception) -> CorruptLogError:
+    return CorruptLogError(
+        "a readable ULog",
+        f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})",
+        "The file is damaged; copy it from the vehicle again.",
+    )
+
+
+def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
+    """Decode the clean messages; what still goes wrong is a damaged file, as is what the decoder prints."""
+    from pyulog.core import ULog, ULogException
+
+    printed = io.StringIO()
+    try:
+        with contextlib.redirect_stdout(printed):
+            ulog = ULog(io.BytesIO(clean.content), list(NEEDED_TOPICS), disable_str_exceptions=True)
+    except (
+        ULogException,
+        ValueError,
+        TypeError,
+        IndexError,
+        KeyError,
+        OverflowError,
+        OSError,
+        struct.error,
+        RecursionError,
+        MemoryError,
+    ) as error:
+        raise _corrupt(file, error) from error
+    return ulog, bool(printed.getvalue())
+
+
+def _parameters(ulog: Any) -> dict[str, float]:
+    """Numeric parameters that were set when the log began."""
+    values = {str(key): float(value) for key, value in ulog.initial_parameters.items()}
+    return {key: value for key, value in sorted(values.items()) if np.isfinite(value)}
+
+
+def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
+    """Damage and dropouts."""
+    findings = []
+    if clean.cut_bytes:
+        findings.append(
+            Finding("truncated", f"The log ends within a message ({clean.cut_bytes} bytes of it are there).")
+        )
+    if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
+        lost = f", with them all of {', '.join(clean.lost_topics)}" if clean.lost_topics else ""
+        findings.append(
+            Finding(
+                "corrupt_parts",
+                f"Damaged parts were left out: {clean.skipped_bytes} bytes and {clean.rejected_messages} "
+                f"messages{lost}.",
+            )
+        )
+    if ulog.dropouts:
+        total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
+        findings.append(
+            Finding("dropouts", f"The logger lost data {len(ulog.dropouts)} times, {total:.3g} s in total.")
+        )
+    return findings
+
+
+def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
+    """All channels that the topics hold."""
+    start = np.uint64(ulog.start_timestamp)
+    instances: dict[str, list[Topic]] = {}
+    for data in ulog.data_list:
+        instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), data.data))
+    topics = {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
+    clocks = {name: _seconds(topic.fields["timestamp"], start) for name, topic in topics.items()}
+    ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
+    reading = _Reading(topics, max(ends, default=0.0), {}, findings, [], [])
+    for name, sources in CHANNEL_SOURCES.items():
+        for source in sources:
+            if name not in reading.channels:
+                _add(reading, clocks, name, source)
+    _add_controller_velocity(reading, clocks)
+    _add_pilot_in_control(reading, clocks)
+    _add_actuators(reading, clocks)
+    findings += _reset_findings(reading, clocks)
+    if reading.never_valid:
+        findings.append(
+            Finding("never_valid", f"Logged without one valid value: {', '.join(reading.never_valid)}.")
+        )
+    if reading.silent:
+        findings.append(
+            Finding(
+                "setpoint_silent", f"Not in force while its topic is silent: {', '.join(reading.silent)}."
+            )
+        )
+    return reading
+
+
+def _reset_findings(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> list[Finding]:
+    """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
+    topic = reading.topics.get("vehicle_local_position")
+    findings = []
+    fields = topic.fields if topic is not None else {}
+    for field, meaning in RESET_COUNTERS.items():
+        if field not in fields:
+            continue
+        counts = fields[field]
+        times = clocks["vehicle_local_position"][1:][counts[1:] != counts[:-1]]
+        if times.size:
+            shown = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
+            findings.append(Finding("estimator_reset", f"The estimate of {meaning} jumps at {shown} s."))
+    return findings
+
+
+def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
+    """Seconds since the log's start; NaN for stamps that cannot be."""
+    with np.errstate(over="ignore"):
+        ticks = (stamps.astype(np.uint64) - start).view(np.int64)
+    time = ticks.astype(np.float64) * 1e-6
+    time[np.abs(time) > MAX_SPAN_S] = np.nan
+    return time
+
+
+def _values(topic: Topic, source: Source) -> Float[np.ndarray, " n"] | None:
+    """Values of a source, NaN where invalid; None when the log has no such field."""
+    if source.field not in topic.fields:
+        return None
+    values = source.sign * topic.fields[source.field].astype(np.float64)
+    if source.valid_field in topic.fields:
+        values[topic.fields[source.valid_field] == 0] = np.nan
+    return values
+
+
+def _add(
+    reading: _Reading,
+    clocks: Mapping[str, Float[np.ndarray, " _"]],
+    name: str,
+    source: Source,
+    where: Bool[np.ndarray, " n"] | None = None,
+) -> None:
+    """Add a channel from a source, when that has a valid value (among the samples `where`)."""
+    topic = reading.topics.get(source.topic)
+    values = _values(topic, source) if topic is not None else None
+    if values is None:
+        return
+    if where is not None:
+        values[~where] = np.nan
+    elif not np.isfinite(values).any():
+        reading.never_valid.append(source.label)
+    if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
+        return
+    channel = _channel(name, clocks[source.topic], values, source.label)
+    if channel.time_s.size == 0:
+        return
+    if source.is_setpoint:
+        silenced = _silenced(channel, reading.end_s)
+        if silenced.time_s.size > channel.time_s.size:
+            reading.silent.append(name)
+        channel = silenced
+    reading.channels[name] = channel
+
+
+def _channel(
+    name: str, time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], label: str
+) -> Channel:
+    return clean_channel(name, time_s, values, unit_of(name), source=label, held=held_by_default(name))
+
+
+def _silenced(channel: Channel, end_s: float) -> Channel:
+    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint."""
+    limit = SILENCE_S
+    if channel.time_s.size > 1:
+        limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
+    following = np.append(channel.time_s[1:], end_s)
+    # a millisecond more, or the sample that is put in meets the next one
+    last = np.flatnonzero((following - channel.time_s > limit + 1e-3) & np.isfinite(channel.values))
+    time = np.insert(channel.time_s, last + 1, channel.time_s[last] + limit)
+    values = np.insert(channel.values, last + 1, np.nan)
+    return replace(channel, time_s=time, values=values)
+
+
+def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    """Add the controller's velocity setpoint: feedback under a height setpoint, else a climb rate."""
+    topic = reading.topics.get(CONTROLLER_VELOCITY.topic)
+    heights = _values(topic, CONTROLLER_POSITION) if topic is not None else None
+    if heights is None:
+        return
+    in_force = np.isfinite(heights)
+    _add(reading, clocks, "feedback_reference_velocity_z", CONTROLLER_VELOCITY, in_force)
+    if "trajectory_setpoint" not in reading.topics:
+        _add(reading, clocks, "reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
+
+
+def _add_pilot_in_control(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    topic = reading.topics.get(NAVIGATION_STATE.topic)
+    states = _values(topic, NAVIGATION_STATE) if topic is not None else None
+    if states is None:
+        return
+    flies = np.isin(states, PILOT_STATES).astype(np.float64)
+    channel = _channel("pilot_in_control", clocks[NAVIGATION_STATE.topic], flies, NAVIGATION_STATE.label)
+    if channel.time_s.size:
+        reading.channels["pilot_in_control"] = channel
+
+
+def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
+    for topic_name, stem in ACTUATOR_SOURCES:
+        topic = reading.topics.get(topic_name)
+        used = varying_fields(topic, stem) if topic is not None else []
+        if topic is None or not used:
+            continue
+        for number, field in enumerate(used, start=1):
+            values = topic.fields[field].astype(np.float64)
+            name = f"actuator_output_{number}"
+            reading.channels[name] = _channel(name, clocks[topic_name], values, f"{topic_name}.{field}")
+        return

@@ -1,0 +1,122 @@
+"""Formats that are recognised but not read: each says what to do with such a file."""
+
+from __future__ import annotations
+
+import codecs
+from pathlib import Path
+from typing import Never
+
+from eivor.errors import MissingReaderError, UnknownFormatError
+from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
+from eivor.logs.table.formats import is_delimited
+
+
+def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
+    """Row of a format without a reader: how its files begin, and what to do with one."""
+
+    def refuse(file: Path, _options: ReadOptions) -> Never:
+        raise MissingReaderError("a log that this release reads", f"{label}, '{file.name}'", remedy)
+
+    return LogFormat(name, label, begins_with(magic), refuse, is_read=False)
+
+
+_UNPACK = "Unpack it and give the log that is inside."
+_BAG = "Export the topics to CSV or Parquet with canonical column names (or write a channel map)."
+_TABLE = "Write the table as Parquet or CSV."
+
+#: Recognised formats without a reader in this release.
+RECOGNISED: tuple[LogFormat, ...] = (
+    _recognised(
+        "dataflash",
+        "a DataFlash log (ArduPilot .bin, or PX4's old .px4log)",
+        b"\xa3\x95",
+        "Convert it with `mavlogdump.py --format csv` of pymavlink and write a channel map, or wait for the "
+        "`[ardupilot]` extra: its reader is planned, but not in this release.",
+    ),
+    _recognised(
+        "ros1",
+        "a ROS 1 bag",
+        b"#ROSBAG",
+        f"{_BAG} A `[ros]` extra is planned, but not in this release.",
+    ),
+    _recognised(
+        "sqlite",
+        "an SQLite database (a ROS 2 bag in .db3 form is one)",
+        b"SQLite format 3\x00",
+        f"{_BAG} A `[ros]` extra is planned, but not in this release.",
+    ),
+    _recognised(
+        "mcap",
+        "an MCAP file",
+        b"\x89MCAP0\r\n",
+        f"{_BAG} An `[mcap]` extra is planned, but not in this release.",
+    ),
+    _recognised(
+        "usd",
+        "a Crazyflie microSD log",
+        b"\xbc",
+        "Decode it with `cfusdlog.py` of the Crazyflie firmware, which gives arrays and writes no table: put "
+        "those of one event into `eivor.recording_from_columns`, or into a CSV or Parquet file, with "
+        "canonical names and units (stamps in s, acceleration from g, rates from deg/s). A log without a "
+        "vertical velocity cannot be identified: let the deck log stateEstimate.vz too.",
+    ),
+    _recognised(
+        "blackbox",
+        "a Betaflight or INAV blackbox log",
+        b"H Product:Blackbox",
+        "Convert it with `blackbox_decode` to CSV and write a channel map.",
+    ),
+    _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
+    _recognised("hdf5", "an HDF5 file", b"\x89HDF\r\n\x1a\n", _TABLE),
+    _recognised("matlab", "a MATLAB file", b"MATLAB 5.0 MAT-file", _TABLE),
+    _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
+    _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
+    _recognised("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),
+    _recognised("xz", "an xz archive", b"\xfd7zXZ\x00", _UNPACK),
+    _recognised("bzip2", "a bzip2 archive", b"BZh", _UNPACK),
+    _recognised("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
+)
+
+
+_CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
+
+
+def _is_utf16(head: bytes, _file: Path) -> bool:
+    """Whether it is delimited text with a mark of UTF-16, or with zeros for every second byte."""
+    for codec, mark, zeros in (
+        ("utf-16-le", codecs.BOM_UTF16_LE, head[1:100:2]),
+        ("utf-16-be", codecs.BOM_UTF16_BE, head[0:100:2]),
+    ):
+        if head.startswith(mark) or (len(zeros) > 1 and not any(zeros)):
+            text = codecs.getincrementaldecoder(codec)("replace").decode(head)
+            return is_delimited(text) and "\x00" not in text
+    return False
+
+
+def _is_eight_bit(head: bytes, _file: Path) -> bool:
+    """Whether it is delimited text without control characters; asked after UTF-8."""
+    return not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1"))
+
+
+def _refuse_utf16(file: Path, _options: ReadOptions) -> Never:
+    raise _other_encoding(file, "in UTF-16", "UTF-16")
+
+
+def _refuse_eight_bit(file: Path, _options: ReadOptions) -> Never:
+    letters = "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)"
+    raise _other_encoding(file, letters, "WINDOWS-1252")
+
+
+def _other_encoding(file: Path, received: str, codec: str) -> UnknownFormatError:
+    """Error for a table that would be unreadable or, worse, misread."""
+    return UnknownFormatError(
+        "a table in UTF-8",
+        f"'{file.name}', a table {received}",
+        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
+    )
+
+
+UTF_16 = LogFormat("utf-16", "a table in UTF-16", _is_utf16, _refuse_utf16, is_read=False)
+EIGHT_BIT = LogFormat(
+    "8-bit", "a table in an 8-bit encoding", _is_eight_bit, _refuse_eight_bit, is_read=False
+)

@@ -1,0 +1,271 @@
+"""Separable problems of runs: stretches of flights, some of whose columns move with nuisance parameters.
+
+What drives a vehicle lags behind its command, is delayed, or is bent by a curve that is known but for a
+number: the column of that input is another one for every value of the lag, the delay or the number. All
+other columns stay. A motion says what its columns are; here they are cut into runs, rid of their means,
+and taken to bins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
+from eivor.models.equation import Parameter
+from eivor.models.regression import Regression
+from eivor.models.rows import AxisRows, RowLayout, SampleRows
+from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
+
+#: Nuisances of nearly every vehicle, as they are called in results.
+ACTUATOR_LAG = Parameter("actuator_lag", "s")
+DELAY = Parameter("delay", "s")
+
+#: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
+MEMO_NUMBERS = 10_000_000
+
+#: Band of spectral rows [Hz].
+BAND_HZ = (0.04, 5.0)
+#: Grid of lags [s] and delays [s] that are searched.
+LAG_GRID_S = np.geomspace(0.002, 0.3, 40)
+DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040)
+
+
+def lag_and_delay(
+    lags_s: Sequence[float] | Float[np.ndarray, " lags"] = LAG_GRID_S,
+    delays_s: Sequence[float] | Float[np.ndarray, " delays"] = DELAYS_S,
+) -> tuple[Nuisance, Nuisance]:
+    """Nuisances of actuators that lag behind their commands.
+
+    Parameters
+    ----------
+    lags_s, delays_s : sequence of float
+        Lags to search, and delays to tell apart [s]; a single one when it is known.
+    """
+    return (
+        Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64)),
+        Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True),
+    )
+
+
+@dataclass(frozen=True)
+class AxisColumns:
+    """Columns of one axis of one flight on its whole grid of n samples, and the runs of it that count.
+
+    Parameters
+    ----------
+    step_s : float
+        Step of the grid [s].
+    runs : tuple of slice
+        Stretches to use.
+    responses : ndarray, shape (n, r)
+        One or two candidates for the axis' response, the one for rows in time first.
+    fixed : ndarray, shape (n, f)
+        Columns of the first f parameters.
+    moving : callable
+        From the nuisances' values to the columns of the other parameters, shape (n, m).
+    instruments : ndarray, shape (n, p)
+        Exogenous columns; as many in every flight of the axis, zero for none.
+    flight, axis : int
+        Numbers of flight and axis.
+    band_hz : tuple of float
+        Band of spectral rows [Hz].
+    """
+
+    step_s: float
+    runs: tuple[slice, ...]
+    responses: Float[np.ndarray, "n r"]
+    fixed: Float[np.ndarray, "n f"]
+    moving: Callable[[Values], Float[np.ndarray, "n m"]]
+    instruments: Float[np.ndarray, "n p"]
+    flight: int = 0
+    axis: int = 0
+    band_hz: tuple[float, float] = BAND_HZ
+
+
+@dataclass(frozen=True)
+class LaggedRuns(SeparableProblem):
+    """Regressions of runs for each value of the nuisances.
+
+    Parameters
+    ----------
+    columns : tuple of AxisColumns
+        One for each flight and axis.
+    parameters : tuple of Parameter
+        Linear parameters, those of the fixed columns first. Every axis has a column for each; of zeros, where
+        the parameter is not in its equation.
+    nuisances : tuple of Nuisance
+        What moves columns.
+    intercepts : bool
+        Whether every run has an intercept, so that rows in time lose the means of their run. Rows in
+        frequency have lost them anyway.
+    regressor_noise : ndarray, shape (n + 1, n + 1), optional
+        Covariance of the measurement noises of [Phi y] of rows in time.
+
+    Raises
+    ------
+    TooFewSamplesError
+        When there is no run.
+    ShapeError
+        When there is no candidate for the response, or more than two.
+    InstrumentError
+        When flights differ in the instruments of an axis.
+    """
+
+    columns: tuple[AxisColumns, ...]
+    parameters: tuple[Parameter, ...]
+    nuisances: tuple[Nuisance, ...]
+    intercepts: bool = True
+    regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+
+    def __post_init__(self) -> None:
+        if not any(one.runs for one in self.columns):
+            raise TooFewSamplesError(
+                "at least one usable run of flight", "none", "See the reasons that `eivor inspect` gives."
+            )
+        for one in self.columns:
+            if one.responses.shape[1] not in (1, 2):
+                raise ShapeError(
+                    "one or two candidates for the response of an axis",
+                    f"{one.responses.shape[1]}",
+                    "Give what was measured and, beside it, a derivative of what was measured.",
+                )
+        for axis in self.axes:
+            widths = [one.instruments.shape[1] for one in self.columns if one.axis == axis]
+            if len(set(widths)) != 1:
+                raise InstrumentError(
+                    "the same instruments in every flight of a pool",
+                    f"{widths} columns",
+                    "Pool flights that log the same references, or name the instruments.",
+                )
+
+    @cached_property
+    def axes(self) -> tuple[int, ...]:
+        """Numbers of the axes, increasing."""
+        return tuple(sorted({one.axis for one in self.columns}))
+
+    def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
+        """Every run, in the order of the rows."""
+        for one in self.columns:
+            for run in one.runs:
+                yield one, run
+
+    def _moving(self, at: Values) -> list[Float[np.ndarray, "_ m"]]:
+        """Moving columns of every run."""
+        found: list[np.ndarray] = []
+        for one in self.columns:
+            columns = one.moving(at)
+            if one.fixed.shape[1] + columns.shape[1] != len(self.parameters):
+                raise ShapeError(
+                    f"a fixed or moving column for each of {len(self.parameters)} parameters",
+                    f"{one.fixed.shape[1]} and {columns.shape[1]}",
+                    "Give columns of zeros for parameters that are not in an axis' equation.",
+                )
+            found.extend(columns[run] for run in one.runs)
+        return found
+
+    @cached_property
+    def _instruments(self) -> list[Float[np.ndarray, "_ p"]]:
+        """Instruments of every run: each axis has columns of its own."""
+        widths = {one.axis: one.instruments.shape[1] for one in self.columns}
+        first = dict(zip(self.axes, np.cumsum([0, *(widths[axis] for axis in self.axes)]), strict=False))
+        found = []
+        for one, run in self._cut():
+            columns = np.zeros((run.stop - run.start, sum(widths.values())))
+            columns[:, first[one.axis] : first[one.axis] + widths[one.axis]] = one.instruments[run]
+            found.append(columns)
+        return found
+
+    # -- rows in time ---------------------------------------------------------------------------------
+
+    def _centred(self, block: Float[np.ndarray, "length columns"]) -> Float[np.ndarray, "length columns"]:
+        return block - block.mean(axis=0) if self.intercepts else block
+
+    @cached_property
+    def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
+        """[y fixed] and instruments of all runs."""
+        fixed = [np.column_stack([one.responses[run, 0], one.fixed[run]]) for one, run in self._cut()]
+        return (
+            np.concatenate([self._centred(block) for block in fixed]),
+            np.concatenate([self._centred(block) for block in self._instruments]),
+        )
+
+    @cached_property
+    def _row_layout(self) -> RowLayout:
+        parts = [
+            np.stack(
+                [
+                    np.full(run.stop - run.start, one.flight),
+                    np.full(run.stop - run.start, one.axis),
+                    np.arange(run.start, run.stop),
+                ]
+            )
+            for one, run in self._cut()
+        ]
+        flights, axes, samples = np.concatenate(parts, axis=1)
+        return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
+
+    def rows(self, at: Values) -> Regression:
+        """Rows in time, means of each run removed when it has an intercept."""
+        fixed, instruments = self._fixed_rows
+        moving = np.concatenate([self._centred(block) for block in self._moving(at)])
+        regressors = np.column_stack([fixed[:, 1:], moving])
+        return Regression(
+            fixed[:, 0], regressors, instruments, self.parameters, self._row_layout, self.regressor_noise
+        )
+
+    # -- rows in frequency ----------------------------------------------------------------------------
+
+    @cached_property
+    def _bin_layout(self) -> BinRows:
+        return BinRows(
+            tuple(
+                SpectralRun(one.flight, run.stop - run.start, one.step_s, one.band_hz, one.axis, run.start)
+                for one, run in self._cut()
+            )
+        )
+
+    def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Complex[np.ndarray, "bins columns"]:
+        runs = self._bin_layout.runs
+        return np.concatenate([run.spectrum(block) for run, block in zip(runs, blocks, strict=True)])
+
+    @cached_property
+    def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"], np.ndarray]:
+        """Candidate responses that all flights of an axis have, fixed columns, and instruments."""
+        common = {
+            axis: min(one.responses.shape[1] for one in self.columns if one.axis == axis)
+            for axis in self.axes
+        }
+        most, known = max(common.values()), self.columns[0].fixed.shape[1]
+        blocks = []
+        for (one, run), instruments in zip(self._cut(), self._instruments, strict=True):
+            responses = one.responses[run, -common[one.axis] :]
+            twice = [responses] * (most - responses.shape[1] + 1)
+            blocks.append(np.column_stack([*twice, one.fixed[run], instruments]))
+        spectra = self._spectra(blocks)
+        return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
+
+    @cached_property
+    def _moving_bins(self) -> dict[tuple[float, ...], Complex[np.ndarray, "bins m"]]:
+        """Memo of the moving columns: every pass of a weighting visits the same grid again."""
+        return {}
+
+    def bins(self, at: Values) -> SpectralRegression:
+        """Rows in frequency, run after run."""
+        responses, fixed, instruments = self._fixed_bins
+        regressors = np.concatenate([fixed, self._moving_spectra(at)], axis=1)
+        return SpectralRegression(responses, regressors, instruments, self.parameters, self._bin_layout)
+
+    def _moving_spectra(self, at: Values) -> Complex[np.ndarray, "bins m"]:
+        key = tuple(at[nuisance.name] for nuisance in self.nuisances)
+        found = self._moving_bins.get(key)
+        if found is None:
+            found = self._spectra(self._moving(at))
+            if (len(self._moving_bins) + 1) * found.size <= MEMO_NUMBERS:
+                self._moving_bins[key] = found
+        return found

@@ -1,0 +1,115 @@
+"""The motions that are identified, by name; each is one folder, or a package of someone else.
+
+A package adds a motion by an entry point of the group `eivor.motions`, whose name is the motion's and whose
+value is a class below `eivor.flights.motion.Motion`:
+
+    [project.entry-points."eivor.motions"]
+    rover = "eivor_rover:Rover"
+
+Motions are loaded when they are asked for, so that importing this package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING, Any
+
+from eivor.errors import UsageError
+
+if TYPE_CHECKING:
+    from eivor.flights.motion import Motion
+    from eivor.flights.quantity import Wording
+
+#: Group of the entry points of other packages.
+GROUP = "eivor.motions"
+#: Where Eivor's own motions live.
+_OWN = {"vertical": "eivor.motions.vertical.motion:Vertical"}
+#: What is identified unless something else is asked for.
+DEFAULT = "vertical"
+
+
+def motion_names() -> tuple[str, ...]:
+    """Every motion that there is: Eivor's own, then those of other packages."""
+    return tuple(dict.fromkeys((*_OWN, *sorted(_added()))))
+
+
+def motion_by_name(name: str) -> Motion[Any]:
+    """Motion of a name, Eivor's own first. The channels that it adds are canonical from then on.
+
+    Parameters
+    ----------
+    name : str
+        "vertical", or the name of a motion that another package brings.
+
+    Raises
+    ------
+    UsageError
+        When there is none of that name, or another package's cannot be loaded, or adds a channel whose name
+        is that of another one.
+    """
+    from eivor import checks  # with NumPy, which help does without
+
+    checks.text("name", name)
+    return loaded_motion(name)
+
+
+@cache
+def loaded_motion(name: str) -> Motion[Any]:
+    """Motion of a name, loaded once."""
+    if name in _OWN:
+        module, _, attribute = _OWN[name].partition(":")
+        own: Motion[Any] = getattr(import_module(module), attribute)()
+        return own
+    added = _added()
+    if name not in added:
+        raise UsageError(
+            f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
+        )
+    from eivor.signals.canonical import declare_channels
+
+    motion = _loaded(added[name])
+    declare_channels(*motion.channels)
+    return motion
+
+
+def wording_of(quantity: str) -> Wording | None:
+    """How a quantity of that name is called in Eivor's own motions; None when none of them has it."""
+    for name in _OWN:
+        wording = motion_by_name(name).wording.get(quantity)
+        if wording is not None:
+            return wording
+    return None
+
+
+def _added() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def _loaded(point: EntryPoint) -> Motion[Any]:
+    """Motion of another package.
+
+    Raises
+    ------
+    UsageError
+        When it fails to load, or is no motion of that name.
+    """
+    from eivor.flights.motion import Motion
+
+    try:
+        kind = point.load()
+    except Exception as error:
+        raise UsageError(
+            f"a motion '{point.name}' that can be loaded from {point.value}",
+            f"{type(error).__name__}: {error}",
+            "Mend or update the package that brings it.",
+        ) from error
+    motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else None
+    if motion is None or motion.name != point.name:
+        raise UsageError(
+            f"a class of motion called '{point.name}' at {point.value}",
+            f"{kind!r}" if motion is None else f"one that is called '{motion.name}'",
+            "Mend the package that brings it: see docs/motions.md.",
+        )
+    return motion

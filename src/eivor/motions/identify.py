@@ -1,0 +1,126 @@
+"""From recordings and the name of a motion to its quantities with intervals and a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import fields, replace
+from types import NoneType
+from typing import Any, TypedDict, Unpack
+
+from eivor import checks
+from eivor.errors import UsageError, did_you_mean
+from eivor.flights.motion import Motion
+from eivor.flights.options import FlightOptions, check_window
+from eivor.flights.recipe import identified
+from eivor.flights.result import FlightEstimate
+from eivor.motions import DEFAULT, motion_by_name
+from eivor.signals.recording import Recording
+
+#: What to say to those who give something else than recordings.
+READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
+
+
+class Choices(TypedDict, total=False):
+    """Fields of `FlightOptions`, named one by one."""
+
+    window: tuple[float, float]
+    max_tilt_deg: float
+    input: str
+    input_map: str
+    instruments: tuple[str, ...]
+    method: str
+    compare: bool
+
+
+def identify_flight(
+    recordings: Recording | Sequence[Recording],
+    options: FlightOptions | None = None,
+    *,
+    windows: Sequence[tuple[float, float] | None] | None = None,
+    model: str | Motion[Any] = DEFAULT,
+    **choices: Unpack[Choices],
+) -> FlightEstimate:
+    """Identify a motion from a flight, or from several flights of one vehicle together.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        From `read_log`. Several are pooled: friction, gain and lag are shared, intercepts are not.
+        A log given twice is used once.
+    options : FlightOptions, optional
+        Default: the recipe's.
+    windows : sequence of (start, end) or None, optional
+        A window [s] for each recording, in place of the options' for those that have one.
+    model : str or Motion
+        What to identify: "vertical", the name of a motion that another package brings, or a motion itself.
+    **choices
+        Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
+        ``input_map=``, ``instruments=``, ``method=``, ``compare=``.
+
+    Returns
+    -------
+    FlightEstimate
+        Also when the flight cannot tell: see its verdict.
+
+    Raises
+    ------
+    InputError
+        When a channel that is needed is absent.
+    UsageError
+        For options that do not fit, windows outside a log among them, for unknown motions, and for a
+        choice that is given twice.
+    PoolingError
+        When the flights are of vehicles with different input maps or parameters.
+    """
+    given = [recordings] if isinstance(recordings, Recording | str) else recordings
+    checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
+    logs = list(given)
+    if not all(isinstance(log, Recording) for log in logs):
+        raise UsageError(
+            "recordings",
+            ", ".join(sorted({type(log).__name__ for log in logs})),
+            READ_FIRST,
+        )
+    if not logs:
+        raise UsageError("at least one recording", "none", "Give one or several.")
+    motion = motion_by_name(model) if isinstance(model, str) else model
+    if not isinstance(motion, Motion):
+        raise UsageError(
+            "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
+        )
+    chosen = _chosen(options, choices)
+    if windows is None:
+        windows = [None] * len(logs)
+    elif "window" in choices:
+        raise UsageError("one window, or a window for each log", "both", "Give either window= or windows=.")
+    checks.items("windows", windows, (tuple, list, NoneType), "windows", "Give (START, END), or None.")
+    for window in windows:
+        if window is not None:
+            check_window(window)
+    return identified(logs, motion, chosen, list(windows))
+
+
+def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:
+    """Options with the choices that were named one by one.
+
+    Raises
+    ------
+    UsageError
+        For a choice that does not exist, or that is given twice.
+    """
+    start = FlightOptions() if options is None else options
+    checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
+    known = {field.name: field.default for field in fields(FlightOptions)}
+    unknown = [name for name in choices if name not in known]
+    if unknown:
+        raise UsageError(
+            f"choices out of {', '.join(known)}",
+            ", ".join(f"'{name}'" for name in unknown),
+            did_you_mean(unknown[0], known, "Name one of them."),
+        )
+    twice = [name for name in choices if getattr(start, name) != known[name]]
+    if twice:
+        raise UsageError(
+            "each choice once", f"{', '.join(twice)} in options= and by name", "Leave out one of them."
+        )
+    return replace(start, **choices)

@@ -1,0 +1,117 @@
+"""Quantities derived from the estimate: intercepts and the hover input.
+
+Intercept and gain trade off against each other; the input at which the vehicle hovers is what a flight
+tells well: U_h = mean U - (mean z'' + K mean z') / K_u, over the runs, with z'' from the velocity, which
+has no bias. The hover input is the input map's inverse of U_h.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.candidate import Candidate
+from eivor.inference.covariances.equal_weighted_cosines import long_run_mean_variance
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import Values
+from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.model import GRAVITY
+
+#: Relative half-step of numerical derivatives by the lag.
+LAG_DIFFERENCE = 1e-3
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Means over the runs of every term of the equation of motion, at one candidate.
+
+    Parameters
+    ----------
+    derivative, velocity, mapped : float
+        Means of z'' (from the velocity) [m/s^2], z' [m/s] and U.
+    mapped_slope : float
+        Derivative of the mean of U by the lag.
+    residual_variance : float
+        Autocorrelation-robust variance of the mean residual [m^2/s^4].
+    by_run : ndarray, shape (runs, 3)
+        Means of z'', z' and U in each run.
+    """
+
+    derivative: float
+    velocity: float
+    mapped: float
+    mapped_slope: float
+    residual_variance: float
+    by_run: Float[np.ndarray, "runs 3"]
+
+
+def balance(problem: VerticalFlights, candidate: Candidate, *, lag_searched: bool) -> Balance:
+    """Terms of the equation of motion, averaged over the runs."""
+    columns = _columns(problem, candidate.at)
+    stacked = np.concatenate(columns)
+    K, K_u = candidate.theta[:2]
+    residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2]
+    slope = 0.0
+    if lag_searched:
+        lag = candidate.at[ACTUATOR_LAG.name]
+        step = LAG_DIFFERENCE * lag
+        above, below = (
+            np.concatenate(_columns(problem, {**candidate.at, ACTUATOR_LAG.name: moved}))[:, 2].mean()
+            for moved in (lag + step, lag - step)
+        )
+        slope = float(above - below) / (2.0 * step)
+    means = stacked.mean(axis=0)
+    return Balance(
+        float(means[0]),
+        float(means[1]),
+        float(means[2]),
+        slope,
+        long_run_mean_variance(residual - residual.mean()),
+        np.stack([block.mean(axis=0) for block in columns]),
+    )
+
+
+def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ 3"]]:
+    """z'', z' and U of every run."""
+    return [
+        block
+        for flight in problem.flights
+        for block in flight.cut(
+            np.column_stack(
+                [
+                    flight.velocity_derivative,
+                    flight.velocity,
+                    flight.mapped_input(problem.motion, at[ACTUATOR_LAG.name], at[DELAY.name]),
+                ]
+            )
+        )
+    ]
+
+
+def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+    """U_h and its gradient by the joint vector."""
+    K, K_u = candidate.theta[:2]
+    drift = terms.derivative + K * terms.velocity
+    gradient = np.zeros(candidate.values.size)
+    gradient[0] = -terms.velocity / K_u
+    gradient[1] = drift / K_u**2
+    gradient[2:3] = terms.mapped_slope
+    return float(terms.mapped - drift / K_u), gradient
+
+
+def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+    """B = mean z'' + g + K mean z' - K_u mean U, and its gradient by the joint vector."""
+    K, K_u = candidate.theta[:2]
+    gradient = np.zeros(candidate.values.size)
+    gradient[0], gradient[1] = terms.velocity, -terms.mapped
+    gradient[2:3] = -K_u * terms.mapped_slope
+    return float(terms.derivative + GRAVITY + K * terms.velocity - K_u * terms.mapped), gradient
+
+
+def intercepts_by_run(candidate: Candidate, terms: Balance) -> Float[np.ndarray, " runs"]:
+    """B of each run."""
+    K, K_u = candidate.theta[:2]
+    D, V, U = terms.by_run.T
+    return np.asarray(D + GRAVITY + K * V - K_u * U)

@@ -1,0 +1,199 @@
+"""The vertical motion of one or several flights whose actuators lag behind their commands.
+
+One separable problem: friction, gain and lag are shared by all flights, the intercept belongs to a run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.models.equation import Parameter
+from eivor.models.instruments import DrivenSignals, InstrumentRule, NoInstruments
+from eivor.models.lagged_runs import ACTUATOR_LAG, BAND_HZ, DELAY, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.regression import Regression
+from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.spectral import SpectralRegression
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.signals.actuator import actuator_state
+from eivor.signals.signals import Signals
+
+
+@dataclass(frozen=True)
+class VerticalFlight:
+    """One flight on its grid, and the runs of it that count.
+
+    Parameters
+    ----------
+    signals : Signals
+        z up, with `velocity_z`, `cos_tilt`, the input's family, the references, and `specific_force_z`
+        unless only the velocity was logged.
+    input : str
+        Family of channels that drive the vehicle ("rotor_command").
+    measured : bool
+        True when that family is the actuators' measured state, which neither lags nor is delayed.
+    runs : tuple of slice
+        Stretches to use.
+    band_hz : tuple of float
+        Band of spectral rows [Hz].
+    """
+
+    signals: Signals
+    input: str
+    measured: bool
+    runs: tuple[slice, ...]
+    band_hz: tuple[float, float] = BAND_HZ
+
+    @cached_property
+    def velocity(self) -> Float[np.ndarray, " n"]:
+        """Z' [m/s]."""
+        return self.signals.channel("velocity_z")
+
+    @cached_property
+    def velocity_derivative(self) -> Float[np.ndarray, " n"]:
+        """Central difference of z' [m/s^2]."""
+        derivative: Float[np.ndarray, " n"] = np.gradient(self.velocity, self.signals.step_s)
+        return derivative
+
+    @cached_property
+    def acceleration(self) -> Float[np.ndarray, " n"] | None:
+        """Z'' from the accelerometer [m/s^2]; None when it was not logged."""
+        if "specific_force_z" not in self.signals.channels:
+            return None
+        return self.signals.channel("specific_force_z") - GRAVITY
+
+    def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
+        """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
+        command = self.signals.family(self.input)
+        state = actuator_state(command, step_s=self.signals.step_s, lag_s=lag_s, delay_s=delay_s)
+        mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
+        return mapped * self.signals.channel("cos_tilt")
+
+    def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
+        """Rows of each run."""
+        return [columns[run] for run in self.runs]
+
+
+@dataclass(frozen=True)
+class MappedInput:
+    """The column that moves with lag and delay.
+
+    Parameters
+    ----------
+    flight : VerticalFlight
+        Whose input.
+    motion : VerticalMotion
+        With the input map.
+    """
+
+    flight: VerticalFlight
+    motion: VerticalMotion
+
+    def __call__(self, at: Values) -> Float[np.ndarray, "n 1"]:
+        """U at a lag and a delay."""
+        lag_s, delay_s = at[ACTUATOR_LAG.name], at[DELAY.name]
+        return self.flight.mapped_input(self.motion, lag_s, delay_s)[:, None]
+
+
+@dataclass(frozen=True)
+class VerticalFlights(SeparableProblem):
+    """Regressions of vertical motion for each actuator lag and delay.
+
+    Parameters
+    ----------
+    flights : tuple of VerticalFlight
+        One or more, of one vehicle.
+    motion : VerticalMotion
+        The model.
+    rule : InstrumentRule
+        What serves as instruments.
+    nuisances : tuple of Nuisance
+        Lag and delay of the actuators; both known to be zero when their state is measured.
+
+    Raises
+    ------
+    TooFewSamplesError
+        When no flight has a run.
+    InstrumentError
+        When the rule gives different columns for different flights.
+    """
+
+    flights: tuple[VerticalFlight, ...]
+    motion: VerticalMotion
+    rule: InstrumentRule = field(default_factory=NoInstruments)
+    nuisances: tuple[Nuisance, ...] = field(default_factory=lag_and_delay)
+    runs: LaggedRuns = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if all(flight.measured for flight in self.flights):
+            known = tuple(nuisance.known_at(0.0) for nuisance in self.nuisances)
+            object.__setattr__(self, "nuisances", known)
+        columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
+        runs = LaggedRuns(
+            columns, self.parameters, self.nuisances, self.motion.intercept, self.regressor_noise
+        )
+        object.__setattr__(self, "runs", runs)
+
+    @property
+    def lag(self) -> Nuisance:
+        """The actuators' lag."""
+        return self._nuisance(ACTUATOR_LAG)
+
+    @property
+    def delay(self) -> Nuisance:
+        """The actuators' delay."""
+        return self._nuisance(DELAY)
+
+    def _nuisance(self, parameter: Parameter) -> Nuisance:
+        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == parameter)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Linear parameters."""
+        return self.motion.parameters
+
+    def _columns(self, number: int, flight: VerticalFlight) -> AxisColumns:
+        """Columns of one flight: z'' measured and from the velocity, -z', and the mapped input."""
+        responses = [flight.velocity_derivative]
+        if flight.acceleration is not None:
+            responses.insert(0, flight.acceleration)
+        return AxisColumns(
+            flight.signals.step_s,
+            flight.runs,
+            np.column_stack(responses),
+            -flight.velocity[:, None],
+            MappedInput(flight, self.motion),
+            self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))),
+            number,
+            band_hz=flight.band_hz,
+        )
+
+    def rows(self, at: Values) -> Regression:
+        """Rows (-z', U) and z'' in time, means of each run removed when there is an intercept."""
+        return self.runs.rows(at)
+
+    def bins(self, at: Values) -> SpectralRegression:
+        """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
+        return self.runs.bins(at)
+
+    @cached_property
+    def regressor_noise(self) -> Float[np.ndarray, "3 3"] | None:
+        """Declared variances of the errors in z', U and z'', averaged over flights; or None.
+
+        A commanded input is exact. Without an accelerometer z'' is the central difference of z', whose
+        white noise of variance s^2 it turns into one of variance s^2 / (2 h^2).
+        """
+        variances = []
+        for flight in self.flights:
+            noise = {
+                name: float(model.autocovariance(0, 0, 1)[0]) for name, model in flight.signals.noise.items()
+            }
+            if "velocity_z" in noise and flight.acceleration is None:
+                noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
+            if not {"velocity_z", "specific_force_z"} <= set(noise):
+                return None
+            variances.append([noise["velocity_z"], 0.0, noise["specific_force_z"]])
+        return np.diag(np.mean(variances, axis=0))

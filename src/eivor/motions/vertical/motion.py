@@ -1,0 +1,167 @@
+"""The vertical motion of a multirotor, as the recipe and the reports see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.estimate import Estimate
+from eivor.flights.grid import Grid, on_grid
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Quantity, Unjudged
+from eivor.flights.selection import Selection
+from eivor.inference.verdict import Reason
+from eivor.models.instruments import InstrumentRule
+from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.motions.vertical.quantities import all_quantities
+from eivor.motions.vertical.rule import all_grounds
+from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
+from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, flight_card
+from eivor.signals.input_map import input_map
+from eivor.signals.recording import Finding, Recording
+
+#: Parameters in which an autopilot keeps its own idea of the hover input.
+HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
+#: The report points out a logged hover parameter that is off by more than this share.
+HOVER_DISAGREEMENT = 0.15
+
+
+@dataclass(frozen=True)
+class Vertical(Motion[VerticalFlights]):
+    """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
+
+    name = "vertical"
+    model_name = "vertical_motion"
+    equation = EQUATION
+    wording = QUANTITIES
+    shown = SHOWN
+    headline = ("viscous_friction",)
+    rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
+    words = WORDS
+    inputs = INPUTS
+    needed = ("velocity_z",)
+    references = REFERENCES
+    logged_parameters = (
+        *HOVER_PARAMETERS,
+        "THR_MDL_FAC",
+        "MPC_THR_MIN",
+        "MPC_THR_MAX",
+        "MPC_Z_VEL_MAX_UP",
+        "MPC_Z_VEL_MAX_DN",
+        "SYS_AUTOSTART",
+        "CA_ROTOR_COUNT",
+        "SDLOG_PROFILE",
+    )
+
+    def check(self, options: FlightOptions) -> None:
+        """Refuse input maps that do not exist, see `Motion.check`."""
+        if options.input_map:
+            input_map(options.input_map)
+
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Velocity, specific force, tilt and what drives the rotors, see `Motion.select`."""
+        return selected(log, options)
+
+    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> VerticalFlights:
+        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
+        model = VerticalMotion(input_map(flights[0].input_map))
+        return VerticalFlights(tuple(vertical_flight(flight) for flight in flights), model, rule)
+
+    def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
+        """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
+        return all_quantities(problem, estimate)
+
+    def grounds(
+        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """The rule of the verdict, see `eivor.motions.vertical.rule`."""
+        return all_grounds(quantities, strength, at)
+
+    def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
+        """Mean input, which is near the hover input, see `Motion.known`."""
+        means = [flight.used_input.mean() for flight in flights]
+        return {"hover_input": float(np.mean(means))} if means else {}
+
+    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+        """Relative standard deviation of the mapped input, and that of the vertical speed."""
+        model = VerticalMotion(input_map(flights[0].input_map))
+        inputs: list[Float[np.ndarray, " _"]] = []
+        speeds: list[Float[np.ndarray, " _"]] = []
+        for flight in flights:
+            cut = vertical_flight(flight)
+            mapped = cut.mapped_input(model, 0.0, 0.0)
+            inputs.extend(mapped[run] for run in flight.runs)
+            speeds.extend(cut.velocity[run] for run in flight.runs)
+        mapped, speed = np.concatenate(inputs), np.concatenate(speeds)
+        mean = abs(float(mapped.mean()))
+        if mean == 0.0 or not np.isfinite(mapped.std() / mean):
+            return ""
+        return (
+            f"The input varied by {mapped.std() / mean:.1%} and the vertical speed by "
+            f"{speed.std():.2g} m/s (standard deviations)."
+        )
+
+    def findings(
+        self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+    ) -> tuple[Finding, ...]:
+        """A logged hover parameter that disagrees, see `Motion.findings`."""
+        hover = quantities["hover_input"].value
+        logged = {name: flights[0].recording.parameters.get(name) for name in HOVER_PARAMETERS}
+        return tuple(
+            Finding(
+                "hover_parameter",
+                f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover:.3g}.",
+            )
+            for name, value in logged.items()
+            if value and np.isfinite(hover) and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
+        )
+
+    def symbols(self, flight: PreparedFlight) -> str:
+        """What U is in this flight."""
+        name = flight.input.name
+        names = f"the mean of the mapped {name}" if flight.actuators > 1 else name
+        moved = "measured, without lag" if flight.input.measured else "behind a lag τ and a delay d"
+        return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}"
+
+    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
+        """Vertical acceleration, means of each run removed, see `Motion.traces`."""
+        best = estimate.best
+        rows = problem.rows(best.at)
+        return (
+            Trace(
+                "vertical acceleration",
+                "m/s²",
+                "K_u U − K z'",
+                "K_u U",
+                rows.response,
+                rows.regressors @ best.theta,
+                rows.regressors[:, 1] * best.theta[1],
+            ),
+        )
+
+    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+        """Height where it is logged, and climb rate, see `Motion.overview`."""
+        signals = flight.signals
+        panels = [Panel("climb rate\n[m/s]", signals.channel("velocity_z"))]
+        if "position_z" in flight.recording.channels:
+            grid = Grid(signals.start_s, signals.step_s, signals.sample_count)
+            height = on_grid(flight.recording.channel("position_z"), grid)[0]
+            panels.insert(0, Panel("height [m]", height))
+        return tuple(panels)
+
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to fly and to log, see `Motion.advice`."""
+        return flight_card(log_format)
+
+
+def vertical_flight(flight: PreparedFlight) -> VerticalFlight:
+    """Return what the regressions of vertical motion need of a flight."""
+    return VerticalFlight(
+        flight.signals, flight.input.name, flight.input.measured, flight.runs, flight.band_hz
+    )

@@ -1,0 +1,63 @@
+"""The quantities of a flight's result, from an estimate and the balance of the equation of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.flights.estimated import joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.quantity import NAN, Unjudged
+from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.motions.vertical.balance import Balance, balance, hover_mapped, intercept, intercepts_by_run
+from eivor.motions.vertical.flights import VerticalFlights
+
+
+def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
+    """Every quantity, in the order of results; none has a verdict yet."""
+    searched = ACTUATOR_LAG.name in estimate.names
+    terms = {c.at["delay"]: balance(problem, c, lag_searched=searched) for c in estimate.candidates}
+    joint = joint_quantities(estimate)
+    return {
+        "viscous_friction": joint["viscous_friction"],
+        "input_gain": joint["input_gain"],
+        "intercept": _intercept(problem, estimate, terms),
+        **lag_quantities(problem, estimate),
+        "hover_input": _hover(problem, estimate, terms),
+        "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
+    }
+
+
+def _intercept(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
+    """Intercept over all runs, and that of each."""
+    interval = estimate.interval_of(
+        lambda c: intercept(c, terms[c.at["delay"]]),
+        extra_variance=lambda c: terms[c.at["delay"]].residual_variance,
+    )
+    value, gradient = intercept(estimate.best, terms[estimate.best.at["delay"]])
+    extra = terms[estimate.best.at["delay"]].residual_variance
+    alone = balance(problem, estimate.best, lag_searched=False)
+    by_run = tuple(intercepts_by_run(estimate.best, alone).tolist())
+    error = _std_error(estimate.best, gradient, extra)
+    return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
+
+
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
+    """Hover input: the interval of U_h through the input map's inverse."""
+
+    def extra(candidate: Candidate) -> float:
+        return terms[candidate.at["delay"]].residual_variance / float(candidate.theta[1]) ** 2
+
+    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[c.at["delay"]]), extra_variance=extra)
+    mapped, gradient = hover_mapped(estimate.best, terms[estimate.best.at["delay"]])
+    inverse = problem.motion.input_map.inverse
+    value = inverse(mapped)
+    slope = problem.motion.input_map.slope(value)
+    error = _std_error(estimate.best, gradient, extra(estimate.best))
+    std_error = error / slope if slope > 0.0 else NAN
+    return Unjudged(value, "", std_error, (inverse(low), inverse(high)))
+
+
+def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:
+    return float(np.sqrt(candidate.covariance.std_error(gradient) ** 2 + extra))

@@ -1,0 +1,260 @@
+"""The rule that turns an estimate into verdicts, one ground at a time.
+
+On the viscous friction K, which is the overall verdict:
+
+* refused: no reference varies, a conditional first-stage F is below 10, or K cannot be told from zero
+  (K <= 0, or an interval that reaches zero), or the input gain is not positive;
+* provisional: no exogenous reference, so that a direct method had to serve;
+* identified: K's half-width <= K/2, the lag's <= 0.1 s, the lag below the top of its grid, J's p-value
+  >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more,
+  instruments that contain no feedback, and an intercept that is not clearly beyond 5 m/s^2;
+* weak otherwise.
+
+The gain, the hover input and the lag have verdicts of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from eivor.flights.grounds import instrument_reasons, moved
+from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.quantity import Unjudged
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG
+
+FRICTION_SHARE = 0.5
+GAIN_SHARE = 0.1
+HOVER_SHARE = 0.05
+LAG_HALF_WIDTH_S = 0.1
+LAG_SHARE = 0.5
+LAG_KNOWN_S = 0.01
+COMMAND_RATE_HZ = 45.0
+GAIN_RATE_HZ = 20.0
+LARGE_POOL = 10
+LARGE_INTERCEPT = 5.0
+
+FLY = (
+    "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
+)
+QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
+LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
+LOG_PLANNED = "Log the trajectory's position setpoint."
+
+
+def all_grounds(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> dict[str, tuple[Reason, ...]]:
+    """Grounds against every quantity; those that one parameter decides share its grounds."""
+    friction = tuple(friction_reasons(quantities, strength, at))
+    gain = tuple(gain_reasons(quantities["input_gain"], strength, at))
+    lag = tuple(lag_reasons(quantities, strength, at))
+    return {
+        "viscous_friction": friction,
+        "time_constant": friction,
+        "input_gain": gain,
+        "intercept": gain,
+        "hover_input": tuple(hover_reasons(quantities["hover_input"], at)),
+        "actuator_lag": lag,
+        "delay": (*lag, *delay_reasons(quantities["delay"])),
+        "effective_lag": lag,
+    }
+
+
+def friction_reasons(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> list[Reason]:
+    """Grounds against the viscous friction."""
+    reasons = instrument_reasons(
+        strength,
+        at,
+        fly=FLY,
+        log_reference=LOG_REFERENCE,
+        log_planned=LOG_PLANNED,
+    )
+    friction = quantities["viscous_friction"]
+    if friction.value <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
+                f"or a feedback moved the vehicle more than the reference did.{moved(at)}",
+                FLY,
+            )
+        )
+    elif friction.interval[0] <= 0.0:
+        low, high = friction.interval
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] "
+                f"1/s.{moved(at)}",
+                FLY,
+            )
+        )
+    elif friction.half_width > FRICTION_SHARE * friction.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide; "
+                f"identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
+                "Fly longer, faster climbs and descents, or pool several flights.",
+            )
+        )
+    reasons.extend(_rough_lag_reasons(quantities, strength))
+    reasons.extend(_unit_reasons(quantities))
+    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
+                "moves the vehicle that the model does not have.",
+                "Keep the tilt small, stay off the ground, and check the input map.",
+            )
+        )
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+                "intervals do not hold.",
+                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+    """Grounds that speak of signs and units: a gain that pulls down, an intercept that no sensor has."""
+    reasons = []
+    if quantities["input_gain"].value <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
+                "Check the frame (z up, or NED), the input's sign and its map.",
+            )
+        )
+    intercept = quantities.get("intercept")
+    if intercept is not None and abs(intercept.value) - intercept.half_width > LARGE_INTERCEPT:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The intercept is {intercept.value:.1f} m/s^2, far beyond the bias of an accelerometer.",
+                "Check the units and signs of velocity and acceleration, the clock, and the input map.",
+            )
+        )
+    return reasons
+
+
+def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
+    lag = strength.searched.get(ACTUATOR_LAG.name)
+    if lag is None:
+        return []
+    reasons = []
+    half_width = quantities["effective_lag"].half_width
+    if half_width > LAG_HALF_WIDTH_S:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The actuator's lag is known to +-{half_width * 1e3:.0f} ms only; "
+                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
+                QUICKER,
+            )
+        )
+    if lag.value >= 0.999 * lag.highest:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The lag ran into the top of its grid ({lag.highest:.1f} s).",
+                "Check that the input is the command of this vehicle, and its time stamps.",
+            )
+        )
+    return reasons
+
+
+def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[Reason]:
+    """Grounds against the input gain."""
+    if gain.value <= 0.0:
+        return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
+    else:
+        first_stage = strength.first_stage["input_gain"]
+        if first_stage < STRONG_FIRST_STAGE:
+            sentence = _too_low("input gain", first_stage)
+            reasons.append(Reason(Status.WEAK, sentence, FLY))
+    if gain.half_width > GAIN_SHARE * gain.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
+                f"for +-{GAIN_SHARE:.0%}.{moved(at)}",
+                "Fly quicker and larger steps, which change the thrust more.",
+            )
+        )
+    if at.response_rate_hz < GAIN_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Velocity and acceleration are logged at {at.response_rate_hz:.0f} Hz at most.",
+                "Log one of them at 20 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:
+    """Grounds against the hover input."""
+    if not (np.isfinite(hover.value) and hover.value > 0.0):
+        return [Reason(Status.REFUSED, "The hover input is not positive.", "Check the input's sign and map.")]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
+    if not hover.half_width <= HOVER_SHARE * hover.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide; identified asks "
+                f"for +-{HOVER_SHARE:.0%}.",
+                "Fly longer, and come to rest between the climbs.",
+            )
+        )
+    return reasons
+
+
+def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances) -> list[Reason]:
+    """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
+    reasons = _rough_lag_reasons(quantities, strength)
+    lag = quantities["effective_lag"]
+    if lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
+        sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
+        reasons.append(Reason(Status.WEAK, sentence, QUICKER))
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
+    elif ACTUATOR_LAG.name in strength.first_stage:
+        first_stage = strength.first_stage[ACTUATOR_LAG.name]
+        if first_stage < STRONG_FIRST_STAGE:
+            sentence = _too_low("lag", first_stage)
+            reasons.append(Reason(Status.WEAK, sentence, QUICKER))
+    return reasons
+
+
+def delay_reasons(delay: Unjudged) -> list[Reason]:
+    """Grounds against the delay beside those against the lag: that none of those tried can be left out."""
+    if (
+        delay.choice is None
+        or len(delay.choice.tried) < 2
+        or len(delay.choice.fitting) < len(delay.choice.tried)
+    ):
+        return []
+    return [Reason(Status.WEAK, "Every delay that was tried fits.", QUICKER)]
+
+
+def _too_low(name: str, first_stage: float) -> str:
+    return f"First-stage F of the {name} is {first_stage:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."

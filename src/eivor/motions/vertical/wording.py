@@ -1,0 +1,72 @@
+"""The words of the vertical motion: its quantities, the meaning of its verdicts, what to fly and to log."""
+
+from __future__ import annotations
+
+from eivor.flights.motion import CardSection, Words
+from eivor.flights.quantity import Kind, Wording
+from eivor.inference.verdict import Status
+from eivor.logs import log_format
+from eivor.logs.table.formats import CSV
+from eivor.motions.vertical.rule import FLY
+
+EQUATION = (
+    "z'' + g = K_u U - K z' + b",
+    "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)",
+)
+#: Every quantity, in the order of results.
+QUANTITIES = {
+    "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),
+    "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
+    "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
+    "actuator_lag": Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
+    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3, lowest=0.0),
+    "effective_lag": Wording(
+        "effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3, lowest=0.0
+    ),
+    "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
+    "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
+}
+#: The same in the order of reports.
+SHOWN = (
+    "viscous_friction",
+    "time_constant",
+    "input_gain",
+    "hover_input",
+    "effective_lag",
+    "actuator_lag",
+    "delay",
+    "intercept",
+)
+WORDS = Words(
+    title="Vertical motion",
+    meanings={
+        Status.IDENTIFIED: "the flight tells the viscous friction within the interval.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
+        Status.REFUSED: "the flight cannot tell the viscous friction.",
+    },
+    fly=FLY,
+    limits="inside the window and below the largest tilt",
+    limited_by="tilt, window and gaps",
+    loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
+    no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
+    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+)
+
+_MANOEUVRES = (
+    "Calm air, at least 3 m above the ground, position (or altitude) mode, tilt below 20°.",
+    "60 s of height steps of 2 m, up and down, a new one every 3 to 6 s at uneven times; or a sweep of the "
+    "height setpoint of ±1 m from 0.1 to 0.5 Hz. Climb and descend at about 2 m/s.",
+    "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
+)
+
+
+def flight_card(log_format_name: str) -> tuple[CardSection, ...]:
+    """What to fly and to log; about logs of a format without advice, that of tables."""
+    known = log_format(log_format_name)
+    advised = known if known is not None and known.advice("") and known.setpoints else CSV
+    return (
+        CardSection("Fly", _MANOEUVRES),
+        CardSection("Log", advised.advice("")),
+        CardSection("Setpoints", (advised.setpoints,)),
+    )

@@ -1,0 +1,88 @@
+"""JSON documents of inspections, ``eivor.inspect/1`` and ``eivor.inspect_pool/1``, see docs/json.md."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+from eivor.flights.prepared import PreparedFlight
+from eivor.report.inspection import ChannelSummary, Inspection, PooledInspection, stretches
+from eivor.report.json_document import Json, findings_list, number
+
+SCHEMA = "eivor.inspect/1"
+POOLED_SCHEMA = "eivor.inspect_pool/1"
+
+
+def inspection_json(found: Inspection) -> dict[str, Json]:
+    """Document of an inspection, ready for `json_text`."""
+    log = found.recording
+    flight = None if found.result is None else found.result.prepared[0]
+    return {
+        "schema": SCHEMA,
+        "log": {
+            "name": log.name,
+            "format": log.format,
+            "frame": log.frame.name.lower(),
+            "sha256": log.sha256 or None,
+            "span": [number(end) for end in log.span_s],
+        },
+        "channels": [_channel(summary) for summary in found.channels],
+        "missing": list(found.missing),
+        "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
+        "advice": list(found.advice),
+        "airborne": None if flight is None else _airborne(flight),
+        "references": [] if flight is None else _references(flight),
+        "parameters": {name: number(value) for name, value in found.parameters.items()},
+        "findings": findings_list(found.result.findings if found.result is not None else log.findings),
+        "verdict": found.verdict,
+        "reasons": list(found.reasons),
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def pooled_json(found: PooledInspection) -> dict[str, Json]:
+    """Document of several logs, ready for `json_text`."""
+    return {
+        "schema": POOLED_SCHEMA,
+        "logs": [inspection_json(log) for log in found.logs],
+        "findings": [] if found.result is None else findings_list(found.result.findings),
+        "verdict": found.verdict,
+        "reasons": list(found.reasons),
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def _channel(summary: ChannelSummary) -> Json:
+    channel, quality = summary.channel, summary.channel.quality
+    return {
+        "name": channel.name,
+        "source": channel.source,
+        "unit": channel.unit,
+        "samples": int(channel.values.size),
+        "rate_hz": number(channel.rate_hz),
+        "held": channel.held,
+        "range": [number(summary.lowest), number(summary.highest)],
+        "gaps": [[number(start), number(end)] for start, end in summary.gaps],
+        "duplicated_stamps": quality.duplicated_stamps,
+        "backward_stamps": quality.backward_stamps,
+        "missing_values": quality.missing_values,
+        "overflowed": quality.overflowed,
+        "saturated": quality.saturated,
+    }
+
+
+def _airborne(flight: PreparedFlight) -> Json:
+    signals = flight.signals
+    flown = stretches(flight.active.mask, signals.start_s, signals.step_s)
+    runs = stretches(flight.used, signals.start_s, signals.step_s)
+    return {
+        "rule": flight.active.rule,
+        "segments": [[number(start), number(end)] for start, end in flown],
+        "used": [[number(start), number(end)] for start, end in runs],
+    }
+
+
+def _references(flight: PreparedFlight) -> list[Json]:
+    return [
+        {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
+        for reference in flight.references
+    ]

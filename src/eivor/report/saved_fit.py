@@ -1,0 +1,233 @@
+"""A result read back from the JSON document that was written of it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import EstimationError, InputError, UsageError
+from eivor.flights.quantity import Quantity
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.quantiles import check_level
+from eivor.inference.verdict import Status
+from eivor.notebook import html_table
+from eivor.report.json_document import SCHEMA
+
+#: Larger files are no result.
+LARGEST_BYTES = 100_000_000
+
+
+@dataclass(frozen=True)
+class SavedCandidate:
+    """Joint vector and covariance at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    at : mapping of str to float
+        Value of every nuisance.
+    best : bool
+        Whether it is the one that fits best.
+    values : ndarray, shape (n,)
+        Joint vector.
+    covariance : JointCovariance
+        Of the joint vector.
+    """
+
+    at: Mapping[str, float]
+    best: bool
+    values: Float[np.ndarray, " n"]
+    covariance: JointCovariance
+
+
+@dataclass(frozen=True)
+class SavedFit:
+    """What a document of schema ``eivor.identify/1`` says.
+
+    Parameters
+    ----------
+    verdict : Status
+        The overall verdict.
+    reasons : tuple of str
+        Why it is not better.
+    quantities : mapping of str to Quantity
+        Parameters and derived quantities.
+    names : tuple of str
+        Joint vector; empty without an estimate.
+    candidates : tuple of SavedCandidate
+        Those that fit; empty without an estimate.
+    prediction : mapping of str to object
+        What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
+        `limits`; empty without an estimate.
+    document : mapping of str to object
+        The whole document.
+    """
+
+    verdict: Status
+    reasons: tuple[str, ...]
+    quantities: Mapping[str, Quantity]
+    names: tuple[str, ...]
+    candidates: tuple[SavedCandidate, ...]
+    prediction: Mapping[str, Any]
+    document: Mapping[str, Any] = field(repr=False)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Value of every quantity."""
+        return {name: quantity.value for name, quantity in self.quantities.items()}
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of the joint vector where it fits best, in the order of `names`.
+
+        Raises
+        ------
+        EstimationError
+            When nothing was estimated.
+        """
+        for candidate in self.candidates:
+            if candidate.best:
+                return candidate.covariance.matrix
+        raise EstimationError(
+            "a document of a flight with an estimate",
+            f"one without: {' '.join(self.reasons)}",
+            "See its verdict.",
+        )
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of a quantity, a union over the candidates that fit.
+
+        Raises
+        ------
+        UsageError
+            For an unknown name, a level that is none, or another than .95 for a derived quantity.
+        """
+        check_level(level)
+        if name in self.quantities and level == 0.95:
+            return self.quantities[name].interval
+        if name not in self.names:
+            known = ", ".join(self.names) or "none"
+            raise UsageError(
+                f"a quantity out of {', '.join(self.quantities)} at level .95, or of the joint vector "
+                f"({known})",
+                f"'{name}' at level {level}",
+                "Name one of them.",
+            )
+        place = self.names.index(name)
+        direction = np.eye(len(self.names))[place]
+        ends = [
+            float(candidate.values[place]) + sign * candidate.covariance.half_width(direction, level)
+            for candidate in self.candidates
+            for sign in (-1.0, 1.0)
+        ]
+        return min(ends), max(ends)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, f"{q.value:.4g}", f"[{q.interval[0]:.4g}, {q.interval[1]:.4g}]", q.unit, q.verdict.value)
+            for name, q in self.quantities.items()
+        ]
+        columns = ("quantity", "value", "95 % interval", "unit", "verdict")
+        return html_table(f"saved fit: {self.verdict.value}", columns, rows, " ".join(self.reasons))
+
+
+def load_fit(file: str | Path) -> SavedFit:
+    """Read back a result that ``eivor identify --json FILE`` or ``fit.to_json()`` wrote.
+
+    Parameters
+    ----------
+    file : str or Path
+        A document of schema ``eivor.identify/1``.
+
+    Returns
+    -------
+    SavedFit
+        Quantities with intervals and verdicts, the joint covariance, and what is needed to predict.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or is no such document.
+    """
+    if not isinstance(file, str | Path):
+        raise UsageError("the path of a JSON file", type(file).__name__, 'Such as ev.load_fit("fit.json").')
+    path = Path(file)
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise _no_document(path, f"a file of {path.stat().st_size} bytes")
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            "a result that can be read", f"'{path}': {error.strerror or error}", "Check the path."
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise _no_document(path, "content that is not JSON") from error
+    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        raise _no_document(path, "another document")
+    try:
+        return _fit_of(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _no_document(path, f"one that lacks parts ({error})") from error
+
+
+def _no_document(path: Path, received: str) -> InputError:
+    return InputError(
+        f"a document of schema {SCHEMA} in {path.name}",
+        received,
+        "Write one with: eivor identify LOG --json FILE.",
+    )
+
+
+def _fit_of(document: Mapping[str, Any]) -> SavedFit:
+    told = {**document["parameters"], **document["derived"]}
+    covariance = document.get("covariance") or {"names": [], "candidates": []}
+    return SavedFit(
+        verdict=Status(document["verdict"]),
+        reasons=tuple(str(reason) for reason in document["reasons"]),
+        quantities={str(name): _quantity(one) for name, one in told.items()},
+        names=tuple(str(name) for name in covariance["names"]),
+        candidates=tuple(_candidate(one) for one in covariance["candidates"]),
+        prediction=dict(document.get("prediction") or {}),
+        document=document,
+    )
+
+
+def _quantity(one: Mapping[str, Any]) -> Quantity:
+    low, high = one["interval"]
+    return Quantity(
+        value=_number(one["value"], math.nan),
+        unit=str(one["unit"]),
+        std_error=_number(one["std_error"], math.nan),
+        interval=(_number(low, -math.inf), _number(high, math.inf)),
+        verdict=Status(one["verdict"]),
+        by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
+    )
+
+
+def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
+    values = np.array([_number(value, math.nan) for value in one["values"]])
+    parts = tuple(
+        CovariancePart(
+            str(part["name"]),
+            np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]]).reshape(
+                values.size, values.size
+            ),
+            _number(part["degrees"], math.inf),
+            float(part["share"]),
+        )
+        for part in one["parts"]
+    )
+    if not parts:
+        raise ValueError("a covariance without parts")
+    at = {str(name): _number(value, math.nan) for name, value in one["at"].items()}
+    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts))
+
+
+def _number(value: float | None, missing: float) -> float:
+    return missing if value is None else float(value)

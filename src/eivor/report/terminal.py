@@ -1,0 +1,210 @@
+"""Documents on a terminal: Rich renderables that stay legible in narrow windows and in a pipe.
+
+Every string is a Rich `Text`, never markup, and what a log brought along is made printable, so that a
+file name cannot colour or rewrite the screen.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from rich.console import Console, ConsoleOptions, Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from eivor.inference.verdict import Status
+from eivor.report.document import (
+    Bullets,
+    Cell,
+    Column,
+    Document,
+    Facts,
+    Figure,
+    Part,
+    Section,
+    Statement,
+    TableOf,
+    Tone,
+)
+from eivor.report.printable import printable
+
+COLOURS = {
+    Status.IDENTIFIED: "bold green",
+    Status.WEAK: "bold yellow",
+    Status.PROVISIONAL: "bold magenta",
+    Status.REFUSED: "bold red",
+}
+TONES = {Tone.PLAIN: "", Tone.FAINT: "dim", Tone.WARNING: "yellow"}
+#: Labels and words up to this length stay whole.
+LONGEST_WHOLE = 20
+#: Below this width intervals stay in one line, too.
+NARROW = 72
+#: Blanks between columns.
+GAP = 2
+
+
+def on_terminal(*documents: Document) -> Group:
+    """Documents, one below the other."""
+    parts: list[RenderableType] = []
+    for number, document in enumerate(documents):
+        parts += [Text()] if number else []
+        parts += _document(document)
+    return Group(*parts)
+
+
+def _document(document: Document) -> Iterator[RenderableType]:
+    if document.title:
+        yield _head(document)
+    for section in document.sections:
+        yield from _section(section)
+
+
+def _head(document: Document) -> Text:
+    """Title, the overall verdict and what it means."""
+    head = Text(printable(document.title), style="bold", overflow="fold")
+    head.append("\n")
+    about = printable(document.about)
+    if document.status is not None:
+        head.append(document.status.value.upper(), style=COLOURS[document.status])
+        about = f": {about}"
+    head.append(about, style="not bold")
+    return head
+
+
+def _section(section: Section) -> Iterator[RenderableType]:
+    """Heading with an empty line above it, and the parts with one between; there are no figures here."""
+    parts = [part for part in section.parts if not isinstance(part, Figure)]
+    if not parts:
+        return
+    yield heading(section.heading) if section.heading else Text()
+    for number, part in enumerate(parts):
+        if number and not isinstance(parts[number - 1], Statement):
+            yield Text()
+        yield _part(part)
+
+
+def heading(title: str) -> RenderableType:
+    """Title of a section, with an empty line above it."""
+    return Padding(Text(printable(title), style="bold"), (1, 0, 0, 0))
+
+
+def _part(part: Part) -> RenderableType:
+    match part:
+        case Facts():
+            return _facts(part)
+        case TableOf():
+            return FoldingTable(part)
+        case Bullets():
+            return _bullets(part)
+        case Statement():
+            said = (printable(part.text), COLOURS[part.status])
+            return Text.assemble(said, printable(part.more))
+        case Figure():
+            return Text()
+
+
+def _bullets(part: Bullets) -> Table:
+    """Sentences with a dash before each, wrapped under their own beginning."""
+    grid = Table.grid(padding=(0, 1))
+    grid.add_column(width=1)
+    grid.add_column(overflow="fold")
+    for sentence in part.sentences:
+        grid.add_row(Text("-"), Text(printable(sentence)))
+    return grid
+
+
+def _facts(part: Facts) -> Table:
+    grid = Table.grid(padding=(0, GAP))
+    grid.add_column(style="dim", no_wrap=True)
+    grid.add_column(overflow="fold")
+    for fact in part.facts:
+        told = _bullets(fact.told) if isinstance(fact.told, Bullets) else Text(printable(fact.told))
+        grid.add_row(Text(printable(fact.label)), told)
+    return grid
+
+
+@dataclass(frozen=True, slots=True)
+class FoldingTable:
+    """A table whose columns become lines below the first one where numbers would break side by side.
+
+    Parameters
+    ----------
+    table : TableOf
+        What to show.
+    """
+
+    table: TableOf
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
+        """Choose by what would become of the words in the width that there is."""
+        table = _side_by_side(self.table, whole=options.max_width < NARROW)
+        lines = console.render_lines(table, options, pad=False)
+        shown = Counter("\n".join("".join(part.text for part in line) for line in lines).split())
+        yield table if _words(self.table) <= shown else _folded(self.table, options.max_width)
+
+
+def _words(table: TableOf) -> Counter[str]:
+    """Numbers, and other words that are not too long to stay whole."""
+    cells = [line for row in table.rows for cell in row for line in (cell.text, cell.below)]
+    titles = [column.title for column in table.columns]
+    words = Counter(printable(" ".join((*titles, *cells))).split())
+    return Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
+
+
+def _width(text: str) -> int:
+    return Text(printable(text)).cell_len
+
+
+def _side_by_side(table: TableOf, *, whole: bool) -> Table:
+    """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
+    shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
+    for number, column in enumerate(table.columns):
+        short = not number and all(_width(row[0].text) <= LONGEST_WHOLE for row in table.rows)
+        shown.add_column(
+            Text(printable(column.title)),  # a string would be markup: "[ms]" is a tag
+            justify="right" if column.right else "left",
+            no_wrap=(column.whole and whole) or short,
+            overflow="fold",
+        )
+    for row in table.rows:
+        shown.add_row(*(_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True)))
+    return shown
+
+
+def _cell(cell: Cell, column: Column, between: str) -> Text:
+    last = COLOURS[cell.status] if cell.status is not None else TONES[column.below]
+    strong = "bold" if column.strong else ""
+    if not cell.below:
+        return Text.assemble((printable(cell.text), last if cell.status is not None else strong))
+    return Text.assemble((printable(cell.text), strong), between, (printable(cell.below), last))
+
+
+def _folded(table: TableOf, width: int) -> Group:
+    """Row after row: the first cell with those that have no title, and below it a line for each other one."""
+    titled = [number for number, column in enumerate(table.columns) if column.title and number]
+    room = width - GAP - max((_width(table.columns[number].title) for number in titled), default=0) - GAP
+    parts: list[RenderableType] = []
+    for row in table.rows:
+        grid = Table.grid(padding=(0, GAP, 0, 0))
+        grid.add_column(style="dim", no_wrap=True)
+        grid.add_column(overflow="fold")
+        for number in titled:
+            cell, column = row[number], table.columns[number]
+            if cell.text:
+                beside = _width(cell.text) + 1 + _width(cell.below) <= room
+                grid.add_row(Text(printable(column.title)), _cell(cell, column, " " if beside else "\n"))
+        parts += [_row_head(table, row, width), Padding(grid, (0, 0, 0, GAP))]
+    return Group(*parts)
+
+
+def _row_head(table: TableOf, row: tuple[Cell, ...], width: int) -> Text:
+    beside = _width(row[0].text) + GAP + _width(row[0].below) <= width
+    head = _cell(row[0], table.columns[0], " " * GAP if beside else "\n")
+    for cell, column in zip(row[1:], table.columns[1:], strict=True):
+        if not column.title:
+            head.append(" " * GAP).append(_cell(cell, column, " "))
+    head.overflow = "fold"
+    return head

@@ -1,0 +1,1 @@
+"""Flights with known truth: trajectories, wind, sensors, closed loop."""

@@ -1,0 +1,1 @@
+"""Records of a sampled loop: scenario, controllers, simulation."""

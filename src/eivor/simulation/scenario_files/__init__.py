@@ -1,0 +1,1 @@
+"""Scenarios in TOML files, those that ship among them."""

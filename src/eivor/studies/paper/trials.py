@@ -1,0 +1,342 @@
+"""Trials of the paper's simulation: a record under one reading, and every method on it.
+
+The methods share moments: one triangular root for the direct ones, one set of cross-products for each
+pair of instrumental ones. What solves them is what `eivor.identify` solves them with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.errors import EivorError
+from eivor.estimation import methods
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.moments import CrossMoments, Moments
+from eivor.estimation.strength import first_stage_strengths
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.models.column import lags
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.signals.fractional import fractional_difference
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.simulation.records.scenario import Intersample, Scenario, SimulatedRecord
+from eivor.simulation.records.simulate import simulate
+from eivor.simulation.sources.deterministic_disturbance import paper_disturbance
+from eivor.simulation.sources.excitation import Excitation, PaperInput
+from eivor.studies.paper.readings import (
+    DISTURBANCE,
+    LARGER_RATIO,
+    METHODS,
+    ORDERS,
+    RATE_HZ,
+    SAMPLES,
+    SOURCES,
+    TRUTH,
+    Compensation,
+    Example,
+    Input,
+    Motion,
+    Ratio,
+    RatioOf,
+    Reading,
+    Weights,
+)
+
+#: Samples at each end of a record that differences cannot reach.
+EDGE = 2
+#: Variance of (35) without its sinusoid per variance of w, and variance of the sinusoid.
+MOVING_AVERAGE, SINUSOID = 0.7**2 + 0.49**2, 0.5
+
+Series = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, slots=True)
+class AlternatingNoise(MeasurementNoise):
+    """Fractional noise with binom(order, j) as weights, which is (-1)^k Delta^order of white noise.
+
+    Parameters
+    ----------
+    std, order : float
+        See `FractionalNoise`.
+    """
+
+    std: float
+    order: float
+
+    def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
+        """(-1)^lag times that of `FractionalNoise`."""
+        return (-1.0) ** lag * FractionalNoise(self.std, self.order).autocovariance(lag, start, count)
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        signs = 1.0 - 2.0 * (np.arange(count) % 2)
+        return self.std * signs * fractional_difference(rng.standard_normal(count), self.order)
+
+    def with_std(self, std: float) -> AlternatingNoise:
+        """Same order, another `std`."""
+        return replace(self, std=std)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleClockInput(Excitation):
+    """The paper's (35) with t counted in samples.
+
+    Parameters
+    ----------
+    variance : float
+        Variance of w.
+    """
+
+    variance: float
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        del step_s
+        return PaperInput(self.variance).sample(count, 1.0, rng)
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteInput(Excitation):
+    """White input.
+
+    Parameters
+    ----------
+    variance : float
+        Its variance.
+    """
+
+    variance: float
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        del step_s
+        return np.sqrt(self.variance) * rng.standard_normal(count)
+
+
+def scenario(reading: Reading, example: Example) -> Scenario:
+    """What a reading of an example simulates; longer by the edges when differences are taken."""
+    exact = reading.motion is Motion.SOLUTION
+    ratios = {name: _ratio(reading, example, name) for name in SOURCES}
+    share = ratios.pop(DISTURBANCE)
+    shape = FractionalNoise if reading.weights is Weights.SIGNED else AlternatingNoise
+    noise: dict[str, MeasurementNoise] = {name: shape(1.0, order) for name, order in ORDERS.items()}
+    return Scenario(
+        TRUTH["viscous_friction"],
+        TRUTH["input_gain"],
+        rate_hz=RATE_HZ,
+        samples=SAMPLES + (0 if exact else 2 * EDGE),
+        excitation=_excitation(reading),
+        noise=noise | {"input": WhiteNoise(1.0)},
+        noise_to_signal=ratios,
+        disturbance=paper_disturbance(),
+        disturbance_to_signal=share if reading.disturbance_scaled else None,
+        route=reading.route,
+        intersample=reading.intersample,
+    )
+
+
+def _ratio(reading: Reading, example: Example, source: str) -> float:
+    """Ratio of standard deviations, that of the noise before its operator."""
+    ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
+    if reading.ratio is Ratio.VARIANCE:
+        ratio = float(np.sqrt(ratio))
+    if reading.ratio_of is RatioOf.FRACTIONAL and source in ORDERS:
+        ratio /= float(np.sqrt(mean_variance(ORDERS[source], SAMPLES)))
+    return ratio
+
+
+def _excitation(reading: Reading) -> Excitation:
+    if reading.input is Input.SAMPLES:
+        return SampleClockInput(reading.input_variance)
+    if reading.input is Input.WHITE:
+        return WhiteInput(MOVING_AVERAGE * reading.input_variance + SINUSOID)
+    return PaperInput(reading.input_variance)
+
+
+@lru_cache
+def mean_variance(order: float, count: int, start: int = 0) -> float:
+    """Mean variance, over samples that begin `start` after the noise did, of Delta^order of unit noise."""
+    return float(FractionalNoise(1.0, order).autocovariance(0, start, count).mean())
+
+
+def record(reading: Reading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
+    """One record under a reading, and its truth."""
+    made = simulate(scenario(reading, example), rng)
+    return made if reading.motion is Motion.SOLUTION else _differentiated(made, reading)
+
+
+def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
+    """Record whose z' and z'' come from differences or steps, with the same errors, without its edges."""
+    truth = made.truth
+    errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
+    velocity = truth.channels["velocity_z"]
+    if reading.motion is Motion.EULER_STEPS:
+        velocity, acceleration = euler_steps(truth.channels["input"])
+    else:
+        if reading.motion is Motion.NOISY_VELOCITY:
+            velocity = velocity + errors["velocity_z"]
+        height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
+        velocity, acceleration = _DIFFERENCES[reading.motion](velocity, height)
+    made_of = {
+        "velocity_z": velocity,
+        "acceleration_z": acceleration + truth.channels[DISTURBANCE],
+        "input": truth.channels["input"],
+    }
+    measured = {name: values + errors[name] for name, values in made_of.items()}
+    if reading.motion is Motion.NOISY_VELOCITY:
+        measured["velocity_z"] = velocity
+    return SimulatedRecord(
+        _without_edges(measured, made.signals), _without_edges(made_of, truth), made.parameters
+    )
+
+
+def _without_edges(channels: dict[str, Series], like: Signals) -> Signals:
+    inner = {name: values[EDGE:-EDGE] for name, values in channels.items()}
+    return Signals(like.rate_hz, inner, noise=like.noise, offset=EDGE)
+
+
+def integrated_height(velocity: Series, drive: Series, *, intersample: Intersample) -> Series:
+    """Height of an undisturbed motion from rest [m]: K z' integrated is impulse less momentum."""
+    step = 1.0 / RATE_HZ
+    held = drive[:-1] if intersample is Intersample.HOLD else 0.5 * (drive[:-1] + drive[1:])
+    climbs = (TRUTH["input_gain"] * step * held - np.diff(velocity)) / TRUTH["viscous_friction"]
+    return np.concatenate([[0.0], np.cumsum(climbs)])
+
+
+def euler_steps(drive: Series) -> tuple[Series, Series]:
+    """Motion from rest by Euler's steps: y[k] = -K v[k-1] + K_u u[k], v[k] = v[k-1] + T y[k].
+
+    Beside v[k], y[k] obeys an equation whose parameters are both greater by 1/(1 - K T).
+
+    Returns
+    -------
+    v, y : ndarray, shape (n,)
+        Velocity [m/s] and acceleration [m/s^2].
+    """
+    from scipy.signal import lfilter
+
+    K, K_u, T = TRUTH["viscous_friction"], TRUTH["input_gain"], 1.0 / RATE_HZ
+    velocity: Series = lfilter([T * K_u], [1.0, K * T - 1.0], drive)
+    return velocity, np.diff(velocity, prepend=0.0) / T
+
+
+def _central(values: Series) -> Series:
+    return 0.5 * RATE_HZ * (np.roll(values, -1) - np.roll(values, 1))
+
+
+def _backward(values: Series) -> Series:
+    return RATE_HZ * (values - np.roll(values, 1))
+
+
+def _forward(values: Series) -> Series:
+    return RATE_HZ * (np.roll(values, -1) - values)
+
+
+#: From z' and z to z' and z'' by differences; the edges are wrong.
+_DIFFERENCES: Mapping[Motion, Callable[[Series, Series], tuple[Series, Series]]] = {
+    Motion.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
+    Motion.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
+    Motion.VELOCITY_BACKWARD: lambda v, _: (v, _backward(v)),
+    Motion.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
+    Motion.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
+    Motion.HEIGHT_TWICE_CENTRAL: lambda _, z: (_central(z), _central(_central(z))),
+    Motion.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """What every method says of one record, in the order of `METHODS`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (methods, parameters)
+        NaN where a method gives none.
+    weak : ndarray, shape (methods,)
+        Whether a first-stage F of its instruments is below ten; never for direct methods.
+    """
+
+    theta: Float[np.ndarray, "methods parameters"]
+    weak: Bool[np.ndarray, " methods"]
+
+
+def estimates(reading: Reading, signals: Signals) -> Estimates:
+    """Estimates of theta by every method, and whether their instruments are weak."""
+    model = VerticalMotion(intercept=False)
+    last = reading.lags - 1 if reading.as_many else reading.lags
+    problems = (
+        (
+            model.regression(_known_by_variance(signals)),
+            methods.least_squares(),
+            methods.total_least_squares(),
+        ),
+        (
+            model.regression(signals, lags("input", 1, reading.lags)),
+            methods.extended_iv(),
+            methods.extended_iv_tls(),
+        ),
+        (
+            model.regression(signals, lags("input", 0, last)),
+            methods.generalized_iv(),
+            methods.generalized_iv_tls(),
+        ),
+    )
+    found = np.full((len(METHODS), len(TRUTH)), np.nan)
+    weak = np.zeros(len(METHODS), dtype=np.bool_)
+    for pair, (problem, *both) in enumerate(problems):
+        moments = both[0].moments(problem)
+        weak[2 * pair : 2 * pair + 2] = _weak(moments)
+        as_read = _as_read(moments, reading.compensation)
+        for place, method in enumerate(both):
+            found[2 * pair + place] = _theta(method, as_read)
+    return Estimates(found, weak)
+
+
+def _weak(moments: Moments) -> bool:
+    """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
+    strengths = first_stage_strengths(moments)
+    return strengths is not None and bool(strengths.min() < STRONG_FIRST_STAGE)
+
+
+def _known_by_variance(signals: Signals) -> Signals:
+    """Signals whose noises are white, of the same mean variance: all that direct methods use of them."""
+    count, start = signals.sample_count, signals.offset
+    noise = {
+        name: WhiteNoise(one.std * float(np.sqrt(mean_variance(one.order, count, start))))
+        if isinstance(one, FractionalNoise | AlternatingNoise)
+        else one
+        for name, one in signals.noise.items()
+    }
+    return replace(signals, noise=noise)
+
+
+def _as_read(moments: Moments, compensation: Compensation) -> Moments:
+    """Moments with the shared noise in the place that the reading gives it."""
+    if not isinstance(moments, CrossMoments) or moments.noise is None:
+        return moments
+    if compensation is Compensation.PRINTED_ROW:
+        return replace(moments, noise=np.roll(moments.noise, 1, axis=0))
+    if compensation is Compensation.WITHOUT_COUNT:
+        return replace(moments, noise=moments.noise / moments.rows)
+    return moments
+
+
+def _theta(method: LinearMethod, moments: Moments) -> Float[np.ndarray, " parameters"]:
+    try:
+        return method.solve_moments(moments).solution.theta
+    except EivorError:  # too few equations, or no unique solution: that is what the method says
+        return np.full(len(TRUTH), np.nan)
+
+
+def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "*trials scores"]:
+    """NRMSE in percent of each parameter, and of both together: the paper's definition."""
+    truth = np.array(list(TRUTH.values()))
+    errors = theta - truth
+    each = 100.0 * np.abs(errors / truth)
+    together = 100.0 * np.linalg.norm(errors, axis=-1, keepdims=True) / np.linalg.norm(truth)
+    return np.concatenate([each, together], axis=-1)

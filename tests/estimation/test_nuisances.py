@@ -1,0 +1,443 @@
+"""Several nuisances in one search, what is known of them beforehand, and rows of several axes."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.optimize
+from nuisance_runs import (
+    CURVE_SHARE,
+    FRICTION,
+    GAIN,
+    HERTZ,
+    LAG_S,
+    PARAMETERS,
+    SHARE,
+    TRUTH,
+    columns,
+    lag,
+    problem,
+    residual,
+    share,
+)
+from scipy import stats
+
+import eivor as ev
+from eivor.errors import InstrumentError, ParameterError, UsageError
+from eivor.estimation.assembler import Instrumental
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.method import Method
+from eivor.estimation.methods import extended_iv, least_squares, reference_iv
+from eivor.estimation.search import PRODUCT_POINTS, product_grids
+from eivor.estimation.weighting.equations import TwoStage
+from eivor.linalg import LeastSquares
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.models.separable import Nuisance, Prior
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
+METHODS = [least_squares(), TWO_STAGE, reference_iv()]
+#: Grids for searches that are made many times.
+FEW_LAGS, FEW_SHARES = np.geomspace(0.03, 0.2, 6), np.linspace(0.0, 1.0, 5)
+KNOWN_SHARE = share(grid=np.array([SHARE]))
+
+
+def named(method: LinearMethod) -> str:
+    return method.name
+
+
+# -- several continuous nuisances ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", [*METHODS, extended_iv()], ids=named)
+def test_two_nuisances_are_found_exactly_without_noise(method):
+    fit = ev.identify(problem(lag(), share(), noise=0.0), method)
+    assert fit.names == ("friction", "gain", "actuator_lag", "curve_share")
+    np.testing.assert_allclose(fit.best.values, TRUTH, rtol=1e-3)
+    assert fit.best.at == {"actuator_lag": fit.best.values[2], "curve_share": fit.best.values[3]}
+
+
+def test_two_nuisances_are_joint_nonlinear_least_squares():
+    made = problem(lag(), share())
+    fit = ev.identify(made, least_squares())
+    joint = scipy.optimize.least_squares(
+        lambda x: residual(made, x), 1.2 * TRUTH, x_scale=TRUTH, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    variance = float(joint.fun @ joint.fun) / (joint.fun.size - 4)
+    wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
+    errors = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(fit.best.values, joint.x, atol=1e-3 * errors.min(), rtol=1e-5)
+    found = fit.best.covariance.part("classical").matrix
+    np.testing.assert_allclose(found / np.outer(errors, errors), wanted / np.outer(errors, errors), atol=2e-3)
+
+
+def test_the_order_of_the_nuisances_is_that_of_the_joint_vector_only():
+    one, other = (
+        ev.identify(problem(*pair), least_squares()) for pair in ((lag(), share()), (share(), lag()))
+    )
+    assert other.names == ("friction", "gain", "curve_share", "actuator_lag")
+    for name in one.names:
+        assert other.parameters[name] == pytest.approx(one.parameters[name], rel=1e-4)
+        assert other.std_error(name) == pytest.approx(one.std_error(name), rel=1e-3)
+
+
+def test_profiles_are_the_least_over_the_others():
+    nuisances = lag(grid=np.geomspace(0.02, 0.3, 5)), share(grid=np.linspace(0.0, 1.0, 4))
+    made = problem(*nuisances)
+    method = least_squares()
+    fit = ev.identify(made, method)
+    table = np.array(
+        [
+            [
+                method.solve(made.rows({"actuator_lag": tau, "curve_share": bend})).solution.objective
+                for bend in nuisances[1].grid
+            ]
+            for tau in nuisances[0].grid
+        ]
+    )
+    for axis, (profile, nuisance) in enumerate(zip(fit.best.profiles, nuisances, strict=True)):
+        assert profile.nuisance is nuisance
+        np.testing.assert_array_equal(profile.grid, nuisance.grid)
+        np.testing.assert_allclose(profile.objective, table.min(axis=1 - axis), rtol=1e-12)
+    assert fit.best.solution.objective < table.min()
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 5])
+def test_products_of_grids_stay_small_and_keep_their_ends(count):
+    nuisances = tuple(lag() for _ in range(count))
+    grids = product_grids(nuisances)
+    assert np.prod([grid.size for grid in grids]) <= max(PRODUCT_POINTS, 3**count)
+    for grid in grids:
+        assert grid.size >= 3
+        assert (grid[0], grid[-1]) == (nuisances[0].grid[0], nuisances[0].grid[-1])
+
+
+def test_a_minimum_at_the_end_of_a_grid_stays_there():
+    fit = ev.identify(problem(lag(), share(grid=np.linspace(0.0, 0.2, 6))), least_squares())
+    assert fit.parameters["curve_share"] == pytest.approx(0.2, abs=1e-4)
+    assert fit.best.at["curve_share"] <= 0.2
+
+
+RUNS = 300
+
+
+@pytest.fixture(scope="module")
+def spread() -> list[Estimate]:
+    """Estimates of many runs with white noise."""
+    coarse = lag(grid=FEW_LAGS), share(grid=FEW_SHARES)
+    return [ev.identify(problem(*coarse, seed=seed, noise=0.1), TWO_STAGE) for seed in range(RUNS)]
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("number", range(4))
+def test_intervals_of_two_nuisances_cover(spread, number):
+    direction = np.eye(4)[number]
+    away = np.array([fit.best.values[number] - TRUTH[number] for fit in spread])
+    errors = np.array(
+        [np.sqrt(direction @ fit.best.covariance.part("classical").matrix @ direction) for fit in spread]
+    )
+    covered = int((np.abs(away) <= 1.96 * errors).sum())
+    assert stats.binom.ppf(1e-4, RUNS, 0.95) <= covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)
+
+
+@pytest.mark.calibration
+def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
+    squared = [
+        d @ np.linalg.solve(fit.best.covariance.part("classical").matrix, d)
+        for fit in spread
+        for d in [fit.best.values - TRUTH]
+    ]
+    low, high = stats.chi2(4 * RUNS).ppf([1e-4, 1.0 - 1e-4])
+    assert low < np.sum(squared) < high
+
+
+# -- what is known beforehand ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_a_prior_that_says_nothing_changes_nothing(method):
+    plain = ev.identify(problem(lag(), KNOWN_SHARE), method)
+    vague = ev.identify(problem(lag(prior=Prior(0.3, 1e5)), KNOWN_SHARE), method)
+    np.testing.assert_allclose(vague.best.values, plain.best.values, rtol=1e-5)
+    for part, other in zip(vague.best.covariance.parts, plain.best.covariance.parts, strict=True):
+        np.testing.assert_allclose(part.matrix, other.matrix, rtol=1e-4, atol=0.0)
+    if method.needs_instruments:
+        # One equation more, which any value of the lag meets.
+        J, p_value = vague.best.inference.over_identification
+        assert pytest.approx(plain.best.inference.over_identification[0], rel=1e-4, abs=1e-6) == J
+        degrees = vague.best.inference.rank + 1 - 3
+        assert p_value == pytest.approx(stats.chi2(degrees).sf(J), rel=1e-6)
+
+
+def pseudo_observed(made, method, prior):
+    """Joint minimum with the prior as one more row, and the covariance of that; s^2 is that of the rows."""
+    fit = ev.identify(made, method)
+    rows = made.rows(fit.best.at)
+    variance = float(np.sum((rows.response - rows.regressors @ fit.best.theta) ** 2)) / (
+        rows.response.size - 3
+    )
+    Q = np.eye(rows.response.size) if method.name == "least_squares" else np.linalg.qr(rows.instruments)[0]
+
+    def stacked(x):
+        e = Q.T @ residual(made, np.append(x, SHARE))
+        return np.append(e, np.sqrt(variance) * (x[2] - prior.mean) / prior.std)
+
+    joint = scipy.optimize.least_squares(
+        stacked, TRUTH[:3], x_scale=TRUTH[:3], xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    return fit, joint.x, variance * np.linalg.inv(joint.jac.T @ joint.jac)
+
+
+@pytest.mark.parametrize("method", [least_squares(), TWO_STAGE], ids=named)
+@pytest.mark.parametrize("prior", [Prior(0.09, 0.002), Prior(0.07, 0.01), Prior(0.081, 0.0005)], ids=str)
+def test_a_prior_is_a_pseudo_observation(method, prior):
+    made = problem(lag(prior=prior), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2])
+    fit, values, covariance = pseudo_observed(made, method, prior)
+    errors = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(fit.best.values / errors, values / errors, atol=2e-3)
+    found = fit.best.covariance.part("classical").matrix
+    np.testing.assert_allclose(
+        found / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=2e-3
+    )
+    plain = ev.identify(problem(lag(), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2]), method)
+    part = plain.best.covariance.part("classical").matrix
+    assert found[2, 2] < min(part[2, 2], prior.std**2)
+
+
+@pytest.mark.parametrize("method", [TWO_STAGE, reference_iv()], ids=named)
+def test_a_prior_decides_where_the_data_say_little(method):
+    """An input that is slower than any lag tells none."""
+    slow, prior = {"hertz": (0.05, 0.11), "noise": 5.0}, Prior(0.06, 0.004)
+    alone = ev.identify(problem(lag(), KNOWN_SHARE, **slow), method)
+    assert alone.best.covariance.part("classical").matrix[2, 2] > 25.0 * prior.std**2
+    fit = ev.identify(problem(lag(prior=prior), KNOWN_SHARE, **slow), method)
+    assert fit.parameters["actuator_lag"] == pytest.approx(prior.mean, abs=0.2 * prior.std)
+    for part in fit.best.covariance.parts:
+        assert np.sqrt(part.matrix[2, 2]) == pytest.approx(prior.std, rel=0.1)
+
+
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_priors_of_two_nuisances_are_searched_together(method):
+    priors = Prior(LAG_S, 0.001), Prior(SHARE, 0.01)
+    made = problem(lag(grid=FEW_LAGS, prior=priors[0]), share(prior=priors[1], grid=FEW_SHARES), noise=0.2)
+    plain = ev.identify(problem(lag(grid=FEW_LAGS), share(grid=FEW_SHARES), noise=0.2), method)
+    fit = ev.identify(made, method)
+    for number, prior in ((2, priors[0]), (3, priors[1])):
+        error = np.sqrt(fit.best.covariance.part("classical").matrix[number, number])
+        before = np.sqrt(plain.best.covariance.part("classical").matrix[number, number])
+        assert error < min(prior.std, before)
+        assert abs(fit.best.values[number] - prior.mean) < 3.0 * prior.std
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_intervals_with_a_prior_cover(method):
+    """Where data and prior say about as much, over draws of both."""
+    rng, std = np.random.default_rng(11), 0.005
+    away, errors = [], []
+    for seed in range(RUNS):
+        prior = Prior(LAG_S + std * rng.standard_normal(), std)
+        made = problem(lag(grid=FEW_LAGS, prior=prior), KNOWN_SHARE, seed=seed, noise=1.0)
+        fit = ev.identify(made, method)
+        away.append(fit.best.values - TRUTH[:3])
+        errors.append(np.sqrt(np.diag(fit.best.covariance.part("classical").matrix)))
+    assert 0.3 * std < np.median(errors, axis=0)[2] < 0.9 * std
+    covered = (np.abs(away) <= 1.96 * np.array(errors)).sum(axis=0)
+    # The whitening is estimated from the same data, which costs a little.
+    share_covered = 0.93 if method.name == "reference_iv" else 0.95
+    assert (covered >= stats.binom.ppf(1e-4, RUNS, share_covered)).all()
+    assert (covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)).all()
+
+
+def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
+    late = Nuisance(CURVE_SHARE, np.array([0.3, 0.4, 0.5]), discrete=True)
+    known = replace(late, prior=Prior(0.5, 0.02))
+    for method in METHODS:
+        plain, prior = (
+            ev.identify(problem(lag(grid=FEW_LAGS), one, noise=0.5), method) for one in (late, known)
+        )
+        for before, after in zip(plain.candidates, prior.candidates, strict=True):
+            misfit = ((after.at["curve_share"] - 0.5) / 0.02) ** 2
+            assert after.criterion - before.criterion == pytest.approx(misfit, abs=1e-6)
+        assert prior.names == ("friction", "gain", "actuator_lag")
+
+
+def test_a_known_nuisance_needs_no_instrument():
+    (one,) = problem(lag(), KNOWN_SHARE).columns
+    few = replace(one, instruments=one.instruments[:, :2])
+    with pytest.raises(InstrumentError, match="at least 3 independent instruments"):
+        ev.identify(LaggedRuns((few,), PARAMETERS, (lag(), KNOWN_SHARE)), TWO_STAGE)
+    known = lag(prior=Prior(LAG_S, 0.001))
+    fit = ev.identify(LaggedRuns((few,), PARAMETERS, (known, KNOWN_SHARE)), TWO_STAGE)
+    assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.003)
+    assert np.isfinite(fit.covariance).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Prior(0.1, 0.0), "positive standard error"),
+        (lambda: Prior(np.inf, 1.0), "finite mean"),
+        (lambda: lag(grid=np.array([0.2, 0.1])), "values of actuator_lag, increasing"),
+        (lambda: lag(grid=np.empty(0)), "one or more finite values of actuator_lag"),
+        (lambda: lag(grid=np.array([0.1, np.nan])), "finite values of actuator_lag"),
+        (lambda: lag(tolerance=0.0), "positive tolerance of actuator_lag"),
+    ],
+)
+def test_nuisances_that_cannot_be_searched_are_refused(make, said):
+    with pytest.raises(ParameterError, match=said):
+        make()
+
+
+# -- discrete nuisances -----------------------------------------------------------------------------------
+
+
+def test_discrete_nuisances_have_a_candidate_for_each_combination():
+    shares = Nuisance(CURVE_SHARE, np.array([0.2, SHARE, 0.6]), discrete=True)
+    lags = Nuisance(ACTUATOR_LAG, np.array([0.05, LAG_S]), discrete=True)
+    fit = ev.identify(problem(lags, shares), least_squares())
+    places = [(one.at["actuator_lag"], one.at["curve_share"]) for one in fit.candidates]
+    assert places == [(tau, bend) for tau in lags.grid for bend in shares.grid]
+    assert fit.best.at == {"actuator_lag": LAG_S, "curve_share": SHARE}
+    assert fit.names == ("friction", "gain")
+    for one in fit.candidates:
+        rows = problem(lags, shares).rows(one.at)
+        np.testing.assert_allclose(one.theta, np.linalg.lstsq(rows.regressors, rows.response)[0], rtol=1e-9)
+
+
+def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
+    shares = Nuisance(CURVE_SHARE, np.linspace(0.2, 0.6, 9), discrete=True)
+    lags = Nuisance(ACTUATOR_LAG, np.linspace(0.074, 0.086, 7), discrete=True)
+    for pair, degrees in (((lags, shares), 2), ((lags, KNOWN_SHARE), 1), ((lag(), shares), 1)):
+        fit = ev.identify(problem(*pair, noise=0.5), least_squares())
+        criteria = np.array([one.criterion for one in fit.candidates])
+        fitting = criteria <= criteria.min() + stats.chi2(degrees).ppf(0.95)
+        assert [one in fit.tenable() for one in fit.candidates] == fitting.tolist()
+        assert 1 < fitting.sum() < fitting.size
+
+
+# -- flights and axes -------------------------------------------------------------------------------------
+
+
+def test_axes_without_a_parameter_in_common_are_as_if_alone():
+    """Each is whitened by its own residual, so that a loud axis does not drown a quiet one."""
+    quiet, loud = columns(1, noise=0.02), columns(2, noise=3.0, axis=1)
+    nuisances = lag(grid=np.array([LAG_S])), KNOWN_SHARE
+    alone = [
+        ev.identify(LaggedRuns((replace(one, axis=0),), PARAMETERS, nuisances), reference_iv())
+        for one in (quiet, loud)
+    ]
+    names = (*PARAMETERS, *(replace(p, name=f"{p.name}_2") for p in PARAMETERS))
+    both = ev.identify(LaggedRuns(_apart(quiet, loud), names, nuisances), reference_iv())
+    rows = both.best.rows
+    assert set(zip(rows.layout.axis_of_row, rows.layout.flight_of_row, strict=True)) == {(0, 0), (1, 0)}
+    np.testing.assert_allclose(
+        both.best.values, np.concatenate([fit.best.values for fit in alone]), rtol=1e-9
+    )
+    for number, fit in enumerate(alone):
+        here = slice(2 * number, 2 * number + 2)
+        part, other = (f.best.covariance.part("equal_weighted_cosines").matrix for f in (both, fit))
+        np.testing.assert_allclose(part[here, here], other, rtol=1e-8)
+
+
+@dataclass(frozen=True)
+class Beside:
+    """Moving columns of one axis with columns of zeros for the other's parameters."""
+
+    moving: object
+    fixed: np.ndarray
+    first: bool
+
+    def __call__(self, at):
+        own = np.column_stack([self.fixed, self.moving(at)])
+        return np.hstack([own, np.zeros_like(own)] if self.first else [np.zeros_like(own), own])
+
+
+def _apart(one, other):
+    """Two axes of one flight, every parameter of which is in one of them."""
+    return tuple(
+        replace(
+            axis,
+            fixed=np.empty((axis.fixed.shape[0], 0)),
+            moving=Beside(axis.moving, axis.fixed, number == 0),
+            axis=number,
+        )
+        for number, axis in enumerate((one, other))
+    )
+
+
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_one_axis_told_twice_is_no_more_than_once(method):
+    """Scores of one time are one score: two axes that err together do not halve the variance."""
+    one = columns(3, noise=0.3)
+    nuisances = lag(), KNOWN_SHARE
+    once = ev.identify(LaggedRuns((one,), PARAMETERS, nuisances), method)
+    twice = ev.identify(LaggedRuns((one, replace(one, axis=1)), PARAMETERS, nuisances), method)
+    np.testing.assert_allclose(twice.best.values, once.best.values, rtol=1e-4)
+    found, wanted = (fit.best.covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
+    np.testing.assert_allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(wanted)), rtol=1e-3)
+    other = columns(4, noise=0.3, axis=1)
+    apart = ev.identify(LaggedRuns((one, other), PARAMETERS, nuisances), method)
+    assert apart.best.equation.sample_count == once.best.equation.sample_count
+
+
+def test_flights_of_one_axis_are_told_apart():
+    pool = LaggedRuns((columns(5), columns(6, flight=1)), PARAMETERS, (lag(), KNOWN_SHARE))
+    for rows in (pool.rows(pool.first_values), ev.identify(pool, reference_iv()).best.rows):
+        assert set(rows.layout.flight_of_row) == {0, 1}
+        assert set(rows.layout.axis_of_row) == {0}
+
+
+# -- methods as an interface ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Nothing(Method):
+    """A method that is no linear one."""
+
+    name: str = "nothing"
+
+    @property
+    def needs_instruments(self) -> bool:
+        return False
+
+    def estimate(self, problem) -> Estimate:
+        return replace(least_squares().estimate(problem), method=self.name)
+
+
+def test_a_method_of_ones_own_is_asked_for_an_estimate():
+    fit = ev.identify(problem(lag(), KNOWN_SHARE), Nothing())
+    assert fit.method == "nothing"
+    assert fit.parameters["friction"] == pytest.approx(FRICTION, rel=0.05)
+    assert fit.parameters["gain"] == pytest.approx(GAIN, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ("least_squares", r"a method, such as eivor.methods.least_squares\(\); received 'least_squares'"),
+        (least_squares, r"a method, such as .*; received function"),
+    ],
+)
+def test_what_is_no_method_is_refused(given, said):
+    with pytest.raises(UsageError, match=said):
+        ev.identify(problem(lag(), KNOWN_SHARE), given)
+
+
+def test_what_is_no_problem_is_refused():
+    with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
+        ev.identify(np.zeros((10, 2)), least_squares())
+
+
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_an_estimate_survives_pickling(method):
+    fit = ev.identify(problem(lag(), KNOWN_SHARE), method)
+    interval, criterion = fit.interval("actuator_lag"), fit.best.criterion
+    again = pickle.loads(pickle.dumps(fit))  # noqa: S301 - made here
+    assert again.interval("actuator_lag") == interval
+    assert again.best.criterion == criterion
+    assert DELAY.name not in again.best.at

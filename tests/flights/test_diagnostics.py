@@ -1,0 +1,121 @@
+"""Diagnostics of a flight: constancy, least squares beside the estimate, memory, leverage of runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import eivor as ev
+from eivor.flights.diagnostics import FEWEST_RUNS, run_leverage
+from eivor.report.checks import checks
+from estimation.vertical_flight_signals import Noise, flights, problem
+
+EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"
+LAGS = np.geomspace(0.02, 0.12, 5)
+
+
+@pytest.fixture(scope="module")
+def example() -> ev.FlightEstimate:
+    return ev.identify_flight(ev.read_log(str(EXAMPLE)))
+
+
+def test_leverage_of_a_run_is_the_solution_without_it():
+    made = problem(*flights(4, seconds=30.0, noise=Noise(gust=0.3)), lags=LAGS)
+    fit = ev.identify(made, ev.methods.reference_iv())
+    found = run_leverage(ev.diagnose(fit))
+    assert found.shift.shape == (4, 3)
+    equation, rows = fit.best.equation, fit.best.rows
+    jacobian = np.column_stack([rows.regressors, fit.best.solved.nuisance_columns])
+    for flight in range(4):
+        rest = rows.layout.flight_of_row != flight
+        P, G, e = equation.test[rest], jacobian[rest], equation.residual[rest]
+        # the lag was searched for to a tolerance, so that the scores add up to zero only nearly
+        np.testing.assert_allclose(found.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=0.03)
+
+
+def test_few_runs_are_cut_into_tenths():
+    made = problem(*flights(FEWEST_RUNS - 1, seconds=30.0, noise=Noise()), lags=LAGS)
+    found = run_leverage(ev.diagnose(ev.identify(made, ev.methods.reference_iv())))
+    assert found.shift.shape == (10, 3)
+
+
+@pytest.mark.calibration
+def test_constancy_keeps_its_size_in_flights():
+    """Flights in gusts: no more of them change than the level says."""
+    runs = 24
+    each = [problem(*flights(1, seconds=40.0, noise=Noise(gust=0.5), seed=s), lags=LAGS) for s in range(runs)]
+    found = [ev.diagnose(ev.identify(one, ev.methods.reference_iv())).constancy.p_value for one in each]
+    assert sum(p < 0.05 for p in found) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
+
+
+def test_a_change_between_flights_is_told():
+    """A command that is scaled from the second flight on: the gain per command is another one."""
+    first, second = flights(2, seconds=40.0, noise=Noise())
+    channels = dict(second.signals.channels)
+    channels["rotor_command_1"] = 1.1 * channels["rotor_command_1"]
+    changed = replace(second, signals=replace(second.signals, channels=channels))
+    fit = ev.identify(problem(first, changed, lags=LAGS), ev.methods.reference_iv())
+    found = ev.diagnose(fit)
+    assert found.constancy.p_value <= 0.01
+    assert found.constancy.break_at == pytest.approx(0.5, abs=0.05)
+    gain = fit.names.index("input_gain")
+    assert found.constancy.change[gain] / fit.parameters["input_gain"] == pytest.approx(
+        1.0 / 1.21 - 1.0, abs=0.07
+    )
+    assert any("change during the record" in reason.sentence for reason in found.reasons)
+
+
+def test_numbers_of_the_example(example):
+    numbers = example.diagnostics
+    friction = example.quantities["viscous_friction"]
+    # calm air and a faithful model: least squares agrees, nothing changes, nothing drifts
+    assert numbers["least_squares_viscous_friction"] == pytest.approx(friction.value, abs=friction.std_error)
+    assert numbers["constancy_p_value"] > 0.01
+    assert 0.15 <= numbers["constancy_break"] <= 0.85
+    assert abs(numbers["residual_memory"]) < 0.3
+    assert abs(numbers["leverage_viscous_friction"]) < 1.5
+    assert numbers["leverage_segments"] == 10.0
+    assert 1.0 <= numbers["leverage_segment"] <= 10.0
+
+
+def test_checks_are_said_in_words(example):
+    said = dict(checks(example))
+    assert list(said) == ["instruments", "agreement", "constancy", "residual", "leverage", "least squares"]
+    assert "first-stage F" in said["instruments"]
+    assert said["agreement"].startswith("the instruments agree")
+    assert said["constancy"].startswith("the parameters stay the same")
+    assert said["least squares"] == "would give K 0.186 1/s"
+    numbers = dict(example.diagnostics) | {
+        "constancy_p_value": 0.001,
+        "constancy_break": 0.4,
+        "constancy_change_viscous_friction": 0.1,
+        "over_identification_p_value": 1e-9,
+        "least_squares_viscous_friction": 0.5,
+        "least_squares_p_value": 0.001,
+        "residual_memory": 0.9,
+        "leverage_viscous_friction": -3.0,
+    }
+    said = dict(checks(replace(example, diagnostics=numbers)))
+    assert said["agreement"] == "the instruments disagree (p <= 0.001)"
+    assert said["constancy"] == (
+        "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
+    )
+    assert "standard errors off" in said["least squares"]
+    assert said["residual"].endswith("(it drifts)")
+    assert said["leverage"].endswith("-3.0 standard errors: look at it")
+
+
+def test_nothing_is_checked_without_an_estimate(example):
+    assert checks(replace(example, fit=None)) == ()
+
+
+def test_a_direct_method_has_fewer_checks():
+    found = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
+    said = dict(checks(found))
+    assert "instruments" not in said
+    assert "least squares" not in said
+    assert "constancy" in said

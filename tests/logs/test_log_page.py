@@ -1,0 +1,59 @@
+"""The page of logs holds what the code holds, and what it recommends can be read."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from eivor.logs import read_log
+from eivor.logs.formats import log_formats, readable_formats
+from eivor.logs.table.parquet import MAX_CELLS, MAX_CELLS_PER_BYTE
+from eivor.studies.generated_page import page_with
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "logs.md").read_text(encoding="utf-8")
+
+
+def test_tables_are_fresh():
+    parts = runpy.run_path(str(DOCS / "log_tables.py"))["parts"]()
+    assert page_with(PAGE, parts) == PAGE, "run docs/log_tables.py"
+    assert "| `velocity_z` | `vehicle_local_position.vz` |" in PAGE
+    assert "| `km/h` | 0.277778 m/s |" in PAGE
+
+
+def test_formats_and_limits_are_named():
+    formats = PAGE.partition("## Formats")[2].partition("## Channels")[0]
+    for row in readable_formats():
+        assert re.search(rf"^\| .*{row.label}.* \| yes \|", formats, flags=re.MULTILINE), row.label
+    unread = {"dataflash": "DataFlash", "mcap": "MCAP", "usd": "Crazyflie", "blackbox": "Betaflight"}
+    unread |= {"matlab": "MATLAB", "hdf5": "HDF5", "arrow": "Arrow", "ros1": "ROS 1"}
+    assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
+    assert all(words in formats for words in unread.values())
+    assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
+    assert f"{MAX_CELLS // 1_000_000} million needed numbers" in formats
+
+
+@pytest.mark.parametrize(
+    ("column", "logged", "rule", "meant"),
+    [
+        ("pwm_1", 1250.0, 'expression = "(pwm_1 - 1000) / 1000"', 0.25),
+        ("erpm_1", 7000.0, 'expression = "erpm_1 / 7"\nunit = "rpm"', 1000.0 * np.pi / 30.0),
+        ("vz[m/s]", 3.0, 'column = "vz[m/s]"', 3.0),
+        ("vz[m/s]", 3.0, """expression = '"vz[m/s]" * 2'""", 6.0),
+    ],
+)
+def test_recipes_of_channel_maps(tmp_path, column, logged, rule, meant):
+    assert all(f"`{line}`" in PAGE for line in rule.splitlines())
+    pl.DataFrame({"t": [0.0, 1.0], column: [logged, logged]}).write_csv(tmp_path / "t.csv")
+    channel = "rotor_speed_1" if "rpm" in column else "input" if "pwm" in column else "velocity_z"
+    text = (
+        f'name = "m"\n[time]\ncolumn = "t"\n[columns."{column}"]\nvalid = [0, 65535]\n[channels.{channel}]\n'
+    )
+    (tmp_path / "m.toml").write_text(text + rule)
+    r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
+    np.testing.assert_allclose(r.channels[channel].values, meant)

@@ -1,0 +1,221 @@
+"""Lagged runs against what is written out: a rover in twenty lines, axes, candidates for a response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
+from eivor.models.equation import Parameter
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.rows import AxisRows
+from eivor.models.separable import Nuisance
+from eivor.signals.actuator import first_order_lag
+
+STEP_S = 0.02
+AT = {"actuator_lag": 0.1}
+LAG = Nuisance(ACTUATOR_LAG, np.geomspace(0.02, 0.5, 12))
+
+
+# -- a motion in few lines: v' = a u - c v - d sign(v), with a lag -------------------------------------------
+
+
+@dataclass(frozen=True)
+class Throttle:
+    """The column of a rover's throttle behind its lag."""
+
+    throttle: np.ndarray
+
+    def __call__(self, at):
+        return first_order_lag(self.throttle, step_s=STEP_S, lag_s=at["actuator_lag"])[:, None]
+
+
+def rover(velocity: np.ndarray, acceleration: np.ndarray, throttle: np.ndarray) -> LaggedRuns:
+    """The problem of one drive forwards and backwards."""
+    slow = np.column_stack(
+        [first_order_lag(throttle, step_s=STEP_S, lag_s=lag) for lag in (0.0, 0.2, 0.6, 2.0)]
+    )
+    columns = AxisColumns(
+        STEP_S,
+        (slice(0, velocity.size),),
+        np.column_stack([acceleration, np.gradient(velocity, STEP_S)]),
+        -np.column_stack([velocity, np.sign(velocity)]),
+        Throttle(throttle),
+        np.column_stack([slow, np.sign(slow[:, 2:])]),
+    )
+    names = Parameter("rolling", "1/s"), Parameter("dry", "m/s^2"), Parameter("drive", "m/s^2")
+    return LaggedRuns((columns,), names, (LAG,))
+
+
+def drive(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Velocity, acceleration and throttle of a rover with a = 3, c = 0.6, d = 0.4 and a lag of 0.15 s."""
+    count, fine = 4000, 20
+    throttle = np.repeat(rng.uniform(-1.0, 1.0, count // 50), 50)
+    pushed, velocity = throttle[0], 0.0
+    velocities, accelerations = np.empty(count), np.empty(count)
+    for k in range(count):
+        for part in range(fine):
+            acceleration = 3.0 * pushed - 0.6 * velocity - 0.4 * np.sign(velocity)
+            if part == 0:
+                velocities[k], accelerations[k] = velocity, acceleration
+            velocity += STEP_S / fine * acceleration
+            pushed = throttle[k] + (pushed - throttle[k]) * np.exp(-STEP_S / fine / 0.15)
+    noise = rng.standard_normal((2, count))
+    return velocities + 0.002 * noise[0], accelerations + 0.05 * noise[1], throttle
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    "method", [ev.methods.least_squares(), ev.methods.reference_iv()], ids=lambda m: m.name
+)
+def test_a_rover_is_identified(method):
+    fit = ev.identify(rover(*drive(np.random.default_rng(0))), method)
+    assert fit.names == ("rolling", "dry", "drive", "actuator_lag")
+    for name, truth in (("rolling", 0.6), ("dry", 0.4), ("drive", 3.0), ("actuator_lag", 0.15)):
+        error = fit.std_error(name)
+        assert abs(fit.parameters[name] - truth) < 4.0 * error
+        assert error < 0.1 * truth
+
+
+# -- rows --------------------------------------------------------------------------------------------------
+
+
+def columns(seed: int, *, candidates: int = 1, instruments: int = 4, **more) -> AxisColumns:
+    rng = np.random.default_rng(seed)
+    values = rng.standard_normal((600, 2 + candidates + instruments))
+    return AxisColumns(
+        STEP_S,
+        more.pop("runs", (slice(0, 250), slice(300, 600))),
+        values[:, :candidates],
+        values[:, candidates : candidates + 1],
+        Throttle(np.cumsum(values[:, -1]) * 0.1),
+        values[:, candidates + 1 : -1],
+        **more,
+    )
+
+
+PAIR = (Parameter("a"), Parameter("b"))
+
+
+def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run():
+    one = columns(1, candidates=2)
+    for intercepts in (True, False):
+        rows = LaggedRuns((one,), PAIR, (LAG,), intercepts).rows(AT)
+        moved, start = one.moving(AT)[:, 0], 0
+        for run in one.runs:
+            here = slice(start, start + run.stop - run.start)
+            start = here.stop
+            parts = (
+                (rows.response[here], one.responses[run, 0]),
+                (rows.regressors[here, 0], one.fixed[run, 0]),
+                (rows.regressors[here, 1], moved[run]),
+                (rows.instruments[here, 2], one.instruments[run, 2]),
+            )
+            for found, wanted in parts:
+                mean = wanted.mean() if intercepts else 0.0
+                np.testing.assert_allclose(found, wanted - mean, atol=1e-13)
+        assert start == rows.response.size
+
+
+def test_instruments_of_an_axis_are_not_those_of_another():
+    """Each axis has equations of its own; the parameters may be shared."""
+    one, other = columns(1), columns(2, instruments=3, axis=4)
+    problem = LaggedRuns((one, other), PAIR, (LAG,))
+    assert problem.axes == (0, 4)
+    alone = [LaggedRuns((each,), PAIR, (LAG,)) for each in (one, other)]
+    for rows, parts in (
+        (problem.rows(AT).instruments, [each.rows(AT).instruments for each in alone]),
+        (problem.bins(AT).instruments, [each.bins(AT).instruments for each in alone]),
+    ):
+        first = parts[0].shape[0]
+        np.testing.assert_array_equal(rows[:first, :4], parts[0])
+        np.testing.assert_array_equal(rows[first:, 4:], parts[1])
+        assert not rows[:first, 4:].any()
+        assert not rows[first:, :4].any()
+    layout = problem.bins(AT).layout
+    np.testing.assert_array_equal(np.unique(layout.axis_of_row), [0, 4])
+    assert layout.axis_of_row.shape == layout.flight_of_row.shape
+
+
+def test_an_axis_with_one_candidate_beside_one_with_two_has_it_twice():
+    two, lone = columns(1, candidates=2), columns(2, axis=1)
+    bins = LaggedRuns((two, lone), PAIR, (LAG,)).bins(AT)
+    alone = [LaggedRuns((each,), PAIR, (LAG,)).bins(AT).responses for each in (two, lone)]
+    first = alone[0].shape[0]
+    np.testing.assert_array_equal(bins.responses[:first], alone[0])
+    np.testing.assert_array_equal(bins.responses[first:], np.repeat(alone[1], 2, axis=1))
+
+
+def test_flights_of_one_axis_use_the_candidates_that_all_have():
+    """The last one; rows in time take the first of each flight."""
+    two, lone = columns(1, candidates=2), columns(2, flight=1)
+    problem = LaggedRuns((two, lone), PAIR, (LAG,))
+    last = LaggedRuns((replace(two, responses=two.responses[:, 1:]),), PAIR, (LAG,))
+    bins = problem.bins(AT)
+    assert bins.responses.shape[1] == 1
+    found = last.bins(AT).responses
+    np.testing.assert_array_equal(bins.responses[: found.shape[0]], found)
+    np.testing.assert_array_equal(
+        problem.rows(AT).response[:550], LaggedRuns((two,), PAIR, (LAG,)).rows(AT).response
+    )
+
+
+def test_scores_of_one_time_are_added_over_the_axes():
+    rng = np.random.default_rng(3)
+    one, other = columns(1), columns(2, axis=1)
+    late = columns(4, flight=1, axis=1, runs=(slice(10, 50),))
+    rows = LaggedRuns((one, other, late), PAIR, (LAG,)).rows(AT)
+    assert isinstance(rows.layout, AxisRows)
+    test, e = rng.standard_normal((rows.response.size, 2)), rng.standard_normal(rows.response.size)
+    scores = rows.layout.scores(test, e)
+    assert scores.shape == (550 + 40, 2)
+    np.testing.assert_allclose(
+        scores[:550], test[:550] * e[:550, None] + test[550:1100] * e[550:1100, None], atol=1e-13
+    )
+    np.testing.assert_allclose(scores[550:], test[1100:] * e[1100:, None], atol=1e-13)
+
+
+def test_scores_of_bins_at_one_time_are_added_over_the_axes():
+    rng = np.random.default_rng(5)
+    one, other = columns(1), columns(2, axis=1)
+    layout = LaggedRuns((one, other), PAIR, (LAG,)).bins(AT).layout
+    alone = LaggedRuns((one,), PAIR, (LAG,)).bins(AT).layout
+    count = alone.flight_of_row.size
+    test, e = rng.standard_normal((2 * count, 3)), rng.standard_normal(2 * count)
+    wanted = alone.scores(test[:count], e[:count]) + alone.scores(test[count:], e[count:])
+    np.testing.assert_allclose(layout.scores(test, e), wanted, atol=1e-12)
+    # Runs that begin at other times are of other times.
+    moved = LaggedRuns((one, replace(other, runs=(slice(50, 300),))), PAIR, (LAG,)).bins(AT).layout
+    rows = moved.flight_of_row.size
+    assert moved.scores(rng.standard_normal((rows, 3)), rng.standard_normal(rows)).shape[0] == 550 + 250
+
+
+def test_bins_are_the_same_whether_they_were_asked_for_before():
+    problem = LaggedRuns((columns(1),), PAIR, (LAG,))
+    first = problem.bins(AT)
+    np.testing.assert_array_equal(problem.bins(AT).regressors, first.regressors)
+    assert np.abs(problem.bins({"actuator_lag": 0.3}).regressors - first.regressors).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("which", "error", "said"),
+    [
+        ((columns(1, runs=()),), TooFewSamplesError, "at least one usable run"),
+        ((columns(1), columns(2, instruments=3, flight=1)), InstrumentError, r"\[4, 3\] columns"),
+        ((columns(1, candidates=3),), ShapeError, "one or two candidates.*received 3"),
+    ],
+)
+def test_columns_that_make_no_problem_are_refused(which, error, said):
+    with pytest.raises(error, match=said):
+        LaggedRuns(which, PAIR, (LAG,))
+
+
+def test_every_parameter_has_a_column():
+    problem = LaggedRuns((columns(1),), (*PAIR, Parameter("c")), (LAG,))
+    with pytest.raises(
+        ShapeError, match="a fixed or moving column for each of 3 parameters; received 1 and 1"
+    ):
+        problem.rows(AT)

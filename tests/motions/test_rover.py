@@ -1,0 +1,64 @@
+"""The rover of the examples: a motion of another package, which nothing in Eivor knows."""
+
+from __future__ import annotations
+
+import json
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import eivor as ev
+from eivor import motions
+from eivor.cli.main import app
+from eivor.errors import ChannelMapError
+from eivor.motions import loaded_motion, motion_by_name
+from eivor.signals import canonical
+
+ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
+
+
+@pytest.fixture
+def simulate(monkeypatch):
+    """The simulator of the example, whose package is as if it were installed."""
+    monkeypatch.syspath_prepend(str(ROVER))
+    monkeypatch.syspath_prepend(str(ROVER / "src"))
+    monkeypatch.setattr(canonical, "_TABLE", dict(canonical.canonical_channels()))
+    point = EntryPoint("rover", "eivor_rover:Rover", motions.GROUP)
+    monkeypatch.setattr(motions, "entry_points", lambda *, group: [point] if group == motions.GROUP else [])
+    loaded_motion.cache_clear()
+    import simulate
+
+    yield simulate
+    loaded_motion.cache_clear()
+    for name in [name for name in sys.modules if name == "simulate" or name.startswith("eivor_rover")]:
+        del sys.modules[name]
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_rover_is_identified_and_refused(simulate, tmp_path):
+    motion_by_name("rover")
+    fit = ev.identify_flight(ev.recording_from_columns(simulate.drive(1), name="drive"), model="rover")
+    assert fit.verdict.status.value == "identified"
+    for name, true in simulate.TRUTH.items():
+        low, high = fit.quantities[name].interval
+        assert low <= true <= high, name
+    # Two quantities make the headline: both are looked at closely, and either refuses.
+    assert {"least_squares_drive_gain", "least_squares_dry_friction"} <= set(fit.diagnostics)
+    simulate.write(simulate.drive(1, constant_speed=1.0), tmp_path / "still.csv")
+    done = CliRunner().invoke(
+        app, ["identify", str(tmp_path / "still.csv"), "--model", "rover", "--json", "-"]
+    )
+    assert done.exit_code == 3
+    document = json.loads(done.output)
+    assert document["model"]["name"] == "rover"
+    assert document["verdict"] == "refused"
+    assert list(document["derived"]) == ["effective_lag", "breakaway_command", "time_constant"]
+
+
+def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
+    simulate.write(simulate.drive(1), tmp_path / "drive.csv")
+    with pytest.raises(ChannelMapError, match="known once it is named"):
+        ev.read_log(tmp_path / "drive.csv")

@@ -1,0 +1,252 @@
+"""Every ground of every verdict, each reached alone."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from eivor.flights.motion import Circumstances, Searched, Strength
+from eivor.flights.quantity import Choice, Unjudged
+from eivor.inference.verdict import Status, verdict
+from eivor.motions.vertical.rule import (
+    all_grounds,
+    friction_reasons,
+    gain_reasons,
+    hover_reasons,
+    lag_reasons,
+)
+
+NAMES = ("viscous_friction", "input_gain", "actuator_lag")
+
+
+def quantity(value: float, half_width: float) -> Unjudged:
+    return Unjudged(value, "", 0.5 * half_width, (value - half_width, value + half_width))
+
+
+def numbers(strengths=(50.0, 50.0, 50.0), p_value: float = 0.5, lag_s: float = 0.05, names=NAMES) -> Strength:
+    """What the instruments tell."""
+    searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
+    return Strength(dict(zip(names, strengths, strict=True)), p_value, searched)
+
+
+def quantities(**changed: Unjudged) -> dict[str, Unjudged]:
+    good = {
+        "viscous_friction": quantity(0.4, 0.1),
+        "input_gain": quantity(40.0, 1.0),
+        "actuator_lag": quantity(0.05, 0.005),
+        "effective_lag": quantity(0.05, 0.005),
+        "hover_input": quantity(0.5, 0.005),
+    }
+    return good | changed
+
+
+def circumstances(**changed) -> Circumstances:
+    good = {
+        "flights": 1,
+        "command_rate_hz": 100.0,
+        "response_rate_hz": 100.0,
+        "exogenous": True,
+        "direct": False,
+    }
+    return Circumstances(**(good | changed))
+
+
+def test_a_good_flight_has_no_ground_against_it():
+    at = circumstances()
+    assert friction_reasons(quantities(), numbers(), at) == []
+    assert gain_reasons(quantities()["input_gain"], numbers(), at) == []
+    assert hover_reasons(quantities()["hover_input"], at) == []
+    assert lag_reasons(quantities(), numbers(), at) == []
+
+
+@pytest.mark.parametrize(
+    ("fit", "found", "at", "status", "said"),
+    [
+        (
+            {},
+            {"viscous_friction": quantity(0.0, 0.1)},
+            {},
+            Status.REFUSED,
+            "came out at 0 1/s, which no vehicle has",
+        ),
+        ({}, {"viscous_friction": quantity(-0.2, 0.1)}, {}, Status.REFUSED, "came out at -0.2 1/s"),
+        ({}, {"viscous_friction": quantity(0.4, 0.4)}, {}, Status.REFUSED, "cannot be told from zero"),
+        ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide"),
+        (
+            {"strengths": (9.9, 50.0, 50.0)},
+            {},
+            {},
+            Status.REFUSED,
+            "about the viscous friction: first-stage F is 9.9",
+        ),
+        (
+            {"strengths": (50.0, 50.0, 3.0)},
+            {},
+            {},
+            Status.REFUSED,
+            "about the actuator lag: first-stage F is 3.0",
+        ),
+        ({"strengths": (50.0, np.nan, 50.0)}, {}, {}, Status.REFUSED, "about the input gain"),
+        ({"p_value": 0.0009}, {}, {}, Status.WEAK, "references disagree"),
+        ({"lag_s": 0.2999}, {}, {}, Status.WEAK, "ran into the top of its grid"),
+        ({}, {"effective_lag": quantity(0.05, 0.101)}, {}, Status.WEAK, r"known to \+-101 ms only"),
+        ({}, {}, {"command_rate_hz": 44.9}, Status.WEAK, "logged at 45 Hz; below 45 Hz"),
+        ({}, {}, {"exogenous": False}, Status.WEAK, "answer the vehicle's own disturbances"),
+        (
+            {},
+            {},
+            {"constant_reference": True, "missing_reference": "a: constant"},
+            Status.REFUSED,
+            "never moved",
+        ),
+        (
+            {},
+            {},
+            {"direct": True, "missing_reference": "the log has none"},
+            Status.PROVISIONAL,
+            "No reference can serve",
+        ),
+        ({}, {}, {"direct": True}, Status.PROVISIONAL, "biased by disturbances in closed loop"),
+    ],
+)
+def test_each_ground_against_the_friction(fit, found, at, status, said):
+    (reason,) = friction_reasons(quantities(**found), numbers(**fit), circumstances(**at))
+    assert reason.status is status
+    assert re.search(said, reason.sentence)
+    assert reason.remedy
+
+
+@pytest.mark.parametrize(
+    ("fit", "found", "at"),
+    [
+        ({}, {"viscous_friction": quantity(0.5, 0.25)}, {}),
+        ({}, {"effective_lag": quantity(0.125, 0.1)}, {}),
+        ({"strengths": (10.0, 10.0, 10.0)}, {}, {}),
+        ({"p_value": 0.001}, {}, {}),
+        ({"p_value": 0.0}, {}, {"flights": 10}),
+        ({}, {}, {"command_rate_hz": 45.0}),
+        ({"names": NAMES[:2], "strengths": (50.0, 50.0), "lag_s": 0.3}, {}, {}),
+    ],
+)
+def test_bounds_themselves_are_accepted(fit, found, at):
+    assert friction_reasons(quantities(**found), numbers(**fit), circumstances(**at)) == []
+
+
+@pytest.mark.parametrize(
+    ("gain", "fit", "at", "status", "said"),
+    [
+        (quantity(-1.0, 0.1), {}, {}, Status.REFUSED, "not positive"),
+        (quantity(40.0, 4.1), {}, {}, Status.WEAK, "+-10.3% wide"),
+        (
+            quantity(40.0, 1.0),
+            {"strengths": (50.0, 9.0, 50.0)},
+            {},
+            Status.WEAK,
+            "F of the input gain is 9.0",
+        ),
+        (quantity(40.0, 1.0), {}, {"response_rate_hz": 19.0}, Status.WEAK, "logged at 19 Hz at most"),
+        (quantity(40.0, 1.0), {}, {"direct": True}, Status.PROVISIONAL, "direct method"),
+    ],
+)
+def test_each_ground_against_the_gain(gain, fit, at, status, said):
+    (reason,) = gain_reasons(gain, numbers(**fit), circumstances(**at))
+    assert reason.status is status
+    assert said in reason.sentence
+
+
+@pytest.mark.parametrize(
+    ("hover", "at", "status", "said"),
+    [
+        (quantity(0.0, 0.1), {}, Status.REFUSED, "not positive"),
+        (quantity(float("nan"), 0.1), {}, Status.REFUSED, "not positive"),
+        (quantity(0.5, 0.026), {}, Status.WEAK, "wide"),
+        (quantity(0.5, float("nan")), {}, Status.WEAK, "wide"),
+        (quantity(0.5, 0.001), {"direct": True}, Status.PROVISIONAL, "direct method"),
+    ],
+)
+def test_each_ground_against_the_hover_input(hover, at, status, said):
+    (reason,) = hover_reasons(hover, circumstances(**at))
+    assert reason.status is status
+    assert said in reason.sentence
+
+
+@pytest.mark.parametrize(
+    ("fit", "found", "at", "status", "said"),
+    [
+        ({"strengths": (50.0, 50.0, 9.0)}, {}, {}, Status.WEAK, "F of the lag is 9.0"),
+        ({}, {"effective_lag": quantity(0.05, 0.03)}, {}, Status.WEAK, "+-30 ms wide"),
+        ({"lag_s": 0.3}, {}, {}, Status.WEAK, "top of its grid"),
+        ({}, {}, {"direct": True}, Status.PROVISIONAL, "direct method"),
+    ],
+)
+def test_each_ground_against_the_lag(fit, found, at, status, said):
+    (reason,) = lag_reasons(quantities(**found), numbers(**fit), circumstances(**at))
+    assert reason.status is status
+    assert said in reason.sentence
+
+
+def test_a_delay_of_which_every_value_fits_is_not_told():
+    tried = (0.0, 0.01, 0.02)
+    some = Unjudged(0.0, "s", float("nan"), (0.0, 0.01), Choice(tried[:2], tried))
+    every = Unjudged(0.0, "s", float("nan"), (0.0, 0.02), Choice(tried, tried))
+    measured = Unjudged(0.0, "s", float("nan"), (0.0, 0.0), Choice((0.0,), (0.0,)))
+    for delay, wanted in ((some, Status.IDENTIFIED), (every, Status.WEAK), (measured, Status.IDENTIFIED)):
+        found = all_grounds(quantities(delay=delay), numbers(), circumstances())
+        assert verdict(list(found["delay"])).status is wanted
+        assert found["actuator_lag"] == found["effective_lag"] == ()
+
+
+@pytest.mark.parametrize(
+    ("fit", "found"),
+    [
+        (numbers((4.0, 50.0, 50.0)), {}),
+        (numbers(), {"viscous_friction": quantity(-0.1, 0.05)}),
+        (numbers(), {"viscous_friction": quantity(0.4, 0.5)}),
+        (numbers(), {"viscous_friction": quantity(0.4, 0.3)}),
+    ],
+)
+def test_grounds_against_the_friction_say_how_much_the_flight_moved(fit, found):
+    moved = "The input varied by 1.4% and the vertical speed by 0.084 m/s (standard deviations)."
+    at = circumstances(excitation=moved)
+    (reason,) = friction_reasons(quantities(**found), fit, at)
+    assert reason.sentence.endswith(f" {moved}")
+    assert "input varied" not in friction_reasons(quantities(**found), fit, circumstances())[0].sentence
+
+
+def test_every_ground_says_what_to_do():
+    bad = {
+        "viscous_friction": quantity(0.4, 0.3),
+        "input_gain": quantity(40.0, 10.0),
+        "effective_lag": quantity(0.1, 0.2),
+        "hover_input": quantity(0.5, 0.1),
+    }
+    fit = numbers((2.0, 2.0, 2.0), p_value=1e-6, lag_s=0.3)
+    for direct in (False, True):
+        at = circumstances(
+            direct=direct,
+            exogenous=False,
+            command_rate_hz=10.0,
+            response_rate_hz=10.0,
+            missing_reference="none",
+        )
+        found = quantities(**bad)
+        reasons = [
+            *friction_reasons(found, fit, at),
+            *gain_reasons(found["input_gain"], fit, at),
+            *gain_reasons(quantity(-1.0, 0.1), fit, at),
+            *hover_reasons(found["hover_input"], at),
+            *hover_reasons(quantity(-1.0, 0.1), at),
+            *lag_reasons(found, fit, at),
+        ]
+        assert len(reasons) >= 10
+        assert all(reason.remedy.endswith(".") and reason.sentence.endswith(".") for reason in reasons)
+
+
+def test_signs_and_units_speak_against_the_flight():
+    found = quantities(input_gain=quantity(-40.0, 1.0))
+    assert verdict(friction_reasons(found, numbers(), circumstances())).status is Status.REFUSED
+    for value, wanted in ((20.0, Status.WEAK), (4.0, Status.IDENTIFIED), (-9.5, Status.WEAK)):
+        found = quantities(intercept=quantity(value, 0.5))
+        assert verdict(friction_reasons(found, numbers(), circumstances())).status is wanted

@@ -1,0 +1,93 @@
+"""A document is told by any medium, without a look at the result; JSON says the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf
+from eivor.report.flight_document import flight_document
+from eivor.report.inspection import pooled_inspection
+from eivor.report.inspection_document import inspection_document, pooled_documents
+from eivor.report.json_document import json_document
+from eivor.signals.recording import Recording
+
+
+def markdown(document: Document) -> Iterator[str]:
+    """Another medium."""
+    yield f"# {document.title}"
+    yield f"**{document.status.value if document.status else ''}** {document.about}"
+    for section in document.sections:
+        yield f"## {section.heading}"
+        for part in section.parts:
+            yield from _lines(part)
+
+
+def _lines(part: Part) -> Iterator[str]:
+    match part:
+        case Facts():
+            for fact in part.facts:
+                told = fact.told.sentences if isinstance(fact.told, Bullets) else (fact.told,)
+                yield f"*{fact.label}* {'; '.join(told)}"
+        case TableOf():
+            yield "|".join(column.title for column in part.columns)
+            yield "|".join("--:" if column.right else ":--" for column in part.columns)
+            yield from ("|".join(f"{cell.text} {cell.below}".strip() for cell in row) for row in part.rows)
+        case Bullets():
+            yield from (f"- {sentence}" for sentence in part.sentences)
+        case Statement():
+            yield f"**{part.text}**{part.more}"
+        case Figure():
+            yield f"![]({part.name}.svg)"
+
+
+def test_another_medium_tells_a_result(pool: FlightEstimate) -> None:
+    lines = list(markdown(flight_document(pool, card=True)))
+    assert lines[0] == "# first, second"
+    assert lines[1].startswith(f"**{pool.verdict.status.value}** ")
+    quantities = next(line for line in lines if line.startswith("viscous friction|K|"))
+    assert quantities.endswith(f"|1/s|{pool.quantities['viscous_friction'].verdict.value}")
+    rows = [line for line in lines if line.startswith(tuple(f"{row.label} " for row in pool.comparisons))]
+    assert len(rows) == len(pool.comparisons)
+    assert "![](flight.svg)" in lines
+
+
+def test_another_medium_tells_inspections(recording: Recording) -> None:
+    found = pooled_inspection([recording], FlightOptions(), [None], Vertical())
+    lines = list(markdown(inspection_document(found.logs[0])))
+    assert all(any(line.startswith(f"{name} ") for line in lines) for name in recording.channels)
+    assert "**identified** (method reference_iv)" in lines
+    *logs, together = pooled_documents(found)
+    assert [log.title for log in logs] == [recording.name]
+    assert [section.heading for section in together.sections] == [
+        "What identify says of the 1 logs together (found by running it)"
+    ]
+
+
+@pytest.mark.parametrize("name", ["fit", "pool", "still"])
+def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureRequest) -> None:
+    result: FlightEstimate = request.getfixturevalue(name)
+    document, json = flight_document(result), json_document(result)
+    assert document.status is Status(json["verdict"])
+    sections = {section.heading: section.parts for section in document.sections}
+    why = sections["Why"][0] if "Why" in sections else Bullets(())
+    remedies = " ".join(sections["What to do"][0].sentences) if "What to do" in sections else ""
+    assert isinstance(why, Bullets)
+    for sentence, reason in zip(why.sentences, json["reasons"], strict=True):
+        assert reason.startswith(sentence)
+        assert reason.removeprefix(sentence).strip() in remedies
+    table = sections[""][1]
+    assert isinstance(table, TableOf)
+    told = json["parameters"] | json["derived"]
+    shown = [told[key]["verdict"] for key in result.motion.shown]
+    assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in shown]
+    rows = [row["verdict"] for row in (*json["flights"], *json["comparisons"])]
+    tables = [
+        sections[title][0] for title in ("Flights one by one", "Methods side by side") if title in sections
+    ]
+    assert [row[0].below for table in tables for row in table.rows] == rows

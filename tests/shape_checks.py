@@ -1,0 +1,115 @@
+"""The checks of every annotation at each call, quick enough for a whole test run.
+
+jaxtyping's import hook decorates each function with `jaxtyping.jaxtyped`, which binds the arguments by name
+and checks them twice, also where no annotation is an array: three quarters of the time of `identify_flight`.
+`jaxtyped` of this module checks the same annotations once. Where one of them is an array, it does so in a
+context of jaxtyping, in which the same letter is the same length; elsewhere beartype suffices. Annotations
+are read at the first call, as one test file calls few functions of the package.
+"""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import is_dataclass
+from functools import partial, wraps
+from types import FunctionType
+from typing import Any, get_args, get_type_hints
+from warnings import catch_warnings, simplefilter
+
+import jaxtyping
+from beartype.roar import BeartypeDecorHintPep585DeprecationWarning
+from jaxtyping import AbstractArray, config
+
+#: The decorator that this module's takes the place of.
+THEIRS = jaxtyping.jaxtyped
+_CONTEXT = THEIRS("context")
+
+
+def wanted() -> bool:
+    """Say whether this run checks shapes: EIVOR_SHAPE_CHECKS=0 switches them off from the start."""
+    return os.environ.get("EIVOR_SHAPE_CHECKS", "") != "0"
+
+
+def install() -> None:
+    """Check every annotation of the package, and of `validation/`, in this process and in no user's."""
+    jaxtyping.jaxtyped = jaxtyped  # the hook takes the decorator from there
+    jaxtyping.install_import_hook(["eivor", "validation"], "beartype.beartype")
+
+
+@contextmanager
+def unchecked() -> Iterator[None]:
+    """Calls go through to the library's own checks, as they do for users."""
+    before = config.jaxtyping_disable
+    config.update("jaxtyping_disable", True)
+    try:
+        yield
+    finally:
+        config.update("jaxtyping_disable", before)
+
+
+def jaxtyped(what: Any = None, *, typechecker: Callable[[Any], Any]) -> Any:
+    """As `jaxtyping.jaxtyped`: a function that checks its annotations, or a dataclass that does when made."""
+    if what is None:
+        return partial(jaxtyped, typechecker=typechecker)
+    if isinstance(what, FunctionType):
+        return _checked(what, typechecker)
+    if isinstance(what, type) and is_dataclass(what) and "__init__" in vars(what):
+        what.__init__ = _checked(what.__init__, typechecker)
+    return what
+
+
+def _checked(function: FunctionType, typechecker: Callable[[Any], Any]) -> Callable[..., Any]:
+    checking: Callable[..., Any] | None = None
+
+    @wraps(function)
+    def checked(*args: Any, **kwargs: Any) -> Any:
+        nonlocal checking
+        if config.jaxtyping_disable:
+            return function(*args, **kwargs)
+        if checking is None:
+            checking = _checking(function, typechecker)
+        return checking(*args, **kwargs)
+
+    return checked
+
+
+def _checking(function: FunctionType, typechecker: Callable[[Any], Any]) -> Callable[..., Any]:
+    if inspect.isgeneratorfunction(function):  # what it yields is not checked, as in jaxtyping
+        return THEIRS(function, typechecker=typechecker)
+    hints = {name: _hint(function, text) for name, text in function.__annotations__.items()}
+    written, function.__annotations__ = function.__annotations__, hints
+    with catch_warnings():
+        # Types of other packages may be written in the words of yesterday.
+        simplefilter("ignore", BeartypeDecorHintPep585DeprecationWarning)
+        typed = typechecker(function)
+    function.__annotations__ = written
+    if not any(map(_has_array, hints.values())):
+        return typed
+
+    def in_context(*args: Any, **kwargs: Any) -> Any:
+        with _CONTEXT:
+            return typed(*args, **kwargs)
+
+    return in_context
+
+
+def _hint(function: FunctionType, written: Any) -> Any:
+    """Return the type that an annotation stands for; anything where it cannot be told, as in jaxtyping."""
+
+    def holder() -> None: ...
+
+    holder.__annotations__ = {"value": written}
+    try:
+        return get_type_hints(holder, function.__globals__, include_extras=True)["value"]
+    except Exception:  # noqa: BLE001 - whatever a name that is not there raises
+        return Any
+
+
+def _has_array(hint: Any) -> bool:
+    if isinstance(hint, type) and issubclass(hint, AbstractArray):
+        return True
+    parts = hint if isinstance(hint, list) else get_args(hint)  # arguments of a Callable are a list
+    return any(map(_has_array, parts))

@@ -1,0 +1,23 @@
+"""What a computation costs, in terms of another one: the same on every machine, idle or busy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+
+def in_transforms(computation: Callable[[], object], size: int) -> float:
+    """Processor time in units of that of one real FFT of the first power of two from twice `size` on."""
+    values = np.random.default_rng(0).standard_normal(1 << (2 * size - 1).bit_length())
+    return _least(computation) / _least(lambda: np.fft.rfft(values))
+
+
+def _least(computation: Callable[[], object], tries: int = 3) -> float:
+    found = []
+    for _ in range(tries):
+        begun = time.process_time()
+        computation()
+        found.append(time.process_time() - begun)
+    return min(found)

@@ -1,0 +1,268 @@
+"""Controlled vehicles against plain loops, a matrix exponential, an integrator, and each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
+
+from eivor.errors import ParameterError
+from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.simulation.records.control import AltitudeControl, Control, OpenLoop, VelocityControl
+from eivor.simulation.records.sampled_vehicle import SMALL, sampled_vehicle
+from eivor.simulation.records.scenario import ALWAYS_MEASURED, NOISY_CHANNELS, Route, Scenario
+from eivor.simulation.records.simulate import driven_motion, misled_motion, pushed_motion, simulate
+from eivor.simulation.sources.disturbance import WhiteDisturbance
+from eivor.simulation.sources.excitation import GivenSeries, Steps, WhiteExcitation
+
+K, K_U, T = 0.293, 0.021, 0.2
+VELOCITY = VelocityControl(15.0, 4.0)
+ALTITUDE = AltitudeControl(0.4, 30.0, 5.0)
+CONTROLS = [VELOCITY, VelocityControl(15.0), ALTITUDE, AltitudeControl(0.4, 30.0)]
+QUIET = Scenario(K, K_U, samples=150, excitation=WhiteExcitation(1.0), control=ALTITUDE)
+NOISY = replace(
+    QUIET,
+    noise={
+        "velocity_z": FractionalNoise(0.02, -0.4),
+        "acceleration_z": WhiteNoise(0.1),
+        "input": WhiteNoise(0.5),
+        "position_z": FractionalNoise(0.05, -0.2),
+    },
+    disturbance=WhiteDisturbance(0.05),
+    route=Route.DYNAMICS,
+)
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=str)
+@pytest.mark.parametrize("route", list(Route))
+@pytest.mark.parametrize("friction", [0.0, K])
+def test_loop_is_that_of_a_flight_controller(control, route, friction):
+    """Sample by sample, in the order in which a controller computes; motion between samples by expm."""
+    noise = {name: NOISY.noise[name] for name in ("velocity_z", "input")}
+    if isinstance(control, AltitudeControl):
+        noise["position_z"] = NOISY.noise["position_z"]
+    scenario = replace(NOISY, viscous_friction=friction, control=control, noise=noise, route=route)
+    found = simulate(scenario, rng())
+    truth, signals = found.truth.channels, found.signals.channels
+    errors = {name: signals[name] - truth[name] for name in noise}
+    flow = expm(T * np.array([[-friction, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    velocity, altitude, total = 0.0, 0.0, 0.0
+    reference, disturbance = truth[control.reference], truth["disturbance"]
+    for k in range(scenario.samples):
+        setpoint = reference[k]
+        if isinstance(control, AltitudeControl):
+            assert truth["position_z"][k] == pytest.approx(altitude, abs=1e-11)
+            setpoint = control.altitude_gain * (reference[k] - altitude - errors["position_z"][k])
+        missing = setpoint - velocity - errors["velocity_z"][k]
+        total += missing
+        u = control.velocity_gain * missing + control.velocity_integral_gain * T * total
+        assert truth["velocity_z"][k] == pytest.approx(velocity, abs=1e-11)
+        assert truth["input"][k] == pytest.approx(u, abs=1e-9)
+        force = K_U * u + disturbance[k]
+        assert truth["acceleration_z"][k] == pytest.approx(force - friction * velocity, abs=1e-11)
+        push = K_U * u + (disturbance[k] if route is Route.DYNAMICS else 0.0)
+        velocity, altitude, _ = flow @ [velocity, altitude, push]
+
+
+def test_altitude_is_the_integrators():
+    """Adaptive integration of position and velocity over every step, with the input that was held."""
+    truth = simulate(NOISY, rng()).truth
+    u, e = truth.channel("input"), truth.channel("disturbance")
+    state = np.zeros(2)
+    for k in range(40):
+        assert truth.channel("position_z")[k] == pytest.approx(state[0], abs=1e-10)
+        assert truth.channel("velocity_z")[k] == pytest.approx(state[1], abs=1e-10)
+        push = K_U * u[k] + e[k]
+        state = solve_ivp(
+            lambda _, x, push=push: [x[1], -K * x[1] + push], (0.0, T), state, rtol=1e-11, atol=1e-13
+        ).y[:, -1]
+
+
+@pytest.mark.parametrize("friction", [0.0, 1e-9, 1e-4, 0.99 * SMALL / T, 1.01 * SMALL / T, K, 12.0])
+def test_step_is_the_matrix_exponentials(friction):
+    vehicle = sampled_vehicle(friction, K_U, T)
+    system = (np.array([[-friction, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.eye(2), np.zeros((2, 1)))
+    exact = cont2discrete(system, T, method="zoh")
+    np.testing.assert_allclose([[vehicle.decay, 0.0], [vehicle.held, 1.0]], exact[0], rtol=1e-12)
+    np.testing.assert_allclose([[vehicle.held], [vehicle.rise]], exact[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=str)
+def test_causes_add(control):
+    """The record is the sum of what reference, disturbance and measurement errors do alone."""
+    scenario = replace(QUIET, control=control, disturbance=WhiteDisturbance(0.05), route=Route.DYNAMICS)
+    noise = {name: NOISY.noise[name] for name in scenario.measured}
+    scenario = replace(scenario, noise=noise)
+    found = simulate(scenario, rng())
+    truth = found.truth.channels
+    errors = {name: found.signals.channels[name] - truth[name] for name in scenario.measured}
+    feedback = control.feedback
+    assert feedback is not None
+    parts = [
+        driven_motion(scenario, truth[control.reference]),
+        pushed_motion(scenario, truth["disturbance"]),
+        misled_motion(scenario, feedback, errors),
+    ]
+    for part in parts:
+        assert np.std(part.velocity) > 1e-4
+    whole = sum(parts[1:], start=parts[0])
+    np.testing.assert_allclose(whole.input, truth["input"], atol=1e-10)
+    np.testing.assert_allclose(whole.velocity, truth["velocity_z"], atol=1e-12)
+    if "position_z" in truth:
+        assert whole.altitude is not None
+        np.testing.assert_allclose(whole.altitude, truth["position_z"], atol=1e-12)
+
+
+@pytest.mark.parametrize("channel", NOISY_CHANNELS)
+def test_noise_of_what_is_fed_back_moves_the_vehicle(channel):
+    calm = simulate(QUIET, rng()).truth
+    misled = simulate(replace(QUIET, noise={channel: WhiteNoise(0.05)}), rng()).truth
+    moved = [np.std(misled.channel(name) - calm.channel(name)) for name in ("position_z", "velocity_z")]
+    if channel in ("velocity_z", "position_z"):
+        assert min(moved) > 1e-4
+    else:
+        assert max(moved) == 0.0
+
+
+def test_altitude_noise_is_declared_and_of_its_own_stream():
+    """The others' realisations are those of a scenario without an altitude."""
+    silent = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
+    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=silent), rng())
+    for name in ALWAYS_MEASURED:
+        one, other = (
+            found.signals.channel(name) - found.truth.channel(name) for found in (with_altitude, without)
+        )
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    error = with_altitude.signals.channel("position_z") - with_altitude.truth.channel("position_z")
+    np.testing.assert_allclose(error, NOISY.noise["position_z"].sample(150, rng().spawn(6)[5]), atol=1e-12)
+    assert with_altitude.signals.noise["position_z"] == NOISY.noise["position_z"]
+    assert without.signals.noise["position_z"] == WhiteNoise(0.0)
+    assert with_altitude.signals.noise["reference_position_z"] == WhiteNoise(0.0)
+
+
+def test_altitude_noise_by_ratio():
+    scenario = replace(QUIET, noise_to_signal={"position_z": 0.1})
+    spread = float(simulate(QUIET, rng()).truth.channel("position_z").std())
+    assert simulate(scenario, rng()).signals.noise["position_z"].std == pytest.approx(0.1 * spread, rel=1e-12)
+
+
+def test_altitude_follows_its_reference():
+    """Without steady error, also against a constant push, since the velocity's errors are summed."""
+    steps = replace(QUIET, excitation=Steps((1.0,), 1e6), samples=1500)
+    found = simulate(steps, rng())
+    assert found.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
+    assert found.truth.channel("position_z")[0] == 0.0
+    np.testing.assert_array_equal(found.signals.channel("reference_position_z"), 1.0)
+    pushed = pushed_motion(steps, np.full(1500, 0.3))
+    assert pushed.altitude is not None
+    assert pushed.altitude[-1] == pytest.approx(0.0, abs=1e-7)
+    assert pushed.input[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("control", "channels"),
+    [
+        (OpenLoop(), ALWAYS_MEASURED),
+        (VELOCITY, (*ALWAYS_MEASURED, "reference_velocity_z")),
+        (ALTITUDE, (*NOISY_CHANNELS, "reference_position_z")),
+    ],
+)
+def test_records_have_what_their_control_needs(control, channels):
+    found = simulate(replace(QUIET, control=control), rng())
+    assert set(found.signals.channels) == set(channels)
+    assert set(found.truth.channels) == {*channels, "disturbance"}
+    assert set(found.signals.noise) == set(channels)
+
+
+def test_velocity_control_is_altitude_control_that_does_not_look():
+    """An altitude gain that is next to nothing, and a reference as much larger, is velocity control."""
+    given = GivenSeries(tuple(rng(3).standard_normal(150).tolist()))
+    far = GivenSeries(tuple((1e12 * np.array(given.values)).tolist()))
+    velocity = simulate(replace(QUIET, control=VELOCITY, excitation=given), rng()).truth
+    altitude = simulate(
+        replace(QUIET, control=AltitudeControl(1e-12, 15.0, 4.0), excitation=far), rng()
+    ).truth
+    np.testing.assert_allclose(altitude.channel("input"), velocity.channel("input"), atol=1e-8)
+
+
+def loop_by_columns(control: Control) -> np.ndarray:
+    """Matrix of the loop, each column by letting the controller and the vehicle make one step."""
+    assert isinstance(control, VelocityControl | AltitudeControl)
+    altitude_gain = control.altitude_gain if isinstance(control, AltitudeControl) else 0.0
+    a, held = np.exp(-K * T), (1.0 - np.exp(-K * T)) / K
+    columns = []
+    for velocity, altitude, total in np.eye(3):
+        missing = -altitude_gain * altitude - velocity
+        u = control.velocity_gain * missing + control.velocity_integral_gain * T * (total + missing)
+        pushed = K_U * u
+        climbed = altitude + held * velocity + (T - held) / K * pushed
+        columns.append([a * velocity + held * pushed, climbed, total + missing])
+    used = [True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0]
+    return np.array(columns).T[np.ix_(used, used)]
+
+
+@pytest.mark.parametrize("altitude", [0.0, 0.3, 3.0, 40.0])
+@pytest.mark.parametrize("gain", np.geomspace(1.0, 900.0, 8).tolist())
+@pytest.mark.parametrize("integral", [0.0, 0.4, 40.0, 1500.0])
+def test_loops_called_stable_are(altitude, gain, integral):
+    control = AltitudeControl(altitude, gain, integral) if altitude else VelocityControl(gain, integral)
+    stable = bool(np.abs(np.linalg.eigvals(loop_by_columns(control))).max() < 1.0)
+    try:
+        replace(QUIET, control=control)
+        accepted = True
+    except ParameterError:
+        accepted = False
+    assert accepted == stable
+
+
+def test_grid_of_loops_holds_both_kinds():
+    radius = [
+        np.abs(np.linalg.eigvals(loop_by_columns(AltitudeControl(altitude, 30.0, 5.0)))).max()
+        for altitude in (0.3, 40.0)
+    ]
+    assert radius[0] < 1.0 < radius[1]
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        VelocityControl(1e4),
+        VelocityControl(-20.0),
+        VelocityControl(15.0, -4.0),
+        AltitudeControl(40.0, 30.0, 5.0),
+        AltitudeControl(0.4, -30.0),
+        AltitudeControl(0.4, 30.0, -5.0),
+    ],
+    ids=str,
+)
+def test_unstable_loops_are_refused(control):
+    said = r"loop is stable.*received (Velocity|Altitude)Control\(.*at input_gain=0.021 and 5 Hz.*a factor of"
+    with pytest.raises(ParameterError, match=said):
+        replace(QUIET, control=control)
+
+
+@pytest.mark.parametrize(
+    ("gains", "said"),
+    [
+        ((0.0, 15.0), "a finite altitude_gain above zero; received altitude_gain=0.0"),
+        ((-0.4, 15.0), "a finite altitude_gain above zero"),
+        ((float("nan"), 15.0), "a finite altitude_gain above zero"),
+        ((0.4, float("inf")), "a finite velocity_gain"),
+        ((0.4, 15.0, float("nan")), "a finite velocity_integral_gain"),
+        ((0.4, 0.0), "a velocity_gain or a velocity_integral_gain; received both zero"),
+    ],
+)
+def test_impossible_gains_are_refused(gains, said):
+    with pytest.raises(ParameterError, match=said):
+        AltitudeControl(*gains)
+    if gains[0] == 0.4:
+        with pytest.raises(ParameterError, match=said):
+            VelocityControl(*gains[1:])

@@ -1,0 +1,385 @@
+"""Each disturbance against a property that theory gives, with bounds from Monte Carlo's standard error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from eivor.errors import ParameterError
+from eivor.simulation.sources.deterministic_disturbance import (
+    BoundedAdversary,
+    Sinusoids,
+    SumOfDisturbances,
+    Trend,
+    paper_disturbance,
+)
+from eivor.simulation.sources.disturbance import Disturbance, WhiteDisturbance
+from eivor.simulation.sources.dryden import DrydenGust
+from eivor.simulation.sources.linear_disturbance import (
+    Arma,
+    CoefficientCourse,
+    RandomCoefficientMovingAverage,
+    TimeVaryingArma,
+)
+from eivor.simulation.sources.nonlinear_disturbance import Bilinear, ThresholdMovingAverage
+from eivor.simulation.sources.volatility import Garch, VarianceSwitch
+
+STEP_S = 0.2
+#: Standard errors within which a mean must lie.
+WITHIN = 4.5
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def realisations(disturbance: Disturbance, count: int, runs: int) -> np.ndarray:
+    """Independent ones, shape (runs, count)."""
+    return np.array([disturbance.sample(count, STEP_S, stream) for stream in rng(7).spawn(runs)])
+
+
+def assert_mean(values: np.ndarray, expected: float) -> None:
+    """The mean of independent values is that one, within its standard error."""
+    error = values.std() / np.sqrt(values.size)
+    assert abs(values.mean() - expected) < WITHIN * error, (values.mean(), expected, error)
+
+
+def assert_autocovariance(disturbance: Disturbance, expected: dict[int, float], runs: int = 400) -> None:
+    """Averages over time of each realisation have these means."""
+    series = realisations(disturbance, 300, runs)
+    for lag, value in expected.items():
+        products = series[:, : 300 - lag] * series[:, lag:]
+        assert_mean(products.mean(axis=1), value)
+
+
+STATIONARY = [
+    WhiteDisturbance(0.7),
+    Arma(0.5, (0.9,), (0.4,)),
+    Arma(1.0, (1.2, -0.5), ()),
+    Arma(1.0, (), (0.5, 0.3)),
+    RandomCoefficientMovingAverage((0.0, 3.0), (1.0, 1.0), 0.4),
+    Bilinear(0.6, 3, 1, 1.1),
+    Garch(0.1, (0.3,), (0.5,)),
+    DrydenGust(0.8, 5.0, 4.0),
+    SumOfDisturbances((WhiteDisturbance(0.3), Arma(1.0, (0.5,)))),
+]
+
+
+@pytest.mark.parametrize("disturbance", STATIONARY, ids=lambda one: type(one).__name__)
+def test_variance_is_that_of_the_first_and_of_the_last_sample(disturbance):
+    series = realisations(disturbance, 60, 1500)
+    assert disturbance.variance is not None
+    for k in (0, 1, 59):
+        assert_mean(series[:, k], 0.0)
+        assert_mean(series[:, k] ** 2, disturbance.variance)
+
+
+EVERY = [
+    *STATIONARY,
+    TimeVaryingArma(1.0, (CoefficientCourse(amplitude=0.8, cycles=3.0),), (CoefficientCourse(0.5),)),
+    ThresholdMovingAverage((0.0,), ((0.2,), (0.9,))),
+    VarianceSwitch(WhiteDisturbance(1.0)),
+    Garch(0.1, (0.85,), largest_square=1e4),
+    Trend((0.0, 3.0)),
+    Sinusoids((2.0,), (0.05,)),
+    BoundedAdversary(1.0, 20.0, 1.0),
+    paper_disturbance(),
+]
+
+
+@pytest.mark.parametrize("disturbance", EVERY, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("count", [1, 2, 3, 500])
+def test_same_generator_same_series(disturbance, count):
+    series = disturbance.sample(count, STEP_S, rng(5))
+    assert series.shape == (count,)
+    assert np.isfinite(series).all()
+    np.testing.assert_array_equal(series, disturbance.sample(count, STEP_S, rng(5)))
+
+
+def test_arma_has_the_autocovariance_of_the_textbook():
+    """ARMA(1, 1): gamma_0 = (1 + 2ab + b^2)/(1 - a^2), gamma_1 = (1 + ab)(a + b)/(1 - a^2)."""
+    a, b, std = 0.7, 0.4, 0.5
+    variance = std**2 * (1 + 2 * a * b + b**2) / (1 - a**2)
+    first = std**2 * (1 + a * b) * (a + b) / (1 - a**2)
+    process = Arma(std, (a,), (b,))
+    assert process.variance == pytest.approx(variance, rel=1e-12)
+    assert_autocovariance(process, {0: variance, 1: first, 2: a * first, 5: a**4 * first})
+
+
+def test_autoregression_of_second_order():
+    """Yule and Walker: rho_1 = a_1 / (1 - a_2), rho_2 = a_2 + a_1 rho_1."""
+    process = Arma(1.0, (1.2, -0.5))
+    rho = 1.2 / 1.5
+    assert_autocovariance(
+        process, {1: process.variance * rho, 2: process.variance * (-0.5 + 1.2 * rho)}, runs=600
+    )
+
+
+def test_arma_is_the_filter_of_scipy_after_its_start():
+    series = Arma(1.0, (1.2, -0.5), (0.3,)).sample(400, STEP_S, rng())
+    stream = rng()
+    stream.standard_normal(2)  # the state before the record
+    shocks = stream.standard_normal(400)
+    filtered = lfilter([1.0, 0.3], [1.0, -1.2, 0.5], shocks)
+    np.testing.assert_allclose(series[150:], filtered[150:], atol=1e-9)
+
+
+def test_time_varying_arma_is_its_recursion():
+    """The method's: x_k = .8 sin(6 pi k/N) x_{k-1} + w_k + .9 cos(10 pi k/N) w_{k-1}."""
+    count = 200
+    disturbance = TimeVaryingArma(
+        2.0,
+        (CoefficientCourse(amplitude=0.8, cycles=3.0),),
+        (CoefficientCourse(amplitude=0.9, cycles=5.0, phase=np.pi / 2.0),),
+    )
+    w = 2.0 * rng().standard_normal(count)
+    expected = np.zeros(count)
+    for k in range(count):
+        expected[k] = w[k]
+        if k:
+            expected[k] += 0.8 * np.sin(6 * np.pi * k / count) * expected[k - 1]
+            expected[k] += 0.9 * np.cos(10 * np.pi * k / count) * w[k - 1]
+    np.testing.assert_allclose(disturbance.sample(count, STEP_S, rng()), expected, atol=1e-12)
+    assert disturbance.variance is None
+
+
+def test_random_coefficients_have_their_moments():
+    """Lag one: std^2 times the product of the means; kurtosis above three."""
+    means, stds, std = (1.0, 3.0), (1.0, 0.5), 0.5
+    process = RandomCoefficientMovingAverage(means, stds, std)
+    variance = std**2 * (1 + 1 + 9 + 0.25)
+    assert process.variance == pytest.approx(variance)
+    assert_autocovariance(process, {0: variance, 1: std**2 * 3.0, 2: 0.0, 3: 0.0}, runs=800)
+    # With one coefficient, x = c w: E x^4 = 3 std^4 (mean^4 + 6 mean^2 s^2 + 3 s^4).
+    single = realisations(RandomCoefficientMovingAverage((3.0,), (1.0,), std), 200, 600)
+    assert_mean((single**4).mean(axis=1), 3 * std**4 * (81 + 54 + 3))
+
+
+def test_threshold_chooses_the_regime():
+    """A delay beyond the order: the regime is independent of the shocks that it weighs.
+
+    Var(x[k] | x[k-2] in regime r) = std^2 (1 + b_r^2), and so for the product with the sample before.
+    """
+    process = ThresholdMovingAverage((-0.2,), ((0.1,), (-1.5,)), delay=2, std=0.8)
+    series = realisations(process, 300, 500)
+    low = series[:, :-2] <= -0.2
+    for regime, b in ((low, 0.1), (~low, -1.5)):
+        shares = regime.mean(axis=1)
+        assert 0.2 < shares.mean() < 0.8
+        squares = (np.where(regime, series[:, 2:] ** 2, 0.0).mean(axis=1)) / shares.mean()
+        assert_mean(squares, 0.8**2 * (1 + b**2))
+
+
+def test_equal_regimes_are_a_moving_average():
+    process = ThresholdMovingAverage((0.0, 1.0), ((0.6, 0.3),) * 3, std=0.5)
+    assert_autocovariance(process, {0: 0.25 * 1.45, 1: 0.25 * 0.78, 2: 0.25 * 0.3, 3: 0.0})
+
+
+def test_threshold_is_its_recursion():
+    process = ThresholdMovingAverage((-0.5, 0.5), ((0.9,), (0.0,), (-0.9,)), delay=1)
+    shocks = rng().standard_normal(1 + 10 + 50)
+    series = [0.0]
+    for k in range(1, shocks.size):
+        x = series[-1]
+        b = 0.9 if x <= -0.5 else 0.0 if x <= 0.5 else -0.9
+        series.append(shocks[k] + b * shocks[k - 1])
+    np.testing.assert_allclose(process.sample(50, STEP_S, rng()), series[11:], atol=1e-14)
+
+
+def test_bilinear_is_uncorrelated_with_heavy_tails():
+    """E x^4 = 3 s^4 (1 + 2 b^2 E x^2) / (1 - 3 b^4 s^4), and no autocovariance at all."""
+    b, s = 0.5, 1.0
+    process = Bilinear(b, 2, 1, s)
+    fourth = 3 * s**4 * (1 + 2 * b**2 * process.variance) / (1 - 3 * b**4 * s**4)
+    series = realisations(process, 300, 800)
+    assert_mean((series**4).mean(axis=1), fourth)
+    assert fourth / process.variance**2 > 3.4
+    assert_autocovariance(process, {1: 0.0, 2: 0.0, 3: 0.0})
+    # Not independent: x[k] follows the product that drives it.
+    bispectral = series[:, 3:] * series[:, 1:-2] * series[:, 2:-1]
+    assert_mean(bispectral.mean(axis=1), b * process.variance * s**2)
+
+
+def test_arch_has_the_kurtosis_of_engle():
+    """ARCH(1): kurtosis 3 (1 - a^2)/(1 - 3 a^2), autocorrelation of squares a^l, none of the series."""
+    floor, a = 0.2, 0.3
+    process = Garch(floor, (a,))
+    variance = floor / (1 - a)
+    assert process.variance == pytest.approx(variance)
+    kurtosis = 3 * (1 - a**2) / (1 - 3 * a**2)
+    series = realisations(process, 400, 800)[:, 50:]
+    assert_mean((series**4).mean(axis=1), kurtosis * variance**2)
+    assert_mean((series[:, 1:] * series[:, :-1]).mean(axis=1), 0.0)
+    squares = series**2 - variance
+    spread = (kurtosis - 1.0) * variance**2
+    assert_mean((squares[:, 2:] * squares[:, :-2]).mean(axis=1), a**2 * spread)
+
+
+@pytest.mark.parametrize("shocks", [(0.3,), (0.2, 0.1)])
+@pytest.mark.parametrize("persistence", [(), (0.4,), (0.2, 0.1, 0.2)])
+def test_garch_is_its_recursion_limited_or_not(shocks, persistence):
+    series = Garch(0.2, shocks, persistence).sample(300, STEP_S, rng())
+    far = Garch(0.2, shocks, persistence, largest_square=1e9).sample(300, STEP_S, rng())
+    np.testing.assert_array_equal(series, far)
+    limit = 0.9 * float(np.max(series**2))
+    near = Garch(0.2, shocks, persistence, largest_square=limit).sample(300, STEP_S, rng())
+    first = int(np.argmax(series**2 > limit)) + 1
+    np.testing.assert_allclose(near[:first], series[:first], rtol=1e-10)
+    assert not np.allclose(near[first:], series[first:], rtol=1e-6)
+    assert Garch(0.2, shocks, persistence, largest_square=limit).variance is None
+
+
+def test_limited_squares_bound_the_variance():
+    """Floor + sum of coefficients times the limit is the most that h can be."""
+    series = Garch(0.1, (0.85,), largest_square=0.2).sample(50_000, STEP_S, rng())
+    white = rng().standard_normal(50_000)
+    assert np.max(np.abs(series / white)) <= np.sqrt(0.1 + 0.85 * 0.2) + 1e-12
+
+
+def test_variance_switches_where_it_is_told():
+    process = VarianceSwitch(WhiteDisturbance(0.5), factor=10.0, at=0.25)
+    series = realisations(process, 80, 2000)
+    assert_mean((series[:, :20] ** 2).mean(axis=1), 0.25)
+    assert_mean((series[:, 20:] ** 2).mean(axis=1), 2.5)
+    assert process.variance is None
+
+
+def test_trend_and_sinusoids_are_what_they_say():
+    t = STEP_S * np.arange(50)
+    method = SumOfDisturbances((Trend((0.0, 3.0)), Sinusoids((2.0,), (0.05,))))
+    expected = 3.0 * np.linspace(-1.0, 1.0, 50) + 2.0 * np.sin(0.05 * t)
+    np.testing.assert_allclose(method.sample(50, STEP_S, rng()), expected, atol=1e-13)
+    np.testing.assert_allclose(Trend((1.0, 0.0, 2.0)).sample(3, STEP_S, rng()), [3.0, 1.0, 3.0])
+    cosine = Sinusoids((1.0,), (2.0,), (np.pi / 2.0,)).sample(50, STEP_S, rng())
+    np.testing.assert_allclose(cosine, np.cos(2.0 * t), atol=1e-13)
+    assert method.variance is None
+
+
+def test_paper_disturbance_is_the_papers():
+    """Mean over realisations: the sinusoids; variance about it: 1 + (9 + 1)."""
+    series = realisations(paper_disturbance(), 40, 4000)
+    t = STEP_S * np.arange(40)
+    mean = np.sin(0.01 * t) + np.sin(10.0 * t)
+    for k in (0, 17, 39):
+        assert_mean(series[:, k], mean[k])
+        assert_mean((series[:, k] - mean[k]) ** 2, 11.0)
+
+
+def test_papers_first_coefficient_has_mean_zero_and_its_second_mean_three():
+    """Exchanged, they would be this series read backward, which third moments of its squares tell apart.
+
+    E x_k^2 x_{k+1}^4 = 7089 and E x_k^4 x_{k+1}^2 = 6873 follow from E c_1^2, c_1^4 = 1, 3, E c_2^2, c_2^4
+    = 10, 138 and E w^2, w^4, w^6 = 1, 3, 15, as w[k-1] alone is in both.
+    """
+    moving, sinusoids = paper_disturbance().parts
+    assert sinusoids == Sinusoids((1.0, 1.0), (0.01, 10.0))
+    squares = realisations(moving, 40_000, 200) ** 2
+    now, then = squares[:, :-1], squares[:, 1:]
+    assert_mean((now * then * (then - now)).mean(axis=1), 7089.0 - 6873.0)
+    assert (now * then * (then - now)).mean() > 100.0
+
+
+def test_parts_of_a_sum_keep_to_themselves():
+    """A part's realisation does not depend on what stands before it."""
+    one = SumOfDisturbances((Trend((0.0,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
+    other = SumOfDisturbances((Arma(0.0, (0.5,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
+    np.testing.assert_array_equal(one, other)
+
+
+def test_adversary_is_at_its_bounds_and_in_every_band():
+    series = BoundedAdversary(0.7, 50.0, 1.0, high_share=0.5).sample(4000, STEP_S, rng())
+    assert set(np.unique(series)) == {-0.7, 0.7}
+    assert abs(series.mean()) < 0.05
+    switches = np.flatnonzero(np.diff(series)) * STEP_S
+    # Half a period more at each switch, where a period lasts longest * exp(-rate t).
+    rate = np.log(50.0) / 800.0
+    expected = np.log1p(rate * 25.0 * np.arange(1, switches.size + 1)) / rate
+    np.testing.assert_allclose(switches, expected, atol=STEP_S)
+    assert np.diff(switches)[-20:].mean() == pytest.approx(0.5, rel=0.1)  # half of the shortest
+    leaning = BoundedAdversary(1.0, 50.0, 5.0, high_share=0.8).sample(4000, STEP_S, rng())
+    assert leaning.mean() == pytest.approx(0.6, abs=0.05)
+    constant = BoundedAdversary(1.0, 5.0, 5.0, high_share=1.0).sample(50, STEP_S, rng())
+    np.testing.assert_array_equal(constant, 1.0)
+
+
+def test_dryden_has_its_correlation():
+    """exp(-t/tau) (1 - t / (2 tau)), tau = length / airspeed: negative beyond twice tau."""
+    process = DrydenGust(0.8, 2.0, 4.0)
+    lags = {lag: lag * STEP_S / 0.5 for lag in (0, 1, 3, 8)}
+    expected = {lag: 0.64 * np.exp(-x) * (1.0 - x / 2.0) for lag, x in lags.items()}
+    assert expected[8] < 0.0
+    assert_autocovariance(process, expected, runs=1000)
+
+
+def test_dryden_has_its_spectrum():
+    """Level and slope: S(w) = std^2 tau (1 + 3 (tau w)^2) / (1 + (tau w)^2)^2, per unit of w / pi."""
+    step, tau, count = 0.01, 0.5, 4096
+    process = DrydenGust(1.0, 2.0, 4.0)
+    power = np.mean(
+        [
+            np.abs(np.fft.rfft(process.sample(count, step, stream) * np.hanning(count))) ** 2
+            for stream in rng(3).spawn(300)
+        ],
+        axis=0,
+    ) * (step / np.sum(np.hanning(count) ** 2))
+    w = 2.0 * np.pi * np.fft.rfftfreq(count, step)
+    expected = tau * (1 + 3 * (tau * w) ** 2) / (1 + (tau * w) ** 2) ** 2
+    for low, high in ((0.5, 1.5), (3.0, 5.0), (15.0, 25.0)):
+        band = (w > low) & (w < high)
+        # Bins of a Hann window share some of their scatter; two in three count as independent.
+        error = 1.5 / np.sqrt(300 * band.sum())
+        assert np.mean(power[band] / expected[band]) == pytest.approx(1.0, abs=WITHIN * error + 0.01)
+
+
+@pytest.mark.parametrize("tiny", [1e-3, 1e-6])
+def test_dryden_on_a_fine_grid_is_smooth_and_finite(tiny):
+    series = DrydenGust(1.0, 2.0, 2.0).sample(1000, tiny, rng())
+    assert np.isfinite(series).all()
+    # Its steps are those of a diffusion of intensity 3 std^2 / tau.
+    assert np.mean(np.diff(series) ** 2) == pytest.approx(3.0 * tiny, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: WhiteDisturbance(-1.0), "a finite std of zero or more; received std=-1.0"),
+        (lambda: Arma(1.0, (1.0,)), r"stationary autoregression.*multiplied by 1 each step"),
+        (lambda: Arma(1.0, (0.5, 0.6)), "stationary autoregression"),
+        (lambda: Arma(float("nan")), "a finite std of zero or more; received std=nan"),
+        (lambda: Arma(1.0, (), (float("inf"),)), "a finite coefficient of moving_average"),
+        (lambda: TimeVaryingArma(1.0, (CoefficientCourse(0.5, 0.6),)), "stationary at every time"),
+        (lambda: CoefficientCourse(phase=float("nan")), "a finite phase"),
+        (
+            lambda: RandomCoefficientMovingAverage((1.0,), (1.0, 2.0)),
+            "as many stds as means; received 2 stds",
+        ),
+        (lambda: RandomCoefficientMovingAverage((), ()), "one or more means; received none"),
+        (lambda: RandomCoefficientMovingAverage((1.0,), (-1.0,)), "a finite std of a coefficient of zero"),
+        (lambda: ThresholdMovingAverage((), ((0.1,),)), "one or more thresholds"),
+        (lambda: ThresholdMovingAverage((1.0, 0.0), ((0.1,),) * 3), "ascending thresholds"),
+        (lambda: ThresholdMovingAverage((0.0,), ((0.1,),)), "coefficients of 2 regimes.*received those of 1"),
+        (lambda: ThresholdMovingAverage((0.0,), ((0.1,), (0.1, 0.2))), "as many of another one"),
+        (lambda: ThresholdMovingAverage((0.0,), ((0.1,), (0.2,)), delay=0), "delay of 1 or more"),
+        (lambda: Bilinear(1.0, std=1.0), "below one, so that the series is stationary; received 1"),
+        (lambda: Bilinear(0.1, 1, 1), "a series_lag above shock_lag"),
+        (lambda: Bilinear(0.1, 1, 0), "shock_lag of 1 or more"),
+        (lambda: Garch(0.1, (0.5,), (0.5,)), "add up to less than one.*received 1"),
+        (lambda: Garch(0.0, (0.5,)), "a finite floor above zero"),
+        (lambda: Garch(0.1, (-0.5,)), "a finite coefficient of shocks of zero or more"),
+        (lambda: Garch(0.1, (0.5,), largest_square=0.0), "a finite largest_square above zero"),
+        (lambda: VarianceSwitch(WhiteDisturbance(1.0), -1.0), "a finite factor of zero or more"),
+        (lambda: VarianceSwitch(WhiteDisturbance(1.0), at=1.5), "a share of the record from 0 to 1"),
+        (lambda: Trend(()), "one or more coefficients"),
+        (lambda: Sinusoids((1.0,), (1.0, 2.0)), "as many frequencies as amplitudes"),
+        (lambda: Sinusoids((1.0,), (-1.0,)), "a finite frequency of zero or more"),
+        (lambda: BoundedAdversary(-1.0, 2.0, 1.0), "a finite bound of zero or more"),
+        (lambda: BoundedAdversary(1.0, 1.0, 2.0), "a shortest_s up to longest_s"),
+        (lambda: BoundedAdversary(1.0, 2.0, 1.0, 1.1), "a high_share from 0 to 1"),
+        (lambda: SumOfDisturbances(()), "one or more parts"),
+        (lambda: DrydenGust(1.0, 0.0, 1.0), "a finite length_m above zero"),
+    ],
+)
+def test_impossible_disturbances_are_refused(make, said):
+    with pytest.raises(ParameterError, match=f"Expected .*{said}"):
+        make()

@@ -1,0 +1,157 @@
+"""Excitations: their peaks, their bands, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eivor.errors import ParameterError
+from eivor.simulation.sources.band_excitation import Chirp, FilteredWhite, Multisine
+from eivor.simulation.sources.binary_excitation import PseudoRandomBinary, maximal_sequence
+from eivor.simulation.sources.excitation import (
+    Excitation,
+    GivenSeries,
+    PaperInput,
+    ScaledExcitation,
+    Steps,
+    WhiteExcitation,
+)
+
+STEP_S = 0.2
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def sampled(excitation: Excitation, count: int = 4000, seed: int = 1) -> np.ndarray:
+    return excitation.sample(count, STEP_S, rng(seed))
+
+
+def power_outside(series: np.ndarray, low_hz: float, high_hz: float) -> float:
+    """Share of the power outside a band."""
+    power = np.abs(np.fft.rfft(series)) ** 2
+    frequencies = np.fft.rfftfreq(series.size, STEP_S)
+    inside = (frequencies > low_hz - 1e-9) & (frequencies < high_hz + 1e-9)
+    return float(power[~inside].sum() / power.sum())
+
+
+def test_paper_input_is_its_equation():
+    count = 30
+    w = np.sqrt(0.02) * rng().standard_normal(count + 2)
+    t = STEP_S * np.arange(count)
+    expected = [0.7 * w[k + 1] + 0.49 * w[k] + np.sin(0.1 * t[k] ** 1.1) for k in range(count)]
+    np.testing.assert_allclose(sampled(PaperInput(), count), expected, atol=1e-14)
+
+
+def test_paper_input_has_the_variance_of_its_parts():
+    smooth = sampled(PaperInput(0.0), 50_000)
+    noise = sampled(PaperInput(1.0), 50_000) - smooth
+    assert noise.var() == pytest.approx(0.7**2 + 0.49**2, rel=0.03)
+    assert (noise[1:] * noise[:-1]).mean() == pytest.approx(0.7 * 0.49, abs=0.02)
+    assert np.abs(smooth).max() <= 1.0
+
+
+def test_white_is_white():
+    series = sampled(WhiteExcitation(2.0), 40_000)
+    assert series.std() == pytest.approx(2.0, rel=0.02)
+    assert abs((series[1:] * series[:-1]).mean()) < 4.5 * 4.0 / np.sqrt(40_000)
+
+
+def test_filtered_white_keeps_to_its_band():
+    series = sampled(FilteredWhite(0.5, 0.1, 1.5))
+    assert power_outside(series, 0.1, 1.5) < 1e-25
+    variances = [sampled(FilteredWhite(0.5, 0.1, 1.5), 500, seed).var() for seed in range(400)]
+    assert np.mean(variances) == pytest.approx(0.25, rel=4.5 * np.std(variances) / 0.25 / 20)
+
+
+def test_multisine_is_flat_in_its_band_and_low_in_its_peak():
+    series = sampled(Multisine(0.5, 0.05, 1.0))
+    assert series.std() == pytest.approx(0.5, rel=1e-12)
+    assert power_outside(series, 0.05, 1.0) < 1e-25
+    power = np.abs(np.fft.rfft(series))
+    frequencies = np.fft.rfftfreq(4000, STEP_S)
+    inside = (frequencies > 0.05 - 1e-9) & (frequencies < 1.0 + 1e-9)
+    np.testing.assert_allclose(power[inside], power[inside].mean(), rtol=1e-9)
+    assert np.abs(series).max() / series.std() < 1.9
+    random_phases = np.fft.irfft(np.where(inside, np.exp(2j * np.pi * rng().random(inside.size)), 0.0))
+    assert np.abs(random_phases).max() / random_phases.std() > 3.0
+
+
+def test_chirp_sweeps_its_band():
+    series = sampled(Chirp(3.0, 0.1, 1.0))
+    assert np.abs(series).max() == pytest.approx(3.0, rel=1e-3)
+    assert power_outside(series, 0.08, 1.02) < 0.01
+    # The number of periods in each tenth of the record grows as the frequency does.
+    ups = np.flatnonzero((series[1:] > 0.0) & (series[:-1] <= 0.0)) * STEP_S
+    counts, _ = np.histogram(ups, bins=10, range=(0.0, 800.0))
+    middle = 0.1 + 0.9 * (np.arange(10) + 0.5) / 10
+    np.testing.assert_allclose(counts, 80.0 * middle, atol=1.5)
+    tone = sampled(Chirp(1.0, 0.5, 0.5), 50)
+    np.testing.assert_allclose(tone, np.sin(2 * np.pi * 0.5 * STEP_S * np.arange(50)), atol=1e-12)
+
+
+@pytest.mark.parametrize("register", range(2, 17))
+def test_binary_sequence_is_maximal(register):
+    """Autocorrelation: the period at shift zero and -1 at every other one."""
+    period = maximal_sequence(register)
+    assert period.size == 2**register - 1
+    correlation = np.fft.irfft(np.abs(np.fft.rfft(period)) ** 2, period.size)
+    assert correlation[0] == pytest.approx(period.size)
+    np.testing.assert_allclose(correlation[1:], -1.0, atol=1e-6)
+
+
+def test_binary_sequence_is_held_and_shifted():
+    series = sampled(PseudoRandomBinary(0.4, 6, 3), 600)
+    assert set(np.unique(series)) == {-0.4, 0.4}
+    np.testing.assert_array_equal(series[0::3], series[2::3])
+    np.testing.assert_array_equal(series[: 600 - 189], series[189:])
+    assert not np.array_equal(series, sampled(PseudoRandomBinary(0.4, 6, 3), 600, seed=2))
+
+
+def test_steps_come_in_their_order():
+    series = sampled(Steps((1.0, -1.0, 0.5), 0.6), 12)
+    np.testing.assert_array_equal(series, np.repeat([1.0, -1.0, 0.5, 1.0], 3))
+    np.testing.assert_array_equal(sampled(Steps((1.0, 2.0), 0.3), 6), [1, 1, 2, 1, 1, 2])
+
+
+def test_given_series_is_the_users():
+    np.testing.assert_array_equal(sampled(GivenSeries((1.0, 2.0, 3.0)), 2), [1.0, 2.0])
+    with pytest.raises(ParameterError, match=r"a series of 4 values or more.*received 3"):
+        sampled(GivenSeries((1.0, 2.0, 3.0)), 4)
+
+
+def test_scaled_has_its_std_exactly():
+    series = sampled(ScaledExcitation(PaperInput(1.0), 0.044))
+    assert series.std() == pytest.approx(0.044, rel=1e-12)
+    np.testing.assert_allclose(series / series[0], sampled(PaperInput(1.0)) / sampled(PaperInput(1.0))[0])
+    with pytest.raises(ParameterError, match=r"a series that varies.*received a constant one"):
+        sampled(ScaledExcitation(Steps((1.0,), 1.0), 1.0))
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: PaperInput(-0.1), "a finite variance of zero or more; received variance=-0.1"),
+        (lambda: WhiteExcitation(float("nan")), "a finite std"),
+        (lambda: FilteredWhite(1.0, 2.0, 1.0), "a low_hz up to high_hz"),
+        (
+            lambda: sampled(FilteredWhite(1.0, 0.1, 2.5)),
+            "ends below half the rate; received high_hz=2.5 at 5 Hz",
+        ),
+        (lambda: sampled(Chirp(1.0, 0.1, 3.0)), "ends below half the rate"),
+        (lambda: sampled(Multisine(1.0, 0.1001, 0.1002), 50), "holds a multiple of 0.1 Hz"),
+        (lambda: Chirp(1.0, -0.1, 1.0), "a finite low_hz of zero or more"),
+        (lambda: Multisine(1.0, 0.0, 0.0), "a finite high_hz above zero"),
+        (lambda: PseudoRandomBinary(1.0, 17), "a register of 2 to 16 stages; received register=17"),
+        (lambda: PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
+        (lambda: Steps((), 1.0), "one or more levels"),
+        (lambda: Steps((1.0,), 0.0), "a finite dwell_s above zero"),
+        (lambda: GivenSeries(()), "one or more values"),
+        (lambda: GivenSeries((1.0, float("inf"))), "a finite value"),
+        (lambda: ScaledExcitation(PaperInput(), -1.0), "a finite std of zero or more"),
+    ],
+)
+def test_impossible_excitations_are_refused(make, said):
+    with pytest.raises(ParameterError, match=f"Expected .*{said}"):
+        make()

@@ -1,0 +1,44 @@
+"""The page of the scenario files holds what the registry holds, and what it shows can be read."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.records.simulate import simulate
+from eivor.simulation.scenario_files.flight_file import read_flight
+from eivor.simulation.scenario_files.kinds import KINDS
+from eivor.simulation.scenario_files.scenario_file import read_scenario
+from eivor.studies.generated_page import page_with
+
+pytest.importorskip("griffe")
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "studies" / "scenarios.md").read_text(encoding="utf-8")
+
+
+def test_tables_are_fresh():
+    parts = runpy.run_path(str(DOCS / "scenario_tables.py"))["parts"]()
+    assert page_with(PAGE, parts) == PAGE, "run docs/scenario_tables.py"
+
+
+def test_every_kind_has_a_row():
+    rows = re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE)
+    for kinds in KINDS.values():
+        assert set(kinds) <= set(rows)
+
+
+def test_examples_are_read_and_simulated(tmp_path):
+    about_hover, flight = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    path = tmp_path / "mine.toml"
+    path.write_text(about_hover, encoding="utf-8")
+    record = simulate(read_scenario(path), np.random.default_rng(0))
+    assert record.signals.sample_count == 4000
+    path.write_text(flight, encoding="utf-8")
+    (flown,) = simulate_vertical_flights([read_flight(path)])
+    assert flown.flew

@@ -1,0 +1,133 @@
+"""Arrays as they are given: masked, complex, of texts, of other numbers than doubles; names and lags."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.errors import EivorError
+from eivor.linalg import LinearSystem
+
+RNG = np.random.default_rng(0)
+PHI = RNG.standard_normal((60, 2))
+Y = PHI @ [1.0, 2.0] + 0.1 * RNG.standard_normal(60)
+PSI = PHI + 0.1 * RNG.standard_normal((60, 2))
+ROWS = ev.regression(response=Y, regressors=PHI, instruments=PSI)
+PARAMETERS = ROWS.parameters
+REGION = ev.anderson_rubin_set(ROWS, ev.methods.extended_iv()).region
+
+
+def hidden(values, *places):
+    """A masked array, with 1e9 where the mask is."""
+    data = np.array(values)
+    mask = np.zeros(data.shape, dtype=bool)
+    for place in places:
+        data[place], mask[place] = 1e9, True
+    return np.ma.masked_array(data, mask)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("argument", ["response", "regressors", "instruments"])
+def test_what_a_mask_hides_is_no_value_of_a_regression(argument):
+    right = {"response": Y, "regressors": PHI, "instruments": PSI}
+    place = (7,) if argument == "response" else (7, 0)
+    for call in (ev.regression, lambda **given: ev.Regression(**given, parameters=PARAMETERS)):
+        with pytest.raises(EivorError, match=f"finite {argument}.*1 NaN or infinite, the first in row 7"):
+            call(**{**right, argument: hidden(right[argument], place)})
+        kept = call(**{**right, argument: np.ma.masked_array(right[argument])})
+        assert type(getattr(kept, argument)) is np.ndarray
+        np.testing.assert_array_equal(getattr(kept, argument), right[argument])
+    columns = [hidden(PHI[:, 0], (7,)), PHI[:, 1]]
+    with pytest.raises(EivorError, match="equally many rows"):  # rows of it are columns; nothing is lost
+        ev.regression(**{**right, "regressors": columns})
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_what_a_mask_hides_is_no_value_of_signals():
+    values = hidden(Y, (7,))
+    with pytest.raises(EivorError, match=r"'input' at every valid sample; received 1 .* at sample 7"):
+        ev.Signals(5.0, {"input": values})
+    valid = np.arange(60) != 7
+    for mask in (valid, np.ma.masked_array(np.ones(60, dtype=bool), ~valid)):
+        signals = ev.Signals(5.0, {"input": values}, valid=mask)
+        assert np.isnan(signals.channels["input"][7])
+        np.testing.assert_array_equal(signals.valid, valid)
+    assert values.data[7] == 1e9
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_what_a_mask_hides_is_no_value_of_a_recording():
+    found = ev.recording_from_columns({"time": np.arange(60), "velocity_z": hidden(Y, (7,))})
+    channel = found.channels["velocity_z"]
+    assert np.isnan(channel.values[7])
+    assert channel.quality.missing_values == 1
+    whole = hidden(np.arange(60), (3,))
+    found = ev.recording_from_columns({"time": np.arange(60), "velocity_z": whole})
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.channels["velocity_z"].values)), [3])
+    memory = ev.estimate_long_memory(np.ma.masked_array(Y))
+    assert memory.order == ev.estimate_long_memory(Y).order
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda x: x + 0j, "received complex ones. Take their real part"),
+        (lambda x: np.ma.masked_array(x + 0j), "complex ones"),
+        (lambda x: [complex(value) for value in np.ravel(x)], "complex ones"),
+        (lambda x: x.astype(str), "received values of the type <U"),
+        (lambda x: x.astype(str).astype(object), "received values of the type object"),
+        (lambda x: np.zeros(x.shape, dtype="datetime64[s]"), "received values of the type datetime64"),
+        (lambda x: np.full(x.shape, 1j, dtype=object), "real numbers in"),
+        (lambda _: [[1.0, 2.0], [3.0]], "real numbers in"),
+        (lambda _: [10**400] * 60, "real numbers in"),
+    ],
+)
+def test_only_real_numbers_are_taken(spoil, said):
+    """Imaginary parts were dropped, and texts read as numbers."""
+    for call in (
+        lambda: ev.regression(response=spoil(Y), regressors=PHI),
+        lambda: ev.regression(response=Y, regressors=spoil(PHI)),
+        lambda: ev.regression(response=Y, regressors=PHI, noise_covariance=spoil(np.eye(3))),
+        lambda: ev.Signals(5.0, {"input": spoil(Y)}),
+        lambda: ev.recording_from_columns({"time": np.arange(60), "velocity_z": spoil(Y)}),
+        lambda: ev.estimate_long_memory(spoil(Y)),
+        lambda: LinearSystem(spoil(PHI), Y),
+        lambda: REGION.contains(spoil(np.ones(2))),
+    ):
+        with pytest.raises(EivorError, match=said):
+            call()
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_numbers_of_other_kinds_are_converted():
+    for kind in (np.float32, np.int16, np.uint8, np.bool_, object):
+        values = (10.0 * np.abs(Y)).astype(np.uint8).astype(kind)
+        found = ev.Signals(5.0, {"input": values}).channels["input"]
+        assert found.dtype == np.float64
+        np.testing.assert_array_equal(found, values.astype(np.float64))
+    series = pl.Series([1, None, 3])
+    found = ev.recording_from_columns({"time": [0, 1, 2], "velocity_z": series}).channels["velocity_z"]
+    np.testing.assert_array_equal(found.values, [1.0, np.nan, 3.0])
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_names_and_lags_that_cannot_be_told_apart():
+    with pytest.raises(
+        EivorError, match="a name of its own for every parameter; received 'a' more than once"
+    ):
+        ev.regression(response=Y, regressors=PHI, names=["a", "a"])
+    with pytest.raises(EivorError, match=r"a whole number for lag; received 1.5 \(float\)"):
+        ev.Column("a", 1.5)
+    assert ev.Column("a", np.int64(2)).name == "a(k-2)"
+
+
+def test_values_that_nothing_measures_are_missing():
+    """A velocity of 1e300 m/s ended in an overflow, long after it was read."""
+    values = np.full(20, 0.5)
+    values[[3, 4]] = 1e300, -1e101
+    found = ev.recording_from_columns({"time": np.arange(20.0), "velocity_z": values}).channels["velocity_z"]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.values)), [3, 4])
+    assert found.quality.missing_values == 2

@@ -1,0 +1,449 @@
+"""Wrong types at every public door: each is told in a sentence, and none ends in an error of Python's own."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.errors import EivorError
+from eivor.estimation import methods
+from eivor.linalg import LinearSystem
+from eivor.models.equation import Parameter
+from eivor.models.rows import SampleRows
+from eivor.signals.input_map import Power
+from eivor.signals.recording import Frame
+
+#: What is given in place of a right argument, each under the name that `ACCEPTED` calls it.
+WRONG = {
+    "none": None,
+    "whole": 3,
+    "negative": -1,
+    "number": 1.5,
+    "nan": float("nan"),
+    "huge": 10**400,
+    "complex": 1.0 + 2.0j,
+    "flag": True,
+    "text": "x",
+    "bytes": b"x",
+    "list": [],
+    "texts": ["a", "b"],
+    "pair": ("a", 1),
+    "mixed": [1, "a", None],
+    "mapping": {},
+    "mapping of texts": {"input": "x"},
+    "array": np.arange(3.0),
+    "complex array": np.arange(3) + 1j,
+    "object": object(),
+    "function": len,
+    "type": int,
+}
+NUMBER = {"whole", "number"}
+ANY_NUMBER = {*NUMBER, "negative"}
+#: What a door takes after all; nothing else.
+ACCEPTED = {
+    ("anderson_rubin_set", "errors"): {"none"},
+    ("AutocorrelatedErrors", "averages"): {"none", "whole"},
+    ("bootstrap", "runs"): {"whole"},
+    ("bootstrap", "block_length"): {"none", "whole"},
+    ("bootstrap", "seed"): {"whole", "huge"},
+    ("Column", "channel"): {"text"},
+    ("Column", "lag"): {"whole"},
+    ("Column", "gain"): ANY_NUMBER,
+    ("Column", "gain_channel"): {"text"},
+    ("lags", "channel"): {"text"},
+    ("lags", "last"): {"whole"},
+    ("derived", "function"): {"function", "type"},  # what they raise is theirs
+    ("ratio", "numerator"): ANY_NUMBER,
+    ("ratio", "denominator"): ANY_NUMBER,
+    ("estimate_long_memory", "bandwidth"): {"none"},
+    ("identify_chunks", "chunks"): {"function", "type"},
+    ("identify_flight", "options"): {"none"},
+    ("identify_flight", "windows"): {"none"},
+    ("FlightOptions", "window"): {"none"},
+    ("FlightOptions", "max_tilt_deg"): NUMBER,
+    ("FlightOptions", "input"): {"text"},
+    ("FlightOptions", "input_map"): {"text"},
+    ("FlightOptions", "instruments"): {"list", "texts"},
+    ("FlightOptions", "method"): {"text"},
+    ("FlightOptions", "compare"): {"flag"},
+    ("FractionalNoise", "std"): NUMBER,
+    ("WhiteNoise", "std"): NUMBER,
+    ("regression", "names"): {"none", "texts"},
+    ("regression", "noise_covariance"): {"none"},
+    ("regression", "instrument_noise_covariance"): {"none"},
+    ("Regression", "regressor_noise"): {"none"},
+    ("Regression", "instrument_noise"): {"none"},
+    ("Scenario", "viscous_friction"): NUMBER,
+    ("Scenario", "input_gain"): ANY_NUMBER,
+    ("Scenario", "rate_hz"): NUMBER,
+    ("Scenario", "samples"): {"whole"},
+    ("Scenario", "noise"): {"mapping"},
+    ("Scenario", "noise_to_signal"): {"mapping"},
+    ("Scenario", "disturbance"): {"none"},
+    ("Scenario", "disturbance_to_signal"): {"none"},
+    ("SignalRegression", "instrument_columns"): {"list"},
+    ("Signals", "rate_hz"): NUMBER,
+    ("Signals", "noise"): {"mapping"},
+    ("Signals", "valid"): {"none"},
+    ("Signals", "start_s"): ANY_NUMBER,
+    ("Signals", "offset"): {"whole"},
+    ("VerticalMotion", "intercept"): {"flag"},
+    ("VerticalMotion.regression", "instruments"): {"list"},
+    ("read_log", "channel_map"): {"none"},
+    ("read_chunks", "path"): {"text"},  # opened when the first chunk is asked for
+    ("read_chunks", "rate_hz"): {*ANY_NUMBER, "nan"},  # and judged then
+    ("read_chunks", "channels"): {"none", "mapping", "mapping of texts"},
+    ("read_chunks", "noise"): {"none", "mapping"},
+    ("read_chunks", "rows"): {"whole"},
+    ("recording_from_columns", "name"): {"text"},
+    ("recording_from_columns", "input_map"): {"text"},
+    ("recording_from_columns", "parameters"): {"none", "mapping"},
+    ("Recording", "name"): {"text"},
+    ("Recording", "format"): {"text"},
+    ("Recording", "channels"): {"mapping"},
+    ("Recording", "sha256"): {"text"},
+    ("Recording", "parameters"): {"mapping"},
+    ("Recording", "input_map"): {"text"},
+    ("Recording", "looked_for"): {"mapping"},
+    ("Recording", "findings"): {"list"},
+    ("ConfidenceSet", "intervals"): {"list"},
+    ("ConfidenceSet.contains", "value"): {*ANY_NUMBER, "nan"},
+    ("ConfidenceRegion.outline", "window"): {"none"},
+    ("methods.extended_iv", "weighting"): {"none"},
+    ("methods.generalized_iv", "weighting"): {"none"},
+    ("methods.TwoStepRobust", "bandwidth"): {"none", "whole"},
+    ("covariances.EqualWeightedCosines", "averages"): {"whole"},
+    ("covariances.ClusteredByFlight", "least_flights"): {"whole", "negative"},
+    ("covariances.KernelRobust", "fixed_b"): {"flag"},
+    ("covariances.FixedBandwidth", "bandwidth"): NUMBER,
+}
+#: Doors that take seconds; right arguments are given to them elsewhere.
+FLIGHTS = {"bootstrap_flights", "identify_flight"}
+#: Public names that nobody calls: results, what warnings are of, and rooms.
+NOT_DOORS = {
+    "AndersonRubinSet",
+    "ConfidenceRegion",
+    "Diagnostics",
+    "Estimate",
+    "FlightEstimate",
+    "SavedFit",
+    "HomoskedasticErrors",
+    "SignPerturbedSet",
+    "WeakInstrumentsWarning",
+    "__version__",
+    "covariances",
+    "methods",
+}
+
+
+@cache
+def made():
+    """Right arguments."""
+    rng = np.random.default_rng(0)
+    X = rng.standard_normal((60, 2))
+    y = X @ [1.0, 2.0] + 0.1 * rng.standard_normal(60)
+    Z = X + 0.1 * rng.standard_normal((60, 2))
+    rows = ev.regression(response=y, regressors=X, instruments=Z)
+    signals = ev.Signals(5.0, {"velocity_z": X[:, 0], "input": X[:, 1], "specific_force_z": y})
+    iv = ev.methods.extended_iv()
+    fit = ev.identify(rows, iv)
+    scenario = ev.Scenario(0.3, 0.02, samples=50)
+    time = np.arange(0.0, 12.0, 0.2)
+    return SimpleNamespace(
+        X=X,
+        y=y,
+        Z=Z,
+        rng=rng,
+        rows=rows,
+        signals=signals,
+        iv=iv,
+        fit=fit,
+        scenario=scenario,
+        motion=ev.VerticalMotion(intercept=False),
+        recording=ev.recording_from_columns({"time": time, "velocity_z": y}),
+        drawn=ev.bootstrap(rows, iv, runs=49),
+        found=ev.anderson_rubin_set(rows, iv),
+    )
+
+
+def doors(folder):
+    """Every door with right arguments, the wrong ones of which are replaced one by one."""
+    m = made()
+    model = {"model": m.motion, "method": m.iv, "instruments": ev.lags("input", 0, 2)}
+    parquet = folder / "rows.parquet"
+    fit_file = folder / "fit.json"
+    empty = {
+        "schema": "eivor.identify/1",
+        "verdict": "refused",
+        "reasons": [],
+        "parameters": {},
+        "derived": {},
+    }
+    fit_file.write_text(json.dumps(empty))
+    pl.DataFrame({"time": np.arange(60.0), "velocity_z": m.y}).write_parquet(parquet)
+    log = folder / "log.csv"
+    log.write_text("time,velocity_z\n0,1\n1,2\n", encoding="utf-8")
+    matrix = {"response": m.y, "regressors": m.X, "instruments": m.Z}
+    name, level = {"name": "theta_1"}, {"level": 0.9}
+    return {
+        "AutocorrelatedErrors": (ev.AutocorrelatedErrors, {"averages": 9}),
+        "Column": (ev.Column, {"channel": "input", "lag": 1, "gain": 1.0, "gain_channel": ""}),
+        "ConfidenceSet": (ev.ConfidenceSet, {"intervals": ((0.0, 1.0),)}),
+        "FlightOptions": (
+            ev.FlightOptions,
+            {
+                "window": (0.0, 1.0),
+                "max_tilt_deg": 20.0,
+                "input": "",
+                "input_map": "",
+                "instruments": (),
+                "method": "reference_iv",
+                "compare": False,
+            },
+        ),
+        "FractionalNoise": (ev.FractionalNoise, {"std": 1.0, "order": 0.2}),
+        "Recording": (
+            ev.Recording,
+            {
+                "name": "a",
+                "format": "csv",
+                "channels": m.recording.channels,
+                "frame": Frame.Z_UP,
+                "sha256": "",
+                "parameters": {},
+                "input_map": "",
+                "looked_for": {},
+                "findings": (),
+            },
+        ),
+        "Regression": (
+            ev.Regression,
+            {
+                **matrix,
+                "parameters": (Parameter("a"), Parameter("b")),
+                "layout": SampleRows(np.zeros(60, dtype=np.int64)),
+                "regressor_noise": np.eye(3),
+                "instrument_noise": np.zeros((2, 3)),
+            },
+        ),
+        "Scenario": (
+            ev.Scenario,
+            {
+                "viscous_friction": 0.3,
+                "input_gain": 0.02,
+                "rate_hz": 5.0,
+                "samples": 100,
+                "excitation": m.scenario.excitation,
+                "noise": {},
+                "noise_to_signal": {},
+                "disturbance": None,
+                "disturbance_to_signal": None,
+                "route": m.scenario.route,
+                "intersample": m.scenario.intersample,
+                "control": m.scenario.control,
+            },
+        ),
+        "SignalRegression": (
+            ev.SignalRegression,
+            {"signals": m.signals, "equation": m.motion.equation(), "instrument_columns": ()},
+        ),
+        "Signals": (
+            ev.Signals,
+            {
+                "rate_hz": 5.0,
+                "channels": {"input": m.y},
+                "noise": {"input": ev.WhiteNoise(1.0)},
+                "valid": np.ones(60, dtype=bool),
+                "start_s": 0.0,
+                "offset": 0,
+            },
+        ),
+        "VerticalMotion": (ev.VerticalMotion, {"input_map": Power(1.0), "intercept": False}),
+        "WhiteNoise": (ev.WhiteNoise, {"std": 1.0}),
+        "anderson_rubin_set": (
+            ev.anderson_rubin_set,
+            {"problem": m.rows, "method": m.iv, "errors": None, **level},
+        ),
+        "bootstrap": (
+            ev.bootstrap,
+            {
+                "problem": m.rows,
+                "method": m.iv,
+                "runs": 3,
+                "block_length": 2,
+                "scheme": "circular",
+                "seed": 0,
+            },
+        ),
+        "bootstrap_flights": (ev.bootstrap_flights, {"fit": None, "runs": 3, "seed": 0}),
+        "derived": (ev.derived, {"estimate": m.fit, "function": lambda p: p["theta_1"], **level}),
+        "diagnose": (ev.diagnose, {"estimate": m.fit}),
+        "estimate_long_memory": (ev.estimate_long_memory, {"values": m.y, "bandwidth": 20}),
+        "identify": (ev.identify, {"problem": m.rows, "method": m.iv}),
+        "identify_chunks": (
+            ev.identify_chunks,
+            {"chunks": lambda: [m.signals], **model, "covariance": ev.covariances.Classical()},
+        ),
+        "identify_flight": (
+            ev.identify_flight,
+            {"recordings": m.recording, "options": None, "windows": None, "model": "vertical"},
+        ),
+        "example_flight": (ev.example_flight, {}),
+        "load_fit": (ev.load_fit, {"file": fit_file}),
+        "lags": (ev.lags, {"channel": "input", "first": 0, "last": 2}),
+        "moments": (ev.moments, {"chunks": [m.signals], **model}),
+        "motion_by_name": (ev.motion_by_name, {"name": "vertical"}),
+        "ratio": (
+            ev.ratio,
+            {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2", **level},
+        ),
+        "read_chunks": (
+            ev.read_chunks,
+            {"path": parquet, "rate_hz": 5.0, "channels": None, "noise": None, "rows": 100},
+        ),
+        "read_log": (ev.read_log, {"path": log, "channel_map": None, "max_bytes": 1000}),
+        "recording_from_columns": (
+            ev.recording_from_columns,
+            {
+                "columns": {"time": np.arange(60.0), "velocity_z": m.y},
+                "name": "a",
+                "frame": Frame.Z_UP,
+                "input_map": "",
+                "parameters": None,
+            },
+        ),
+        "regression": (
+            ev.regression,
+            {
+                **matrix,
+                "names": ["a", "b"],
+                "noise_covariance": np.eye(3),
+                "instrument_noise_covariance": np.zeros((2, 3)),
+            },
+        ),
+        "sign_perturbed_set": (
+            ev.sign_perturbed_set,
+            {"problem": m.rows, "method": m.iv, "rng": m.rng, "level": 0.95, "sums": 100},
+        ),
+        "simulate": (ev.simulate, {"scenario": m.scenario, "rng": m.rng}),
+        "weighted_total_least_squares": (
+            ev.weighted_total_least_squares,
+            {"system": LinearSystem(m.X, m.y), "row_covariances": np.tile(np.eye(3), (60, 1, 1))},
+        ),
+        # methods of what they give, and of the rooms
+        "VerticalMotion.regression": (m.motion.regression, {"signals": m.signals, "instruments": ()}),
+        "Estimate.interval": (m.fit.interval, {**name, **level}),
+        "Estimate.std_error": (m.fit.std_error, name),
+        "Estimate.ellipse": (m.fit.ellipse, {**name, "other": "theta_2", **level}),
+        "Estimate.with_covariance": (m.fit.with_covariance, {"estimator": ev.covariances.Classical()}),
+        "Bootstrap.interval": (m.drawn.interval, {**name, "level": 0.9, "kind": "percentile"}),
+        "Bootstrap.std_error": (m.drawn.std_error, name),
+        "AndersonRubinSet.interval": (m.found.interval, name),
+        "ConfidenceRegion.interval": (m.found.region.interval, name),
+        "ConfidenceRegion.contains": (m.found.region.contains, {"theta": [1.0, 2.0]}),
+        "ConfidenceRegion.outline": (m.found.region.outline, {"window": ((0.0, 2.0), (1.0, 3.0))}),
+        "ConfidenceSet.contains": (ev.ConfidenceSet(((0.0, 1.0),)).contains, {"value": 0.5}),
+        "Signals.channel": (m.signals.channel, {"name": "input"}),
+        "Recording.channel": (m.recording.channel, {"name": "velocity_z"}),
+        "methods.extended_iv": (methods.extended_iv, {"weighting": methods.TwoStage()}),
+        "methods.generalized_iv": (methods.generalized_iv, {"weighting": methods.TwoStage()}),
+        "methods.by_name": (methods.by_name, {"name": "reference_iv"}),
+        "methods.TwoStepRobust": (methods.TwoStepRobust, {"bandwidth": 3}),
+        "covariances.EqualWeightedCosines": (ev.covariances.EqualWeightedCosines, {"averages": 8}),
+        "covariances.ClusteredByFlight": (ev.covariances.ClusteredByFlight, {"least_flights": 8}),
+        "covariances.KernelRobust": (
+            ev.covariances.KernelRobust,
+            {
+                "kernel": ev.covariances.Parzen(),
+                "bandwidth": ev.covariances.NeweyWestRule(),
+                "fixed_b": True,
+            },
+        ),
+        "covariances.FixedBandwidth": (ev.covariances.FixedBandwidth, {"bandwidth": 3.0}),
+        "covariances.Widest": (ev.covariances.Widest, {"estimators": (ev.covariances.Classical(),)}),
+    }
+
+
+#: Methods of what doors give, and doors of the rooms.
+MORE = (
+    "VerticalMotion.regression",
+    "Estimate.interval",
+    "Estimate.std_error",
+    "Estimate.ellipse",
+    "Estimate.with_covariance",
+    "Bootstrap.interval",
+    "Bootstrap.std_error",
+    "AndersonRubinSet.interval",
+    "ConfidenceRegion.interval",
+    "ConfidenceRegion.contains",
+    "ConfidenceRegion.outline",
+    "ConfidenceSet.contains",
+    "Signals.channel",
+    "Recording.channel",
+    "methods.extended_iv",
+    "methods.generalized_iv",
+    "methods.by_name",
+    "methods.TwoStepRobust",
+    "covariances.EqualWeightedCosines",
+    "covariances.ClusteredByFlight",
+    "covariances.KernelRobust",
+    "covariances.FixedBandwidth",
+    "covariances.Widest",
+)
+NAMES = (*sorted(set(ev.__all__) - NOT_DOORS), *MORE)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.parametrize("door", NAMES)
+def test_wrong_types_are_told_in_a_sentence(door, tmp_path):
+    call, right = doors(tmp_path)[door]
+    # No argument is left out.
+    parameters = inspect.signature(call).parameters
+    assert set(right) == {name for name, one in parameters.items() if one.kind is not one.VAR_KEYWORD}
+    if door not in FLIGHTS:
+        call(**right)
+    for argument in right:
+        accepted = ACCEPTED.get((door, argument), set())
+        for kind, wrong in WRONG.items():
+            arguments = {**right, argument: wrong}
+            if kind in accepted:
+                if kind not in {"function", "type"} and door not in FLIGHTS:
+                    call(**arguments)
+            else:
+                with pytest.raises(EivorError) as told:
+                    call(**arguments)
+                assert all((told.value.expected, told.value.received, told.value.remedy)), (argument, kind)
+                assert len(str(told.value)) < 2000, (argument, kind)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_messages_say_what_to_do():
+    m = made()
+    for call, said in (
+        (lambda: ev.identify(m.rows, "least_squares"), r"least_squares\(\); received 'least_squares'. Call"),
+        (lambda: ev.bootstrap(m.rows, "least_squares"), r"least_squares\(\) for method; received 'least"),
+        (lambda: ev.identify(m.signals, m.iv), r"a model's regression, .*; received Signals"),
+        (lambda: ev.read_log(3), r"a path, as a text or a Path for path; received 3 \(int\).*\"flight.ulg\""),
+        (lambda: ev.identify_flight(3), r"received 3 \(int\).*ev.read_log"),
+        (lambda: ev.identify_flight("flight.ulg"), r"received str.*ev.read_log"),
+        (lambda: ev.Signals("5", {"input": m.y}), r"a number for rate_hz; received '5' \(str\)"),
+        (lambda: ev.regression(response=m.y, regressors=m.X, names="ab"), r"several texts for names"),
+        (lambda: ev.estimate_long_memory(m.X), r"a record of shape \(n,\); received shape \(60, 2\)"),
+        (lambda: ev.derived(m.fit, lambda _: "x"), "a number for what the function gives; received 'x'"),
+        (lambda: m.fit.with_covariance("classical"), r"ev.covariances.Classical\(\)"),
+        (lambda: ev.WhiteNoise(1e200), "a standard deviation up to 1e"),
+        (
+            lambda: ev.regression(response=m.y, regressors=m.X, noise_covariance=1e308 * np.eye(3)),
+            r"variances up to 1e\+150; received 1e\+308",
+        ),
+    ):
+        with pytest.raises(EivorError, match=said):
+            call()

@@ -1,0 +1,205 @@
+"""Scores, requirements, tables and pages of the flight study, on trials made up for the purpose."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+from eivor.errors import InputError
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.studies.generated_page import marks, page_with
+from eivor.studies.share import Share
+from validation.flight_recipe import study as flight_study
+from validation.flight_recipe.grid import FlightCase
+from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score
+from validation.flight_recipe.page import PART, study_tables
+from validation.flight_recipe.requirements import requirements
+from validation.flight_recipe.trial_table import read_trial_table, trial_table
+from validation.flight_recipe.trials import (
+    ESTIMATORS,
+    LAG_IGNORED,
+    LOST,
+    NONLINEAR,
+    QUANTITIES,
+    RECIPE,
+    FlightTrial,
+    IntervalEstimate,
+)
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "studies" / "flight-recipe.md"
+TRUTH = {"viscous_friction": 0.4, "input_gain": 40.0, "effective_lag": 0.05, "hover_input": 0.5}
+
+BEGIN, END = marks(PART)
+
+
+def trial(
+    number: int,
+    *,
+    kind: str = "excited",
+    calm: bool = True,
+    verdict: str = "identified",
+    error: float = 0.01,
+    half_width: float = 0.02,
+    control_error: float = -0.5,
+) -> FlightTrial:
+    """A flight whose estimates are off by a share of the truth, each interval a share of it wide."""
+    spec = VerticalFlightSpec(seed=number, gust_rms=0.1 if calm else 1.0)
+    case = FlightCase(f"{kind} {number}", kind, "vertical", kind, calm and kind == "excited", False, spec)
+
+    def around(name: str, off: float) -> IntervalEstimate:
+        value, width = TRUTH[name] * (1.0 + off), TRUTH[name] * half_width
+        return IntervalEstimate(value, value - width, value + width)
+
+    estimates = {
+        estimator: {name: around(name, error if estimator == RECIPE else control_error) for name in names}
+        for estimator, names in ESTIMATORS.items()
+    }
+    return FlightTrial(case, verdict, TRUTH, estimates, first_stage=30.0, p_value=0.5)
+
+
+def good_run() -> list[FlightTrial]:
+    """Trials that meet every requirement: one interval in twenty misses."""
+    excited = [trial(k, error=0.03 if k % 20 == 0 else 0.01) for k in range(80)]
+    gusty = [trial(100 + k, calm=False, error=0.03 if k % 20 == 0 else 0.01) for k in range(40)]
+    hovers = [trial(200 + k, kind="hover", verdict="refused") for k in range(10)]
+    return [*excited, *gusty, *hovers]
+
+
+def rows_of(trials: list[FlightTrial]) -> pl.DataFrame:
+    return trial_table(trials, grid="made up", size="full").rows
+
+
+def missed(trials: list[FlightTrial]) -> list[str]:
+    return [item.what for item in requirements(rows_of(trials)) if not item.met]
+
+
+def test_score_is_what_it_says():
+    rows = rows_of([trial(k, error=error) for k, error in enumerate([-0.6, -0.01, 0.0, 0.015, 0.03])])
+    found = score(rows, "viscous_friction")
+    assert found.median == pytest.approx(0.015, abs=2e-5)
+    assert found.ninetieth == pytest.approx(np.quantile([0.0, 0.01, 0.015, 0.03, 0.6], 0.9), abs=2e-5)
+    assert found.bias == pytest.approx(-0.565 / 5, abs=2e-5)
+    assert (found.coverage.hits, found.coverage.count) == (3, 5)
+    assert found.beyond_half.hits == 1
+    assert score(rows, "effective_lag").median == pytest.approx(0.015 * 0.05, abs=2e-6)
+
+
+def test_what_is_not_known_is_not_scored():
+    rows = rows_of([trial(0), trial(1, verdict=LOST, error=float("nan"))])
+    assert score(rows, "input_gain").coverage.count == 1
+    assert flown(rows).height == 1
+    assert accepted_share(rows) == Share(1, 1, LEVEL)
+    assert np.isnan(score(rows.clear(), "input_gain").median)
+
+
+def test_good_run_meets_everything():
+    assert missed(good_run()) == []
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "what"),
+    [
+        ([trial(300 + k, error=0.1, half_width=0.2) for k in range(100)], "error of K, calm"),
+        ([trial(300 + k, error=0.02, half_width=0.03) for k in range(100)], "error of K_u, calm"),
+        ([trial(300 + k, error=0.5, half_width=0.6) for k in range(30)], "error of effective lag"),
+        ([trial(300 + k, error=0.05) for k in range(40)], "coverage of the 95 % interval of K,"),
+        ([trial(300 + k, half_width=1.0) for k in range(3000)], "coverage of the 95 % interval of K_u"),
+        ([trial(300 + k, verdict="weak") for k in range(40)], "calm excited flights accepted"),
+        ([trial(300, kind="hover")], "constant-reference hovers accepted"),
+        ([trial(300 + k, calm=False, error=0.6) for k in range(9)], "accepted flights whose K is off"),
+        ([trial(300 + k, control_error=0.0) for k in range(400)], "control that must fail: lag ignored"),
+        (
+            [trial(300 + k, calm=False, control_error=0.0) for k in range(400)],
+            "control that must fail: nonlinear",
+        ),
+    ],
+)
+def test_each_requirement_can_be_missed(spoilt, what):
+    assert any(item.startswith(what) for item in missed([*good_run(), *spoilt]))
+
+
+def test_chance_is_allowed_to_few_flights_only():
+    def judged(count: int, *, allow_chance: bool) -> bool:
+        rows = rows_of([trial(k, verdict="weak" if k % 2 else "identified") for k in range(count)])
+        found = next(
+            item
+            for item in requirements(rows, allow_chance=allow_chance)
+            if item.what == "calm excited flights accepted"
+        )
+        return found.met
+
+    assert not judged(6, allow_chance=False)
+    assert judged(6, allow_chance=True)
+    assert not judged(400, allow_chance=True)
+
+
+def test_table_survives_its_file(tmp_path):
+    table = trial_table(good_run(), grid="made up", size="full")
+    table.write(tmp_path / "trials.parquet")
+    again = read_trial_table(tmp_path / "trials.parquet")
+    assert again.origin == table.origin
+    assert again.rows.columns == table.rows.columns
+    for name in table.rows.columns:
+        assert again.rows[name].dtype == table.rows[name].dtype
+        assert again.rows[name].to_list() == table.rows[name].to_list()
+    value = table.rows["recipe.viscous_friction.value"][1]
+    assert value == pytest.approx(0.4 * 1.01, rel=1e-5)
+
+
+def test_other_files_are_refused(tmp_path):
+    path = tmp_path / "other.parquet"
+    pl.DataFrame({"a": [1]}).write_parquet(path)
+    with pytest.raises(InputError, match="a table of trials"):
+        read_trial_table(path)
+    path.write_text("no table")
+    with pytest.raises(InputError, match="a table of trials"):
+        read_trial_table(path)
+
+
+def test_tables_have_a_row_for_every_class_and_estimator():
+    trials = [*good_run(), trial(500, verdict=LOST, error=float("nan"))]
+    text = study_tables(trial_table(trials, grid="made up", size="small"))
+    assert "flight_recipe.study --size small`" in text
+    assert "of which 1 lost their vehicle" in text
+    assert text.count("\n| calm | ") == text.count("\n| gusty | ") == 3
+    assert "| hover | 10 | 0 | 0 | 0 | 10 | 0 | 0 |" in text
+    assert "| hover | 10 | 0 | - |" in text
+    assert "| noise | white | 120 |" in text
+    assert "nan" not in text
+
+
+def test_page_keeps_what_is_around_the_marks():
+    page = f"a\n{BEGIN}\nold\n{END}\nb"
+    assert page_with(page, {PART: "new"}) == f"a\n{BEGIN}\n\nnew\n\n{END}\nb"
+    with pytest.raises(InputError, match="a page with the marks"):
+        page_with("no marks", {PART: "new"})
+
+
+def test_accepted_is_identified():
+    rows = rows_of([trial(k, verdict=word) for k, word in enumerate(["identified", "weak", "refused"])])
+    assert accepted(rows)["verdict"].to_list() == ["identified"]
+    assert {RECIPE, LAG_IGNORED, NONLINEAR} == set(ESTIMATORS)
+    assert set(QUANTITIES) == set(TRUTH)
+
+
+# ------------------------------------------------------------------------------------- what is published
+
+
+def test_published_tables_are_made_from_the_published_trials():
+    table = read_trial_table(PAGE.with_suffix(".parquet"))
+    assert table.origin["size"] == "full"
+    page = PAGE.read_text(encoding="utf-8")
+    assert page_with(page, {PART: study_tables(table)}) == page
+
+
+def test_published_trials_are_those_of_the_grid():
+    rows = read_trial_table(PAGE.with_suffix(".parquet")).rows
+    grid = flight_study.published_grid()
+    assert sorted(rows["flight"]) == sorted(case.name for case in grid.cases)
+    seeds = dict(zip(rows["flight"], rows["seed"], strict=True))
+    assert all(seeds[case.name] == case.spec.seed for case in grid.cases)
+    assert PAGE.with_suffix(".parquet").stat().st_size < 150 * 1024

@@ -1,0 +1,161 @@
+"""The mutation check on a small project: what it notices, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from validation.mutation.check import UNNOTICED, main
+from validation.mutation.mutants import Mutant, read_mutants, sample
+
+SOURCE = """def twice(x):
+    doubled = 2 * x
+    return doubled
+
+
+def half(x):
+    return x / 2
+"""
+TESTS = """import toy
+
+
+def test_twice():
+    assert toy.twice(3) == 6
+
+
+class TestHalf:
+    def test_half(self):
+        assert toy.half(6) == 3
+
+    def test_of_nothing(self):
+        assert toy.half(0) == 0
+"""
+TWICE = {
+    "name": "twice",
+    "area": "signs",
+    "what": "Doubles.",
+    "file": "src/toy.py",
+    "line": "doubled = 2 * x",
+    "replacement": "doubled = 3 * x",
+    "tests": ["tests/test_toy.py::test_twice"],
+}
+HALF = TWICE | {
+    "name": "half",
+    "area": "solvers",
+    "line": "return x / 2",
+    "replacement": "return x / 4",
+    "tests": ["tests/test_toy.py::TestHalf"],
+}
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    for name, text in (
+        ("src/toy.py", SOURCE),
+        ("tests/test_toy.py", TESTS),
+        ("pyproject.toml", "[tool.pytest.ini_options]\n"),
+        (
+            "page.md",
+            "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n",
+        ),
+    ):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+    return tmp_path
+
+
+def table(project: Path, *entries: dict) -> Path:
+    path = project / "mutants.toml"
+    lines = []
+    for entry in entries:
+        lines.append("[[mutant]]")
+        lines += [f"{key} = {value!r}" for key, value in entry.items()]
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_what_is_noticed_is_told_and_shown(project, capsys):
+    chosen = table(project, TWICE, HALF)
+    page = project / "page.md"
+    assert main(["--page", str(page)], project=project, table=chosen) == 0
+    told = capsys.readouterr().out
+    assert "twice: noticed by 1" in told
+    assert "half: noticed by 1" in told
+    assert "2 of 2 noticed" in told
+    assert (project / "src" / "toy.py").read_text() == SOURCE
+    text = page.read_text()
+    assert "old" not in text
+    assert text.endswith("By hand.\n")
+    assert "2 of 2 swapped lines were noticed." in text
+    row = (
+        "| Doubles.<br>`src/toy.py` | `doubled = 2 * x` | `doubled = 3 * x` | 1 of `test_toy.py::test_twice`"
+    )
+    assert f"{row} |" in text.splitlines()
+    assert text.index("## Signs") < text.index("## Solvers")
+
+
+def test_what_survives_is_told(project, capsys):
+    """The second name of the first mutant has only tests that cannot notice."""
+    blind = TWICE | {"tests": [*TWICE["tests"], "tests/test_toy.py::TestHalf::test_half"]}
+    equal = HALF | {"replacement": "return 0.5 * x"}
+    assert main([], project=project, table=table(project, blind, equal)) == UNNOTICED
+    told = capsys.readouterr().out
+    assert "twice: NOT NOTICED by tests/test_toy.py::TestHalf::test_half" in told
+    assert "half: NOT NOTICED by tests/test_toy.py::TestHalf" in told
+    assert "0 of 2 noticed" in told
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"line": "doubled = 2 * y"}, "was found 0 times in src/toy.py"),
+        ({"line": "return x / 2", "file": "src/other.py"}, r"there is no src/other.py.*it is in src/toy.py"),
+        ({"replacement": "doubled = = x"}, "no Python any more"),
+        ({"replacement": "doubled = 2 * x"}, "swapped for itself"),
+        ({"tests": []}, "names no test"),
+        ({"tests": ["tests/test_none.py::test_twice"]}, "there is no test tests/test_none.py::test_twice"),
+        ({"tests": ["tests/test_toy.py::test_thrice"]}, "must pass before a line is swapped"),
+        ({"name": "half"}, "two mutants have this name"),
+    ],
+)
+def test_mutants_that_cannot_be_tried(project, capsys, change, said):
+    assert main(["--only", "twice"], project=project, table=table(project, TWICE | change, HALF)) == UNNOTICED
+    told = capsys.readouterr()
+    assert re.search(said, told.err)
+    assert "noticed" not in told.out
+
+
+def test_tests_that_fail_anyway_are_refused(project, capsys):
+    (project / "tests" / "test_toy.py").write_text(TESTS.replace("== 6", "== 7"))
+    assert main([], project=project, table=table(project, TWICE)) == UNNOTICED
+    assert "must pass before a line is swapped" in capsys.readouterr().err
+
+
+def test_a_line_that_is_there_twice_is_refused(project, capsys):
+    (project / "src" / "toy.py").write_text(
+        SOURCE.replace("    return doubled", "    doubled = 2 * x\n    return doubled")
+    )
+    assert main([], project=project, table=table(project, TWICE)) == UNNOTICED
+    assert "was found 2 times" in capsys.readouterr().err
+
+
+def test_the_sample_has_the_first_of_each_area():
+    mutants = [
+        Mutant(name, area, "", "", "a", "b", ("t",))
+        for name, area in (("a1", "a"), ("a2", "a"), ("b1", "b"), ("a3", "a"), ("c1", "c"), ("b2", "b"))
+    ]
+    assert [mutant.name for mutant in sample(mutants, 4)] == ["a1", "b1", "c1", "a2"]
+    assert [mutant.name for mutant in sample(mutants, 9)] == ["a1", "b1", "c1", "a2", "b2", "a3"]
+
+
+def test_the_page_shows_the_table_as_it_is():
+    """Every mutant stands on the page with its line, and with what it becomes."""
+    root = Path(__file__).resolve().parents[2]
+    page = (root / "docs" / "studies" / "mutation.md").read_text(encoding="utf-8")
+    for mutant in read_mutants():
+        row = next(line for line in page.splitlines() if mutant.what in line)
+        for text in (mutant.line, mutant.replacement):
+            assert f"`{text}`".replace("|", "\\|") in row, mutant.name

@@ -1,0 +1,100 @@
+"""The search through all combinations, and the errata's numbers."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from eivor.studies.paper.errata import errata
+from eivor.studies.paper.errata_checks import INERTIA, roles_of_e
+from validation.paper import search as paper_search
+from validation.paper.search import INSTRUMENTS, search_page, simulations, try_simulation
+
+
+@pytest.fixture(scope="module")
+def tried() -> list[paper_search.Tried]:
+    return try_simulation(next(iter(simulations())), 3)
+
+
+def test_every_combination_is_searched_once():
+    combinations = list(simulations())
+    assert len(combinations) == len(set(combinations)) == 2 * 9 * 2 * 2 * 2 * 4 * 2 * 2
+
+
+def test_each_choice_of_instruments_is_tried_with_both_solvers_where_there_are_enough(tried):
+    assert len(tried) == 2 * len(INSTRUMENTS) - 2  # n = 2 has no total least squares solution
+    assert all(np.isfinite(one.means).all() for one in tried)
+
+
+def test_distance_is_a_factor(tried):
+    one = tried[0]
+    printed, _ = paper_search.printed_table()
+    twice = paper_search.Tried(one.reading, 2.0 * printed, one.spreads, one.total_least_squares)
+    assert twice.off_by((0, 1, 2), spreads=False) == pytest.approx(2.0)
+    assert twice.off_by((0, 2), spreads=False) == pytest.approx(2.0)
+
+
+def test_the_page_shows_what_is_nearest(tried):
+    page = search_page(tried, 3)
+    assert "10 combinations" in page
+    assert page.count("| **printed** | 6.43 ± 0.074 / 6.32 ± 0.075 |") == 4
+
+
+@pytest.fixture(scope="module")
+def checks() -> dict[str, str]:
+    return {item.where: item.check for item in errata(4)}
+
+
+def numbers(sentence: str) -> list[float]:
+    return [float(word) for word in re.findall(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", sentence)]
+
+
+def test_what_is_used_errs_less_than_what_is_printed(checks):
+    sign = numbers(checks["(6)-(10), (12), (15)-(17), (20), (23)-(27), (29)-(34)"].partition("LS")[2])
+    assert sign[-1] > 100.0 * sign[0]
+    right, printed_row, without_count, without_any = re.findall(r"([\d.]+) %", checks["(29)"])
+    assert 3.0 * float(right) < min(float(printed_row), float(without_count))
+    assert float(without_count) == pytest.approx(float(without_any), rel=0.01)
+    for where in ("(13)", "W of (13), (29)"):
+        right, wrong = re.findall(r"([\d.]+) %", checks[where])
+        assert 3.0 * float(right) < float(wrong)
+
+
+def test_euler_angles_are_no_body_rates(checks):
+    """By hand: phi'' = p' + theta' psi' at zero tilt, and so on."""
+    x, y, z = INERTIA
+    printed = np.array([(y - z) / x, (z - x) / y, (x - y) / z])
+    found = re.findall(r"([+-][\d.]+) \(printed ([+-][\d.]+)\)", checks["(1) rows 1 to 3"])
+    np.testing.assert_allclose(np.array(found, dtype=float)[:, 1], printed, atol=0.005)
+    turned = np.array([1.0, -1.0, 1.0])
+    np.testing.assert_allclose(np.array(found, dtype=float)[:, 0], printed + turned, atol=0.005)
+
+
+def test_the_error_of_the_variables_has_the_other_sign(checks):
+    right, wrong = re.findall(r"to (\S+);.* by (\d+) %", checks["(12)"])[0]
+    assert float(right) < 1e-12
+    assert float(wrong) > 50.0
+
+
+def test_least_squares_of_the_system_that_has_instruments(checks):
+    right, wrong = re.findall(r"to (\S+);.* by (\d+) %", checks["(24)"])[0]
+    assert float(right) < 1e-9
+    assert float(wrong) > 10.0
+    assert float(re.findall(r"to (\S+)\.$", checks["(25)"])[0]) < 1e-9
+
+
+def test_the_series_is_larger_than_the_white_sequence_in_it():
+    """E c_1^2 + E c_2^2 = 1 + 10."""
+    assert numbers(roles_of_e())[0] == pytest.approx(np.sqrt(11.0), rel=0.02)
+
+
+def test_the_first_unknown_is_the_residual_over_sigma(checks):
+    agreement = re.search(r"residual to (\S+);", checks["(27), (33)"])
+    assert agreement
+    assert float(agreement[1]) < 1e-9
+
+
+def test_table_2_is_not_half_normal_as_printed(checks):
+    assert numbers(checks["table 2, GIV"])[0] == 2.13

@@ -1,0 +1,336 @@
+"""RotorPy's flights: conventions against closed forms, truth against the data, the bundled example."""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.spatial.transform import Rotation
+
+from eivor.errors import CollinearError, MissingReaderError, ShapeError, TooFewSamplesError, UsageError
+from eivor.signals.recording import Recording
+from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
+from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
+from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle
+
+pytest.importorskip("rotorpy")
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT / "src" / "eivor" / "data"
+
+# One flight serves several tests: each costs about a second.
+fly = functools.lru_cache(maxsize=None)(simulate_rotorpy_flight)
+
+
+def calm(vehicle: Vehicle = Vehicle.CRAZYFLIE, **changes: object) -> RotorpyFlightSpec:
+    """Eight noise-free seconds in still air."""
+    fields = {"noise": SensorNoise.none(), "duration": 8.0, "seed": 11} | changes
+    return RotorpyFlightSpec(vehicle, **fields)
+
+
+NOISY = RotorpyFlightSpec(gust_rms=0.3, duration=3.0, seed=12)
+
+
+def values(recording: Recording, name: str) -> np.ndarray:
+    return recording.channel(name).values
+
+
+def commands(flight: SimulatedFlight) -> np.ndarray:
+    return np.column_stack([channel.values for channel in flight.recording.family("rotor_command_*")])
+
+
+def everywhere(truth: FlightTruth) -> np.ndarray:
+    return np.ones(truth.time_s.size, dtype=bool)
+
+
+# ---------------------------------------------------------------------------------------- physics
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "friction", "lag"),
+    [(Vehicle.CRAZYFLIE, 0.180, 0.072), (Vehicle.HUMMINGBIRD, 0.871, 0.005), (Vehicle.MEDIUM, 0.399, 0.04)],
+)
+def test_force_follows_the_nominal_parameters_exactly(vehicle, friction, lag):
+    parasitic = {Vehicle.CRAZYFLIE: 0.0, Vehicle.HUMMINGBIRD: 0.01 / 0.5, Vehicle.MEDIUM: 0.02 / 1.2}
+    truth = fly(calm(vehicle)).truth
+    assert truth.viscous_friction == pytest.approx(friction, abs=5e-4)
+    assert truth.actuator_lag == lag
+    assert truth.input_gain * truth.hover_input**2 == pytest.approx(9.81, rel=1e-12)
+    # In level flight through still air RotorPy's vertical force has this closed form.
+    velocity, speed = truth.air_velocity_z, truth.rotor_state.mean(axis=1)
+    rotor_drag = truth.viscous_friction * speed / truth.hover_input * velocity
+    expected = truth.input_gain * np.square(truth.rotor_state).mean(axis=1) - rotor_drag
+    expected -= parasitic[vehicle] * np.abs(velocity) * velocity
+    np.testing.assert_allclose(truth.specific_force_z, expected, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "low", "high"),
+    [(Vehicle.CRAZYFLIE, 0.98, 1.02), (Vehicle.HUMMINGBIRD, 0.99, 1.06), (Vehicle.MEDIUM, 0.99, 1.06)],
+)
+def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
+    # Quadratic drag makes the effective friction of the last two larger than that at hover.
+    truth = fly(calm(vehicle)).truth
+    friction, gain, intercept = effective_parameters(truth, everywhere(truth), np.square)
+    assert low < friction / truth.viscous_friction < high
+    assert gain == pytest.approx(truth.input_gain, rel=0.01)
+    assert abs(intercept) < 0.15  # one per cent of g, traded against the gain, and the drag's mean
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "lag", "delay"),
+    [
+        (Vehicle.CRAZYFLIE, None, 0.0),
+        (Vehicle.CRAZYFLIE, 0.12, 0.02),
+        (Vehicle.HUMMINGBIRD, None, 0.02),
+    ],
+)
+def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
+    flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=4.0, seed=13))
+    assert flight.flew
+    truth, told = flight.truth, commands(flight)
+    late = round(delay / STEP_S)
+    acting = np.vstack([np.full((late, told.shape[1]), truth.hover_input), told])
+    decay = np.exp(-STEP_S / truth.actuator_lag)
+    state = np.full(told.shape[1], truth.hover_input)
+    expected = np.empty_like(truth.rotor_state)
+    for k in range(truth.time_s.size):
+        expected[k] = state
+        state = decay * state + (1.0 - decay) * acting[k]
+    np.testing.assert_allclose(truth.rotor_state, expected, rtol=1e-6)
+    assert np.std(truth.rotor_state) > 0.005 * truth.hover_input  # the comparison is not of constants
+
+
+def test_accelerometer_is_that_of_rotorpy():
+    from rotorpy.sensors.imu import Imu
+
+    rng = np.random.default_rng(1)
+    state = {"q": Rotation.random(rng=rng).as_quat(), "w": rng.normal(size=3)}
+    motion = {"vdot": rng.normal(size=3), "wdot": rng.normal(size=3)}
+    read = Imu().measurement(state, motion, with_noise=False)["accel"]
+    ours = Rotation.from_quat(state["q"]).apply(motion["vdot"] + [0.0, 0.0, 9.81], inverse=True)
+    np.testing.assert_allclose(read, ours, atol=1e-12)
+
+
+def test_log_without_noise_agrees_with_the_truth():
+    flight = fly(calm(gust_rms=1.0, duration=4.0))
+    recording, truth = flight.recording, flight.truth
+    attitude = Rotation.from_quat(np.column_stack([values(recording, f"attitude_{axis}") for axis in "xyzw"]))
+    force = np.column_stack([values(recording, f"specific_force_body_{axis}") for axis in "xyz"])
+    np.testing.assert_allclose(attitude.apply(force)[:, 2], truth.specific_force_z, atol=1e-9)
+    np.testing.assert_allclose(attitude.as_matrix()[:, 2, 2], truth.cos_tilt, atol=1e-12)
+    assert truth.cos_tilt.min() < 0.9999  # the gusts do tilt it
+    # Position, velocity and force belong together: trapezoidal rule over the grid.
+    velocity = values(recording, "velocity_z")
+    mean_force = 0.5 * (truth.specific_force_z[1:] + truth.specific_force_z[:-1])
+    # The wind is held and jumps at the stamps, so the force's mean over a step differs a little.
+    np.testing.assert_allclose(np.diff(velocity), STEP_S * (mean_force - 9.81), atol=5e-4)
+    mean_velocity = 0.5 * (velocity[1:] + velocity[:-1])
+    np.testing.assert_allclose(np.diff(values(recording, "position_z")), STEP_S * mean_velocity, atol=1e-5)
+
+
+def test_controller_sees_the_noise():
+    quiet = fly(calm(trajectory=TrajectoryKind.HOVER, duration=3.0))
+    loud = fly(calm(trajectory=TrajectoryKind.HOVER, noise=SensorNoise(), duration=3.0))
+    assert np.ptp(commands(quiet)) < 1e-6
+    assert np.std(commands(loud)) > 1.0
+    # The command answers the very velocity that was logged: SE3 gain 9 on velocity, 15 on position.
+    truth, recording = loud.truth, loud.recording
+    correction = -9.0 * values(recording, "velocity_z") - 15.0 * values(recording, "position_z")
+    wanted = truth.input_gain * np.square(commands(loud)).mean(axis=1)
+    # The thrust is along the noisy attitude's z: second order in its .002 rad.
+    np.testing.assert_allclose(wanted, 9.81 + correction, atol=5e-3)
+
+
+# -------------------------------------------------------------------------------------- references
+
+
+@pytest.mark.parametrize("kind", list(TrajectoryKind))
+def test_reference_is_smooth_and_within_its_limits(kind):
+    recording = fly(RotorpyFlightSpec(trajectory=kind, duration=6.0, seed=14)).recording
+    position, velocity, acceleration = (
+        values(recording, f"reference_{name}_z") for name in ("position", "velocity", "acceleration")
+    )
+    if kind is TrajectoryKind.HOVER:
+        assert np.ptp(position) == np.ptp(velocity) == np.ptp(acceleration) == 0.0
+        return
+    assert np.ptp(position) > (0.02 if kind is TrajectoryKind.HOVER_STEPS else 0.05)
+    assert np.abs(velocity).max() <= 2.2 + 1e-9
+    assert np.abs(acceleration).max() <= 4.0 + 1e-9
+    np.testing.assert_allclose(np.gradient(position, STEP_S)[1:-1], velocity[1:-1], atol=0.02)
+    np.testing.assert_allclose(np.gradient(velocity, STEP_S)[1:-1], acceleration[1:-1], atol=0.2)
+
+
+def test_climbs_are_one_climb_and_one_descent():
+    velocity = values(
+        fly(RotorpyFlightSpec(trajectory=TrajectoryKind.CLIMBS, duration=6.0, seed=14)).recording,
+        "reference_velocity_z",
+    )
+    moving = np.sign(np.where(np.abs(velocity) > 1e-3, velocity, 0.0))
+    runs = moving[np.flatnonzero(np.diff(moving, prepend=0.0))]
+    assert [run for run in runs if run] == [1.0, -1.0]
+
+
+# ------------------------------------------------------------------------------ noise and the seed
+
+
+def test_same_specification_gives_the_same_bytes():
+    first, second = fly(NOISY), simulate_rotorpy_flight(NOISY)
+    for name, channel in first.recording.channels.items():
+        assert channel.values.tobytes() == second.recording.channels[name].values.tobytes()
+    assert first.truth.rotor_state.tobytes() == second.truth.rotor_state.tobytes()
+    assert first.truth.air_velocity_z.tobytes() == second.truth.air_velocity_z.tobytes()
+
+
+def test_kind_of_noise_leaves_the_trajectory_alone():
+    other = RotorpyFlightSpec(
+        gust_rms=0.3, duration=3.0, seed=12, noise=SensorNoise(kind=NoiseKind.HEAVY_TAILED)
+    )
+    name = "reference_position_z"
+    np.testing.assert_array_equal(values(fly(NOISY).recording, name), values(fly(other).recording, name))
+    assert not np.array_equal(commands(fly(NOISY)), commands(fly(other)))
+
+
+@pytest.mark.parametrize("kind", list(NoiseKind))
+def test_noise_has_its_level_and_memory(kind):
+    # In still air the air velocity is the velocity, so the logged noise can be taken out again.
+    spec = RotorpyFlightSpec(
+        trajectory=TrajectoryKind.HOVER, noise=SensorNoise(kind=kind), duration=8.0, seed=15
+    )
+    flight = fly(spec)
+    noise = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
+    tolerance = {NoiseKind.WHITE: 0.1, NoiseKind.HEAVY_TAILED: 0.25, NoiseKind.FRACTIONAL: 0.4}
+    assert np.sqrt(np.mean(noise**2)) == pytest.approx(spec.noise.velocity, rel=tolerance[kind])
+    if kind is NoiseKind.FRACTIONAL:  # differencing of the inverse order leaves a white sequence
+        weights = np.cumprod([1.0, *((j - 1.0 - 0.4) / j for j in range(1, noise.size))])
+        assert np.corrcoef(noise[1:], noise[:-1])[0, 1] > 0.3
+        noise = np.convolve(weights, noise)[: noise.size]
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(noise.size)
+
+
+def test_wind_has_its_strength_and_correlation():
+    flight = fly(RotorpyFlightSpec(Vehicle.CRAZYFLIE, gust_rms=0.5, gust_correlation=0.1, duration=12.0))
+    wind = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
+    assert np.std(wind) == pytest.approx(0.5, rel=0.2)  # sensor noise of .03 m/s does not matter
+    lag = np.corrcoef(wind[10:], wind[:-10])[0, 1]
+    assert lag == pytest.approx(np.exp(-1.0), abs=0.15)
+
+
+# --------------------------------------------------------------------------------------- refusals
+
+
+def test_lost_vehicle_is_reported_and_its_log_kept():
+    flight = fly(RotorpyFlightSpec(gust_rms=40.0, duration=8.0, seed=16))
+    assert not flight.flew
+    count = flight.truth.time_s.size
+    assert 1 < count < 800
+    assert all(channel.values.shape == (count,) for channel in flight.recording.channels.values())
+    assert all(np.isfinite(channel.values).all() for channel in flight.recording.channels.values())
+
+
+def test_hover_without_noise_has_no_effective_parameters():
+    truth = fly(calm(trajectory=TrajectoryKind.HOVER, duration=3.0)).truth
+    with pytest.raises(CollinearError, match="a velocity and an input that vary"):
+        effective_parameters(truth, everywhere(truth), np.square)
+
+
+def test_mask_must_fit():
+    truth = fly(calm()).truth
+    with pytest.raises(ShapeError, match="a mask of 800 rows"):
+        effective_parameters(truth, everywhere(truth)[1:], np.square)
+    with pytest.raises(TooFewSamplesError, match="at least four rows"):
+        effective_parameters(truth, ~everywhere(truth), np.square)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"delay": 0.015}, "a multiple of 0.01"),
+        ({"delay": -0.01}, "between 0 and 0.2 s"),
+        ({"actuator_lag": 0.0}, r"a lag in \(0, 0.5\] s"),
+        ({"gust_rms": -1.0}, "gusts of at least 0"),
+        ({"duration": 0.5}, "a duration of 2 to 3600 s"),
+    ],
+)
+def test_specification_is_checked(wrong, message):
+    with pytest.raises(UsageError, match=message):
+        RotorpyFlightSpec(**wrong)
+
+
+def test_noise_levels_are_checked():
+    with pytest.raises(UsageError, match="finite noise levels"):
+        SensorNoise(velocity=-0.1)
+
+
+def test_without_rotorpy_the_error_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rotorpy.vehicles", None)
+    with pytest.raises(MissingReaderError, match="pip install 'rotorpy"):
+        simulate_rotorpy_flight(calm())
+
+
+# ------------------------------------------------------------------------------------- the example
+
+
+@functools.cache
+def example_script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("make_example", ROOT / "examples/make_example_flight.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_example_file_is_small_and_complete():
+    path = DATA / "example_flight.parquet"
+    assert path.stat().st_size < 400 * 1024
+    frame = pl.read_parquet(path)
+    assert frame.height == 6000
+    assert frame.columns[0] == "time"
+    np.testing.assert_allclose(np.diff(frame["time"].to_numpy()), STEP_S, rtol=1e-9)
+    assert frame.null_count().sum_horizontal().item() == 0
+    assert {f"rotor_command_{i}" for i in (1, 2, 3, 4)} < set(frame.columns)
+
+
+def test_example_is_what_its_script_makes():
+    script = example_script()
+    flight = fly(script.SPEC)
+    stored, made = pl.read_parquet(DATA / "example_flight.parquet"), script.table(flight)
+    assert stored.schema == made.schema
+    for name in stored.columns:
+        step = next((step for start, step in script.RESOLUTION.items() if name.startswith(start)), 1e-9)
+        # Rounding may fall to the other side on another machine, hence one step of the resolution.
+        np.testing.assert_allclose(stored[name], made[name], atol=1.01 * step, rtol=0.0)
+    record = json.loads((DATA / "example_flight_truth.json").read_text(encoding="utf-8"))
+    fresh = script.truth_record(flight)
+    assert record.keys() == fresh.keys()
+    for name in ("viscous_friction", "input_gain", "actuator_lag", "delay", "hover_input"):
+        assert record[name] == pytest.approx(fresh[name], rel=1e-12)
+    assert record["seed"] == 20240617
+
+
+def test_example_agrees_with_its_truth_file():
+    # Lagged commands and the logged velocity explain the logged force up to its own noise.
+    frame = pl.read_parquet(DATA / "example_flight.parquet")
+    record = json.loads((DATA / "example_flight_truth.json").read_text(encoding="utf-8"))
+    decay = np.exp(-STEP_S / record["actuator_lag"])
+    told = frame.select(pl.col("^rotor_command_.*$")).to_numpy().astype(np.float64)
+    state = np.full(4, record["hover_input"])
+    mapped = np.empty(told.shape[0])
+    for k, command in enumerate(told):
+        mapped[k] = np.square(state).mean()
+        state = decay * state + (1.0 - decay) * command
+    velocity = frame["velocity_z"].to_numpy().astype(np.float64)
+    explained = record["input_gain"] * mapped - record["viscous_friction"] * velocity
+    residual = frame["specific_force_body_z"].to_numpy() - explained
+    assert abs(residual.mean()) < 0.05
+    assert np.std(residual) == pytest.approx(record["noise"]["acceleration"], rel=0.05)

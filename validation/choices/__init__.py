@@ -1,0 +1,1 @@
+"""What the recipe's choices rest on, measured."""

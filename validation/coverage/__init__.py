@@ -1,0 +1,1 @@
+"""The study of coverage: intervals of every method over eleven scenarios."""

@@ -1,0 +1,1 @@
+"""The study of the flight recipe: its grid, trials, metrics and page."""

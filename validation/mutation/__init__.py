@@ -1,0 +1,1 @@
+"""The mutation check: chosen lines are swapped one at a time, and the tests must notice."""

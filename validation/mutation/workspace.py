@@ -1,0 +1,118 @@
+"""A copy of the project in which lines may be swapped and tests run; the project itself is never touched."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from validation.mutation.mutants import Mutant, MutantError
+
+#: What tests of the package need of the project.
+COPIED = ("src", "tests", "validation", "pyproject.toml")
+#: Pytest's exit codes: all passed, some failed.
+PASSED, FAILED = 0, 1
+#: A line of pytest's summary: how a test ended, and its name.
+ENDED = re.compile(r"^(PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS) (\S+::\S.*?)(?: - .*)?$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Tests that were run.
+
+    Parameters
+    ----------
+    code : int
+        Pytest's exit code.
+    ended : tuple of (str, str)
+        How each test ended, and its name.
+    seconds : float
+        Wall time.
+    text : str
+        What pytest printed.
+    """
+
+    code: int
+    ended: tuple[tuple[str, str], ...]
+    seconds: float
+    text: str
+
+    def failed_of(self, test: str) -> int:
+        """Number of tests below a name that did not pass."""
+        return sum(
+            how in {"FAILED", "ERROR"} and (name == test or name.startswith((f"{test}::", f"{test}[")))
+            for how, name in self.ended
+        )
+
+
+class Workspace:
+    """A copy of the project.
+
+    Parameters
+    ----------
+    project : Path
+        Root of the project.
+    folder : Path
+        An empty folder for the copy.
+    """
+
+    def __init__(self, project: Path, folder: Path) -> None:
+        self.root = folder
+        for name in COPIED:
+            source = project / name
+            if source.is_dir():
+                shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            elif source.exists():
+                shutil.copy2(source, folder / name)
+
+    @contextmanager
+    def swapped(self, mutant: Mutant) -> Iterator[None]:
+        """The copy with a mutant's line swapped.
+
+        Raises
+        ------
+        MutantError
+            When its line is not found exactly once, or the file would be no Python any more.
+        """
+        path = self.root / mutant.file
+        before = path.read_text(encoding="utf-8")
+        after = mutant.applied(before)
+        try:
+            compile(after, mutant.file, "exec")
+        except SyntaxError as error:
+            raise MutantError(f"{mutant.name}: no Python any more: {error}") from error
+        self._write(path, after)
+        try:
+            yield
+        finally:
+            self._write(path, before)
+
+    @staticmethod
+    def _write(path: Path, text: str) -> None:
+        """Write a file, and forget what was compiled of it: stamps may be too coarse to tell."""
+        path.write_text(text, encoding="utf-8")
+        for compiled in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
+            compiled.unlink()
+
+    def tested(self, tests: Sequence[str]) -> Run:
+        """Run tests in the copy, in one process, without the checks of shapes, which take longer."""
+        command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
+        begun = time.perf_counter()
+        done = subprocess.run(
+            [*command, "--tb=no", "--no-header", "-m", "", *tests],
+            capture_output=True,
+            encoding="utf-8",
+            check=False,
+            cwd=self.root,
+            env=os.environ | {"PYTHONPATH": str(self.root / "src"), "EIVOR_SHAPE_CHECKS": "0", "CI": "1"},
+        )
+        seconds = time.perf_counter() - begun
+        text = done.stdout + done.stderr
+        return Run(done.returncode, tuple(ENDED.findall(done.stdout)), seconds, text)

@@ -1,0 +1,1 @@
+"""Search for the reading of the paper that gives its printed tables."""
