@@ -35,7 +35,9 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
     assert run.code == 3
     assert "REFUSED" in run.out
-    assert "SDLOG_PROFILE" in run.out
+    assert "--card" in run.out
+    card = eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--card")
+    assert "SDLOG_PROFILE" in card.out
 
 
 def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recordings: Path) -> None:

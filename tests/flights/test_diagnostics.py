@@ -89,17 +89,27 @@ def test_checks_are_said_in_words(example):
     assert said["agreement"].startswith("the instruments agree")
     assert said["constancy"].startswith("the parameters stay the same")
     assert said["least squares"] == "would give K 0.186 1/s"
-    numbers = dict(example.diagnostics) | {
-        "constancy_p_value": 0.001,
-        "constancy_break": 0.4,
-        "constancy_change_viscous_friction": 0.1,
-        "over_identification_p_value": 1e-9,
-        "least_squares_viscous_friction": 0.5,
-        "least_squares_p_value": 0.001,
-        "residual_memory": 0.9,
-        "leverage_viscous_friction": -3.0,
-    }
-    said = dict(checks(replace(example, diagnostics=numbers)))
+    found = example.fit.checks
+    place = example.names.index("viscous_friction")
+
+    def moved(values: np.ndarray, by: float) -> np.ndarray:
+        return np.where(np.arange(values.size) == place, by, values)
+
+    worse = replace(
+        found,
+        agreement=replace(found.agreement, p_value=1e-9),
+        constancy=replace(
+            found.constancy, p_value=0.001, break_at=0.4, change=moved(found.constancy.change, 0.1)
+        ),
+        endogeneity=replace(
+            found.endogeneity, p_value=0.001, difference=moved(found.endogeneity.difference, -0.3)
+        ),
+        leverage=replace(
+            found.leverage, in_std_errors=np.vstack([moved(row, -3.0) for row in found.leverage.in_std_errors])
+        ),
+        memory=replace(found.memory, memory=0.9),
+    )
+    said = dict(checks(replace(example, fit=replace(example.fit, checks=worse))))
     assert said["agreement"] == "the instruments disagree (p <= 0.001)"
     assert said["constancy"] == (
         "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
