@@ -105,7 +105,8 @@ def test_checks_are_said_in_words(example):
             found.endogeneity, p_value=0.001, difference=moved(found.endogeneity.difference, -0.3)
         ),
         leverage=replace(
-            found.leverage, in_std_errors=np.vstack([moved(row, -3.0) for row in found.leverage.in_std_errors])
+            found.leverage,
+            in_std_errors=np.vstack([moved(row, -3.0) for row in found.leverage.in_std_errors]),
         ),
         memory=replace(found.memory, memory=0.9),
     )

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eivor.errors import InputError
-from eivor.flights.grid import RECOVERY_S, Grid, common_grid, on_grid, unbroken
+from eivor.flights.grid import MARGIN_S, MEMORY_S, RECOVERY_S, Grid, around, common_grid, on_grid, unbroken
 from eivor.signals.recording import Channel
 
-GRID = Grid(1.0, 0.01, 300)
+GRID = Grid(1.0, 0.01, (range(300),))
 
 
 def channel(time, values, *, held: bool = False, name: str = "velocity_z") -> Channel:
@@ -173,5 +173,93 @@ def test_clocks_that_do_not_overlap_are_refused():
 
 def test_stamps_in_another_unit_are_refused_before_memory_runs_out():
     microseconds = channel([0.0, 6e7], [0.0, 0.0])
-    with pytest.raises(InputError, match=r"at most 6 hours; received stamps that span 16666\.7 hours.*unit"):
+    with pytest.raises(InputError, match=r"at most 6 hours; received stamps that cover 16666\.7 hours.*unit"):
         common_grid([microseconds], [])
+
+
+# -- hours without a sample ----------------------------------------------------------------------------
+
+
+def jumping(jump_s: float, *, held: bool = False, name: str = "velocity_z") -> Channel:
+    """20 s at 100 Hz whose clock jumps in the middle."""
+    time = np.arange(2000) * 0.01
+    time[1000:] += jump_s
+    return channel(time, np.arange(2000.0), held=held, name=name)
+
+
+def gridded(*channels: Channel) -> Grid:
+    """Grid of 100 Hz of channels of which the first is fast."""
+    return common_grid(channels, channels[:1])
+
+
+def test_a_jump_of_the_clock_costs_no_samples():
+    found = [gridded(jumping(jump)) for jump in (20.0, 1e4, 1e9)]
+    assert [grid.count for grid in found] == [found[0].count] * 3
+    for grid, jump in zip(found, (20.0, 1e4, 1e9), strict=True):
+        assert grid.count * grid.step_s == pytest.approx(20.0 + MARGIN_S + MEMORY_S, abs=0.03)
+        assert grid.time_s[0] == 0.0
+        assert grid.time_s[-1] == pytest.approx(19.99 + jump)
+        series, good = on_grid(jumping(jump), grid)
+        # what is logged is there, nothing in between counts, and no two pieces meet in samples that do
+        assert good.sum() == 2000
+        np.testing.assert_allclose(series[good], np.arange(2000.0), atol=1e-4)
+        assert not good[np.flatnonzero(np.diff(grid.steps) > 1)].any()
+
+
+def test_gaps_of_some_seconds_stay_on_the_grid():
+    assert gridded(jumping(9.0)).pieces == (range(2900),)
+
+
+def test_only_what_makes_samples_useless_is_left_out():
+    held = jumping(100.0, held=True, name="landed")
+    steady = channel(np.arange(0.0, 120.0, 0.01), np.zeros(12000))
+    assert gridded(steady, held).count == 12000
+    assert common_grid([steady, held], [steady, held]).count == pytest.approx(
+        2000 + 100 * (MARGIN_S + MEMORY_S), abs=2
+    )
+
+
+def test_silences_of_several_channels_are_joined():
+    lengths = []
+    for jumps in ([100.0], [100.0, 100.0], [100.0, 50.0]):
+        channels = [jumping(jump, name=f"c{k}") for k, jump in enumerate(jumps)]
+        channels.append(channel(np.arange(0.0, 119.99, 0.01), np.zeros(11999), name="steady"))
+        lengths.append(gridded(*channels).count)
+    assert lengths[0] == lengths[1]
+    assert lengths[2] < lengths[0]  # the time that all share ends earlier
+
+
+def test_the_mean_rate_is_that_of_the_time_logged():
+    assert jumping(1e6).rate_hz == pytest.approx(100.0)
+    assert jumping(0.5).rate_hz == pytest.approx(1999 / 20.49)
+    resting = channel([0.0, 50.0, 110.0, 150.0], np.zeros(4), held=True)
+    assert resting.rate_hz == pytest.approx(3 / 150.0)
+
+
+def test_more_than_six_hours_of_samples_are_refused():
+    time = np.arange(0.0, 7 * 3600.0, 1.0)
+    with pytest.raises(InputError, match=r"7\.0 hours"):
+        gridded(channel(time, np.zeros(time.size)))
+
+
+@given(seed=st.integers(0, 999), runs=st.integers(0, 4))
+def test_around_what_is_used_stays_what_it_needs(seed, runs):
+    rng = np.random.default_rng(seed)
+    grid = Grid(0.0, 0.01, (range(1000), range(2500, 4000), range(9000, 9500)))
+    used = np.zeros(grid.count, dtype=bool)
+    for first in rng.integers(0, grid.count, runs):
+        used[first : first + rng.integers(1, 200)] = True
+    kept = around(used, grid, memory_s=2.0)
+    t = grid.time_s
+    wanted = [
+        used.any()
+        and bool(
+            ((t[used] - one >= -1e-9) & (t[used] - one <= 2.0 + 1e-9)).any()
+            or ((one - t[used] >= -1e-9) & (one - t[used] <= MARGIN_S + 1e-9)).any()
+        )
+        for one in t
+    ]
+    np.testing.assert_array_equal(kept, wanted)
+    cut = grid.kept(kept)
+    np.testing.assert_array_equal(cut.time_s, t[kept])
+    assert len(cut.pieces) <= runs + 2  # those of the grid that a run lies across

@@ -1,11 +1,18 @@
-"""One uniform grid: every channel brought to it, with a mask of where it really had something to say."""
+"""One grid of even steps: every channel brought to it, with a mask of where it really had something to say.
+
+A grid costs what its samples cost: hours in which nothing was logged, or of which nothing is used, have
+none.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, floor
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from eivor.errors import InputError
 from eivor.signals.recording import Channel
@@ -18,6 +25,11 @@ FINE_FROM_HZ = 150.0
 AVERAGED_FROM = 1.5
 #: After a gap or a lost value of the command the actuator's state is not known for so long [s].
 RECOVERY_S = 0.3
+#: Time before a sample that decides the state of its actuators [s]: behind a lag of 0.3 s, the longest that
+#: is searched by default, exp(-26) is left of an earlier change.
+MEMORY_S = 8.0
+#: Time that is kept behind the samples that are used, and after the last one before a silence [s].
+MARGIN_S = 1.0
 #: The last sample of the grid may lie this share of a step beyond the last stamp: stamps are rounded.
 LAST_SAMPLE_SHARE = 1e-7
 #: Longest flight that is put on a grid [s].
@@ -26,20 +38,51 @@ LONGEST_S = 6 * 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Sample times ``start_s + k * step_s``, k = 0 .. count-1."""
+    """Sample times ``start_s + k * step_s``, for every k of the pieces.
+
+    Parameters
+    ----------
+    start_s, step_s : float
+        Time of k = 0, and the step [s].
+    pieces : tuple of range
+        Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
+    """
 
     start_s: float
     step_s: float
-    count: int
+    pieces: tuple[range, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return sum(len(piece) for piece in self.pieces)
+
+    @property
+    def steps(self) -> Int[np.ndarray, " n"]:
+        """Every k."""
+        if not self.pieces:
+            return np.empty(0, dtype=np.int64)
+        return np.concatenate([np.arange(piece.start, piece.stop) for piece in self.pieces])
 
     @property
     def time_s(self) -> Float[np.ndarray, " n"]:
         """Every sample time [s]."""
-        return self.start_s + self.step_s * np.arange(self.count)
+        return self.start_s + self.step_s * self.steps
+
+    def kept(self, mask: Bool[np.ndarray, " n"]) -> Grid:
+        """Grid of the samples of a mask."""
+        steps = self.steps[mask]
+        edges = np.flatnonzero(np.diff(steps, prepend=-2, append=np.iinfo(np.int64).max) != 1)
+        pieces = [range(steps[a], steps[b - 1] + 1) for a, b in pairwise(edges.tolist())]
+        return Grid(self.start_s, self.step_s, tuple(pieces))
 
 
-def common_grid(channels: list[Channel], fast: list[Channel]) -> Grid:
+def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], memory_s: float = MEMORY_S) -> Grid:
     """Grid over the time that all `channels` share; fine when all `fast` ones are.
+
+    Where one of them is silent (`Channel.silences`) no sample can be used, but for held channels that are not
+    among the fast ones: the time between the first second of the silence and its last `memory_s`, in which
+    actuators come to rest, has no samples.
 
     Raises
     ------
@@ -55,15 +98,50 @@ def common_grid(channels: list[Channel], fast: list[Channel]) -> Grid:
             f"none (the last begins at {start:.2f} s, the first ends at {end:.2f} s)",
             "Check the clocks of the log, or leave out the channel that does not fit.",
         )
-    if end - start > LONGEST_S:
-        raise InputError(
-            f"a flight of at most {LONGEST_S / 3600:.0f} hours",
-            f"stamps that span {(end - start) / 3600:.1f} hours",
-            "Check the unit of the time stamps, or cut the log.",
-        )
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = FINE_STEP_S if fine else STEP_S
-    return Grid(start, step, int((end - start) / step + LAST_SAMPLE_SHARE) + 1)
+    telling = {channel.name for channel in fast}
+    silent = [
+        (ceil((first + MARGIN_S - start) / step), floor((last - memory_s - start) / step))
+        for channel in channels
+        if channel.name in telling or not channel.held
+        for first, last in channel.silences()
+    ]
+    grid = Grid(start, step, _without(silent, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
+    if grid.count * step > LONGEST_S:
+        raise InputError(
+            f"a flight of at most {LONGEST_S / 3600:.0f} hours",
+            f"stamps that cover {grid.count * step / 3600:.1f} hours",
+            "Check the unit of the time stamps, or cut the log.",
+        )
+    return grid
+
+
+def _without(left_out: list[tuple[int, int]], count: int) -> tuple[range, ...]:
+    """0 .. count-1 without stretches, each from its first to its last number."""
+    pieces, begin = [], 0
+    for first, last in sorted(left_out):
+        if last < first:
+            continue
+        if first > begin:
+            pieces.append(range(begin, min(first, count)))
+        begin = max(begin, last + 1)
+    if begin < count:
+        pieces.append(range(begin, count))
+    return tuple(piece for piece in pieces if len(piece))
+
+
+def around(used: Bool[np.ndarray, " n"], grid: Grid, memory_s: float = MEMORY_S) -> Bool[np.ndarray, " n"]:
+    """Samples `used`, those before them that their actuators remember, and a margin behind them."""
+    steps = grid.steps
+    places = steps[used]
+    if not places.size:
+        return used
+    before, behind = ceil(memory_s / grid.step_s), ceil(MARGIN_S / grid.step_s)
+    next_used = places[np.minimum(np.searchsorted(places, steps), places.size - 1)]
+    last_used = places[np.maximum(np.searchsorted(places, steps, side="right") - 1, 0)]
+    ahead, passed = next_used - steps, steps - last_used
+    return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
 
 
 def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
@@ -85,9 +163,17 @@ def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool
     else:
         series = np.interp(t, time, values)
     good = (t >= time[0] - 1e-9) & (t <= time[-1] + 1e-9)
-    for start, end in Channel(channel.name, time, values, channel.unit).gaps():
-        good &= (t <= start) | (t >= end)
+    good &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
     return series, good
+
+
+def _inside(intervals: list[tuple[float, float]], t: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Times strictly inside one of the intervals, which are in order and do not overlap."""
+    if not intervals:
+        return np.zeros(t.size, dtype=np.bool_)
+    starts, ends = np.array(intervals).T
+    interval = np.searchsorted(starts, t, side="left") - 1
+    return np.asarray((interval >= 0) & (t < ends[np.maximum(interval, 0)]))
 
 
 def _held(
@@ -105,10 +191,7 @@ def _held(
 
 def unbroken(channel: Channel, grid: Grid, good: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """`good` without the gaps of a command and the time that the actuator needs to forget them."""
-    t = grid.time_s
-    broken = ~good
-    for start, end in channel.gaps():
-        broken |= (t > start) & (t < end)
+    broken = ~good | _inside(channel.gaps(), grid.time_s)
     if not broken.any():
         return good
     wait = int(np.ceil(RECOVERY_S / grid.step_s))
@@ -121,12 +204,17 @@ def _averaged(
 ) -> Float[np.ndarray, " n"]:
     """Mean of the piecewise linear series over one step around each sample, by its exact integral."""
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(time))])
-    edges = np.clip(grid.start_s + grid.step_s * (np.arange(grid.count + 1) - 0.5), time[0], time[-1])
-    index = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, max(time.size - 2, 0))
-    inside = edges - time[index]
-    slope = (values[index + 1] - values[index]) / (time[index + 1] - time[index])
-    at_edges = integral[index] + inside * (values[index] + 0.5 * slope * inside)
-    width = np.diff(edges)
-    mean = np.divide(np.diff(at_edges), width, out=np.zeros(grid.count), where=width > 0.0)
+
+    def up_to(steps: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Times, not beyond the channel's ends, and the integral up to them."""
+        edges = np.clip(grid.start_s + grid.step_s * steps, time[0], time[-1])
+        index = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, max(time.size - 2, 0))
+        inside = edges - time[index]
+        slope = (values[index + 1] - values[index]) / (time[index + 1] - time[index])
+        return edges, integral[index] + inside * (values[index] + 0.5 * slope * inside)
+
+    (low, before), (high, behind) = up_to(grid.steps - 0.5), up_to(grid.steps + 0.5)
+    width = high - low
+    mean = np.divide(behind - before, width, out=np.zeros(grid.count), where=width > 0.0)
     series: Float[np.ndarray, " n"] = np.where(width > 0.0, mean, np.interp(grid.time_s, time, values))
     return series

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.airborne import Active, airborne_by_log
-from eivor.flights.grid import Grid
+from eivor.flights.grid import MEMORY_S, Grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged, Wording
@@ -225,6 +225,8 @@ class Motion(ABC, Generic[P]):
     """Channels that may be instruments."""
     channels: ClassVar[tuple[CanonicalChannel, ...]] = ()
     """Channels that it adds to the canonical ones."""
+    memory_s: ClassVar[float] = MEMORY_S
+    """Time before a sample that decides the state of what drives the vehicle [s]: 25 of the longest lags."""
     logged_parameters: ClassVar[tuple[str, ...]] = ()
     """Parameters of an autopilot that are worth showing."""
 

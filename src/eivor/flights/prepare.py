@@ -45,7 +45,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     selected = motion.select(log, options)
     for channel in selected.channels:
         _refuse_empty(log, channel)
-    grid = common_grid(list(selected.channels), [*selected.commands, *selected.logged_responses])
+    fast = [*selected.commands, *selected.logged_responses]
+    grid = common_grid(selected.channels, fast, motion.memory_s)
     channels, good = _gridded(selected, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
@@ -70,6 +71,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         usable,
         selected.rates_hz,
         (*log.findings, *selected.findings),
+        grid,
+        motion.memory_s,
     )
 
 

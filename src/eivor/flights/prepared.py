@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.flights.airborne import Active
+from eivor.flights.grid import Grid, around
 from eivor.flights.references import Reference
 from eivor.flights.selection import InputFamily
 from eivor.signals.recording import Finding, Recording
@@ -46,6 +48,10 @@ class PreparedFlight:
         Mean logging rates by role: "command" and those of the selection (0 when absent).
     findings : tuple of Finding
         Named diagnostics.
+    grid : Grid
+        Times of the samples.
+    memory_s : float
+        Time before a sample that decides the state of the actuators [s].
     """
 
     recording: Recording
@@ -59,6 +65,30 @@ class PreparedFlight:
     usable: Bool[np.ndarray, " n"]
     rates_hz: Mapping[str, float]
     findings: tuple[Finding, ...]
+    grid: Grid
+    memory_s: float
+
+    @cached_property
+    def shortened(self) -> PreparedFlight:
+        """The same flight with the samples that its runs need and no others, whatever lies between them."""
+        kept = around(self.used, self.grid, self.memory_s)
+        if kept.all() or not self.runs:
+            return self
+        place = np.cumsum(kept) - 1
+        signals = replace(
+            self.signals,
+            channels={name: values[kept] for name, values in self.signals.channels.items()},
+            valid=self.usable[kept],
+        )
+        return replace(
+            self,
+            signals=signals,
+            runs=tuple(slice(int(place[run.start]), int(place[run.stop - 1]) + 1) for run in self.runs),
+            references=tuple(replace(one, values=one.values[kept]) for one in self.references),
+            active=replace(self.active, mask=self.active.mask[kept]),
+            usable=self.usable[kept],
+            grid=self.grid.kept(kept),
+        )
 
     @property
     def usable_references(self) -> tuple[str, ...]:

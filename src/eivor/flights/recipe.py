@@ -107,7 +107,7 @@ def _identified(
     if method.needs_instruments and chosen.absent:
         method = by_name(FALLBACK)
     try:
-        problem = motion.problem(flying, chosen.rule)
+        problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         fit = Fit(problem, estimate, chosen.rule.label, checks)

@@ -146,11 +146,8 @@ class FlightEstimate:
         if len(self.prepared) != 1 or not self.prepared[0].runs:
             return None
         flight = self.prepared[0]
-        first, last = flight.runs[0].start, flight.runs[-1].stop - 1
-        return (
-            flight.signals.start_s + first * flight.signals.step_s,
-            flight.signals.start_s + last * flight.signals.step_s,
-        )
+        time = flight.grid.time_s
+        return float(time[flight.runs[0].start]), float(time[flight.runs[-1].stop - 1])
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a quantity.

@@ -21,7 +21,7 @@ def draw_flight(figure: Figure, result: FlightEstimate) -> None:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     signals = prepared.signals
-    time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
+    time = prepared.grid.time_s
     level = signals.family(prepared.input.name).mean(axis=1)
     panels = (*result.motion.overview(prepared), Panel(f"mean of\n{prepared.input.name}", level))
     axes = figure.subplots(len(panels) + 1, 1, height_ratios=[*[1.0] * len(panels), 0.6])

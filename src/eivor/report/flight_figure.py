@@ -160,9 +160,10 @@ def _runs(result: FlightEstimate) -> list[_Run]:
     first = 0
     flying = [flight for flight in result.prepared if flight.runs]
     for number, flight in enumerate(flying):
+        seconds = flight.grid.time_s
         for run in flight.runs:
             length = run.stop - run.start
-            time = flight.signals.start_s + flight.signals.step_s * np.arange(run.start, run.stop)
+            time = seconds[run]
             spectral = SpectralRun(number, length, flight.signals.step_s, flight.band_hz)
             name = printable(flight.recording.name)
             found.append(_Run(name, time, slice(first, first + length), spectral))

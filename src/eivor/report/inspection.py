@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from eivor.errors import EivorError
+from eivor.flights.grid import Grid
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -193,10 +195,10 @@ def _summary(channel: Channel) -> ChannelSummary:
     return ChannelSummary(channel, low, high, gaps)
 
 
-def stretches(mask: np.ndarray, start_s: float, step_s: float) -> list[tuple[float, float]]:
+def stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> list[tuple[float, float]]:
     """First and last second of each stretch of true samples [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    time = grid.time_s
     return [
-        (start_s + step_s * float(first), start_s + step_s * float(last - 1))
-        for first, last in zip(edges[::2], edges[1::2], strict=True)
+        (float(time[first]), float(time[end - 1])) for first, end in zip(edges[::2], edges[1::2], strict=True)
     ]

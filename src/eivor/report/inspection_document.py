@@ -100,11 +100,11 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
 
 def _airborne(flight: PreparedFlight, words: Words) -> Iterator[str]:
     signals = flight.signals
-    flown = stretches(flight.active.mask, signals.start_s, signals.step_s)
+    flown = stretches(flight.active.mask, flight.grid)
     yield f"Known by {flight.active.rule}."
     yield f"{_sentence(words.where)}: {_listed(flown)}." if flown else f"Never {words.where}."
     if flown:
-        runs = stretches(flight.used, signals.start_s, signals.step_s)
+        runs = stretches(flight.used, flight.grid)
         kept = f"{float(flight.used.sum()) * signals.step_s:.1f} s in {_listed(runs)}" if runs else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
 

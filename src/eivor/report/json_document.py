@@ -148,7 +148,8 @@ def _log(flight: PreparedFlight) -> Json:
     grid = flight.signals
     window = None
     if used.size:
-        window = (grid.start_s + used[0] * grid.step_s, grid.start_s + used[-1] * grid.step_s)
+        time = flight.grid.time_s
+        window = (float(time[used[0]]), float(time[used[-1]]))
     return {
         "name": flight.recording.name,
         "format": flight.recording.format,

@@ -71,9 +71,8 @@ def _channel(summary: ChannelSummary) -> Json:
 
 
 def _airborne(flight: PreparedFlight) -> Json:
-    signals = flight.signals
-    flown = stretches(flight.active.mask, signals.start_s, signals.step_s)
-    runs = stretches(flight.used, signals.start_s, signals.step_s)
+    flown = stretches(flight.active.mask, flight.grid)
+    runs = stretches(flight.used, flight.grid)
     return {
         "rule": flight.active.rule,
         "segments": [[number(start), number(end)] for start, end in flown],

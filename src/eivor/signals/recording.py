@@ -26,6 +26,8 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
 
+#: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
+SILENCE_S = 10.0
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.
 LARGEST_VALUE = 1e100
 
@@ -109,10 +111,17 @@ class Channel:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate over the channel's own span [Hz]; 0 with fewer than two samples."""
+        """Mean rate over the channel's own span, silences left out [Hz]; 0 with fewer than two samples."""
         if self.time_s.size < 2:
             return 0.0
-        return float((self.time_s.size - 1) / (self.time_s[-1] - self.time_s[0]))
+        silences = self.silences()
+        logged = float(self.time_s[-1] - self.time_s[0]) - sum(end - start for start, end in silences)
+        return float((self.time_s.size - 1 - len(silences)) / logged)
+
+    def silences(self) -> list[tuple[float, float]]:
+        """Gaps [s] that are longer than `SILENCE_S`."""
+        longest = float(np.diff(self.time_s).max()) if self.time_s.size > 1 else 0.0
+        return self.gaps(at_least_s=SILENCE_S) if longest > SILENCE_S else []
 
     def gaps(self, factor: float = 5.0, at_least_s: float = 0.1) -> list[tuple[float, float]]:
         """Intervals [s] without a sample, longer than `factor` median steps and than `at_least_s`."""

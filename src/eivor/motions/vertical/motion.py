@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.grid import Grid, on_grid
+from eivor.flights.grid import on_grid
 from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -150,8 +150,7 @@ class Vertical(Motion[VerticalFlights]):
         signals = flight.signals
         panels = [Panel("climb rate\n[m/s]", signals.channel("velocity_z"))]
         if "position_z" in flight.recording.channels:
-            grid = Grid(signals.start_s, signals.step_s, signals.sample_count)
-            height = on_grid(flight.recording.channel("position_z"), grid)[0]
+            height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             panels.insert(0, Panel("height [m]", height))
         return tuple(panels)
 
