@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from eivor.signals.recording import Finding
 
 if TYPE_CHECKING:
     import polars as pl
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -233,18 +234,32 @@ class FlightEstimate:
 
         return json_text(json_document(self))
 
-    def plot(self) -> Figure:
-        """Figure of the fit: response, residual, lag profile, excitation.
+    def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
+        """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.
+
+        Parameters
+        ----------
+        axes : mapping of str to Axes, or sequence of Axes, optional
+            Where to draw: some of "fit", "residual", "autocorrelation", "profile" and "excitation" by name,
+            or all in this order. Default: a figure of its own. See `eivor.report.flight_figure` for motions
+            of several axes.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The one that the panels are in.
 
         Raises
         ------
         EstimationError
             When nothing was estimated.
+        UsageError
+            When `axes` do not fit the panels.
         """
         from eivor.report.flight_figure import flight_figure
 
         self._fitted()
-        return flight_figure(self)
+        return flight_figure(self, axes)
 
     def _fitted(self) -> Fit:
         if self.fit is None:

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from eivor.errors import UsageError
 from eivor.motions import wording_of
-from eivor.report.plain_figure import BLUE, DARK, GREY, RED, page
+from eivor.report.given_axes import figure_of
+from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, panel
 from eivor.report.printable import printable
 from eivor.studies.metrics import scores
 from eivor.studies.run import StudyResult
@@ -47,6 +48,7 @@ def coverage_figure(
     nominal: float = 0.95,
     band: tuple[float, float] | None = None,
     title: str = "",
+    ax: Axes | None = None,
 ) -> Figure:
     """Shares of intervals that held the truth, as dots with 95 % Wilson intervals.
 
@@ -59,17 +61,19 @@ def coverage_figure(
     band : (float, float), optional
         Shares that are good enough: a band.
     title : str
-        Of the figure.
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own.
+        With a canvas of its own, or that of `ax`.
 
     Raises
     ------
     UsageError
-        When there is nothing to draw.
+        When there is nothing to draw, or `ax` are no Axes.
     """
     drawn = [row for row in rows if row.count]
     if not drawn:
@@ -77,8 +81,7 @@ def coverage_figure(
     groups = list(dict.fromkeys(row.group for row in drawn))
     labels = list(dict.fromkeys(row.label for row in drawn))
     line = max(ROW_HEIGHT * len(labels), LEAST_ROW)
-    figure = page(WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
-    axes = figure.add_subplot()
+    axes = panel(ax, WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
     if band is not None:
         axes.axvspan(100 * band[0], 100 * band[1], color=BLUE, alpha=0.10, lw=0, label="asked for")
     axes.axvline(100 * nominal, color=DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
@@ -95,14 +98,22 @@ def coverage_figure(
     axes.set_xlim(min(_lowest(drawn), 100 * nominal - 2.0) - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")
     axes.grid(axis="x", alpha=0.25)
-    shown = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    for text in shown.get_texts():
-        text.set_parse_math(False)
+    figure = figure_of(axes)
+    if ax is None:
+        shown = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        for text in shown.get_texts():
+            text.set_parse_math(False)
+    else:
+        legend(axes)
     return figure
 
 
 def study_coverage_figure(
-    results: Sequence[StudyResult], *, band: tuple[float, float] | None = None, title: str = ""
+    results: Sequence[StudyResult],
+    *,
+    band: tuple[float, float] | None = None,
+    title: str = "",
+    ax: Axes | None = None,
 ) -> Figure:
     """Coverage of every parameter in one or several studies, methods side by side.
 
@@ -113,7 +124,9 @@ def study_coverage_figure(
     band : (float, float), optional
         Shares that are good enough.
     title : str
-        Of the figure.
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
 
     Returns
     -------
@@ -123,7 +136,7 @@ def study_coverage_figure(
     Raises
     ------
     UsageError
-        When no study recorded intervals, or their levels differ.
+        When no study recorded intervals, their levels differ, or `ax` are no Axes.
     """
     levels = {result.study.level for result in results if result.study.intervals}
     if len(levels) != 1:
@@ -139,7 +152,7 @@ def study_coverage_figure(
         for score in one.parameters
         if (hit := score.coverage) is not None
     ]
-    return coverage_figure(rows, nominal=levels.pop(), band=band, title=title)
+    return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
 
 
 def _group(result: StudyResult, name: str, *, alone: bool) -> str:

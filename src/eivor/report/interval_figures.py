@@ -17,7 +17,8 @@ from eivor.estimation.estimate import Estimate
 from eivor.inference.resampling.replicates import Bootstrap
 from eivor.inference.sets.ellipse import Ellipse
 from eivor.motions import wording_of
-from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
+from eivor.report.given_axes import GivenAxes, figure_of, given_axes
+from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page, panel
 from eivor.report.printable import printable
 
 PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
@@ -53,6 +54,7 @@ def interval_figure(
     units: Mapping[str, str] | None = None,
     truth: Mapping[str, float] | None = None,
     title: str = "",
+    axes: GivenAxes | None = None,
 ) -> Figure:
     """Points and intervals, a panel with an axis of its own for each parameter.
 
@@ -65,30 +67,38 @@ def interval_figure(
     truth : mapping of str to float, optional
         Values to mark by a line.
     title : str
-        Of the figure.
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own. An end without bound is an arrow; an empty set says so.
+        With a canvas of its own, or that of `axes`. An end without bound is an arrow; an empty set says so.
 
     Raises
     ------
     UsageError
-        When there is nothing to draw.
+        When there is nothing to draw, or `axes` do not fit the panels.
     """
     most = max((len(rows) for rows in panels.values()), default=0)
     if not most:
         raise UsageError("intervals to draw", "none", "Give estimates.")
     labels = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
-    figure = page(PANEL_WIDTH * len(panels) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
-    for place, (name, rows) in enumerate(panels.items(), start=1):
-        axes = figure.add_subplot(1, len(panels), place)
-        _panel(axes, rows, labels, (truth or {}).get(name))
-        if place > 1:
-            axes.tick_params(labelleft=False)
-        axes.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
-    return figure
+    names = tuple(panels)
+    drawn = _row(names, most, title) if axes is None else given_axes(axes, names, title)
+    for place, (name, axis) in enumerate(drawn.items()):
+        _panel(axis, panels[name], labels, (truth or {}).get(name))
+        if axes is None and place:
+            axis.tick_params(labelleft=False)
+        axis.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
+    return figure_of(*drawn.values())
+
+
+def _row(names: tuple[str, ...], most: int, title: str) -> dict[str, Axes]:
+    """Panels of a page, side by side, for so many intervals in each."""
+    figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
+    return {name: figure.add_subplot(1, len(names), place) for place, name in enumerate(names, start=1)}
 
 
 def estimates_figure(
@@ -97,6 +107,7 @@ def estimates_figure(
     level: float = 0.95,
     truth: Mapping[str, float] | None = None,
     title: str = "",
+    axes: GivenAxes | None = None,
 ) -> Figure:
     """Parameters of one or several estimates side by side, with their intervals.
 
@@ -109,7 +120,9 @@ def estimates_figure(
     truth : mapping of str to float, optional
         Values to mark by a line.
     title : str
-        Of the figure; default: the level.
+        Of the figure, or of the first panel that is given; default: the level, on a figure of its own.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
 
     Returns
     -------
@@ -119,7 +132,7 @@ def estimates_figure(
     Raises
     ------
     UsageError
-        When there is nothing to draw, or the level is not between 0 and 1.
+        When there is nothing to draw, `axes` do not fit the panels, or the level is not between 0 and 1.
     """
     panels: dict[str, list[ShownInterval]] = {}
     units: dict[str, str] = {}
@@ -129,8 +142,9 @@ def estimates_figure(
             row = ShownInterval(label, float(value), (found.interval(name, level),))
             panels.setdefault(name, []).append(row)
             units.setdefault(name, unit)
-    shown = title or f"estimates and their {100 * level:g} % intervals"
-    return interval_figure(panels, units=units, truth=truth, title=shown)
+    if axes is None:
+        title = title or f"estimates and their {100 * level:g} % intervals"
+    return interval_figure(panels, units=units, truth=truth, title=title, axes=axes)
 
 
 def ellipse_figure(
@@ -143,6 +157,7 @@ def ellipse_figure(
     cloud: Float[np.ndarray, "k 2"] | None = None,
     regions: Mapping[str, Sequence[Float[np.ndarray, "corners 2"]]] | None = None,
     title: str = "",
+    ax: Axes | None = None,
 ) -> Figure:
     """Joint confidence ellipses of a pair, and what else is known of it.
 
@@ -161,22 +176,23 @@ def ellipse_figure(
     regions : mapping of str to sequence of ndarray, shape (corners, 2), optional
         Other regions by the polygons of their outlines.
     title : str
-        Of the figure.
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own.
+        With a canvas of its own, or that of `ax`.
 
     Raises
     ------
     UsageError
-        When there is nothing to draw.
+        When there is nothing to draw, or `ax` are no Axes.
     """
     if not ellipses and not regions:
         raise UsageError("an ellipse or a region to draw", "none", "Give one by its name.")
-    figure = page(6.4, 5.2, title)
-    axes = figure.add_subplot()
+    axes = panel(ax, 6.4, 5.2, title)
     if cloud is not None:
         dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
         axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
@@ -200,7 +216,7 @@ def ellipse_figure(
     axes.margins(0.08)
     axes.grid(alpha=0.25)
     legend(axes)
-    return figure
+    return figure_of(axes)
 
 
 def pair_figure(
@@ -212,6 +228,7 @@ def pair_figure(
     truth: Mapping[str, float] | None = None,
     replicates: Bootstrap | None = None,
     title: str = "",
+    ax: Axes | None = None,
 ) -> Figure:
     """Joint ellipse of two parameters of an estimate, with their intervals.
 
@@ -228,7 +245,9 @@ def pair_figure(
     replicates : Bootstrap, optional
         Drawn as a cloud.
     title : str
-        Of the figure.
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
 
     Returns
     -------
@@ -238,7 +257,7 @@ def pair_figure(
     Raises
     ------
     UsageError
-        When a parameter is unknown, or the level is not between 0 and 1.
+        When a parameter is unknown, the level is not between 0 and 1, or `ax` are no Axes.
     """
     unit = dict(zip(estimate.names, estimate.units, strict=True))
     ellipse = estimate.ellipse(name, other, level)
@@ -253,6 +272,7 @@ def pair_figure(
         truth=None if truth is None else (truth[name], truth[other]),
         cloud=cloud,
         title=title,
+        ax=ax,
     )
 
 

@@ -8,7 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from eivor.errors import NonFiniteError
-from eivor.report.plain_figure import BLUE, GREY, RED, legend, page
+from eivor.report.given_axes import figure_of
+from eivor.report.plain_figure import BLUE, GREY, RED, legend, panel
 from eivor.report.printable import printable
 from eivor.signals.long_memory import LongMemory, estimate_long_memory
 
@@ -23,6 +24,7 @@ def noise_spectrum_figure(
     unit: str = "",
     estimate: LongMemory | None = None,
     title: str = "",
+    ax: Axes | None = None,
 ) -> Figure:
     """Spectrum of a record at rest and the fractional noise that was fitted to it.
 
@@ -37,23 +39,27 @@ def noise_spectrum_figure(
     estimate : LongMemory, optional
         What was fitted. Default: `estimate_long_memory` of the values.
     title : str
-        Of the figure.
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own.
+        With a canvas of its own, or that of `ax`.
 
     Raises
     ------
     NonFiniteError
         When the rate is not positive; see also `estimate_long_memory`.
+    UsageError
+        When `ax` are no Axes.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise NonFiniteError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give samples per second.")
-    figure = page(8.0, 5.0, title)
-    draw_noise_spectrum(figure.add_subplot(), values, rate_hz=rate_hz, unit=unit, estimate=estimate)
-    return figure
+    axes = panel(ax, 8.0, 5.0, title)
+    draw_noise_spectrum(axes, values, rate_hz=rate_hz, unit=unit, estimate=estimate)
+    return figure_of(axes)
 
 
 def draw_noise_spectrum(

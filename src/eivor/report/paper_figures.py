@@ -9,6 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from eivor.report.flight_figure import save_figure
+from eivor.report.given_axes import GivenAxes
 from eivor.report.signal_figures import signals_figure
 from eivor.report.study_figures import nrmse_figure
 from eivor.signals.signals import Signals
@@ -66,25 +67,38 @@ def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]
             number += 1
 
 
-def signal_figure(reading: Reading, example: Example = EXAMPLES[0]) -> Figure:
-    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
+def signal_figure(
+    reading: Reading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
+) -> Figure:
+    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2.
+
+    `axes` are for "input" and "position_z", see `signals_figure`.
+    """
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
     truth = record(exact, example, trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
     height = integrated_height(velocity, drive, intersample=reading.intersample)
     shown = Signals(truth.rate_hz, {"input": drive, "position_z": height})
-    return signals_figure(shown, title=f"Reading {reading.name}: input and height of the first run")
+    title = f"Reading {reading.name}: input and height of the first run"
+    return signals_figure(shown, title="" if axes is not None else title, axes=axes)
 
 
-def histogram_figure(result: PaperResult, column: str) -> Figure:
-    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8."""
+def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
+    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8.
+
+    `axes` are for K, K_u and both together, in this order; see `nrmse_figure`.
+    """
     method = PRINTED_METHODS[column]
     scores = result.nrmse(method)
     words = WORDS[column]
     printed = dict(zip(SCORES, result.example.printed[method], strict=True))
+    title = (
+        f"Example {result.example.number}, {words}, reading {result.reading.name} "
+        f"({len(result.estimates)} runs; red: printed mean ± SD)"
+    )
     return nrmse_figure(
         {words: {name: scores[:, place] for place, name in enumerate(SCORES)}},
         printed={words: printed},
-        title=f"Example {result.example.number}, {words}, reading {result.reading.name} "
-        f"({len(result.estimates)} runs; red: printed mean ± SD)",
+        title=title if axes is None else "",
+        axes=axes,
     )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sized
+import textwrap
+from collections.abc import Callable, Sized
 from typing import Literal
 
 from matplotlib.axes import Axes
@@ -10,8 +11,14 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from eivor.errors import UsageError
+from eivor.report.given_axes import given_panel
+
+#: What draws each panel of a figure into its Axes, by the panel's name.
+Panels = dict[str, Callable[[Axes], None]]
 
 DPI = 110
+#: Of nine points.
+LETTERS_PER_INCH = 14.0
 DARK, RED, GREY, BLUE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 
 
@@ -22,6 +29,30 @@ def page(width: float, height: float, title: str = "") -> Figure:
     if title:
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
+
+
+def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
+    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch].
+
+    Raises
+    ------
+    UsageError
+        When what is given are no Axes.
+    """
+    if ax is None:
+        return page(width, height, title).add_subplot()
+    return given_panel(ax, title)
+
+
+def without_abscissa(axes: Axes) -> None:
+    """Leave the numbers and the words of the abscissa to the panel below, which shares it."""
+    axes.tick_params(labelbottom=False)
+    axes.xaxis.label.set_visible(False)
+
+
+def fitting(axes: Axes, words: str) -> str:
+    """Words of nine points in lines that are no longer than a panel is wide."""
+    return textwrap.fill(words, max(1, int(LETTERS_PER_INCH * axes.bbox.width / axes.figure.dpi)))
 
 
 def labelled(axes: Axes, *, x: str = "", y: str = "", size: float = 10.0) -> None:
@@ -45,7 +76,13 @@ def drawable(things: Sized, what: str, remedy: str) -> None:
         raise UsageError(f"{what} to draw", "none", remedy)
 
 
-def legend(axes: Axes, *, size: int = 8, place: Literal["best", "upper right"] = "best") -> None:
+def legend(
+    axes: Axes,
+    *,
+    size: int = 8,
+    place: Literal["best", "upper right", "upper left", "lower left"] = "best",
+    columns: int = 1,
+) -> None:
     """Legend with its words as they are."""
-    for text in axes.legend(fontsize=size, framealpha=0.85, loc=place).get_texts():
+    for text in axes.legend(fontsize=size, framealpha=0.85, loc=place, ncols=columns).get_texts():
         text.set_parse_math(False)

@@ -10,11 +10,14 @@ from matplotlib.figure import Figure
 from eivor.errors import NonFiniteError, TooFewSamplesError
 from eivor.inference.quantiles import normal_quantile
 from eivor.inference.resampling.blocks import autocovariance
+from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.noise_figures import draw_noise_spectrum
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
 from eivor.report.printable import printable
 from eivor.signals.long_memory import LEAST_BANDWIDTH
 
+#: Names of the panels.
+PANELS = ("time", "autocorrelation", "spectrum")
 #: Lags of the autocorrelation, and the largest share of the record that they may reach.
 LAGS, LARGEST_SHARE = 60, 0.25
 #: More samples than so many are drawn as the range of each of so many stretches.
@@ -29,6 +32,7 @@ def residual_figure(
     start_s: float = 0.0,
     lags: int = LAGS,
     title: str = "",
+    axes: GivenAxes | None = None,
 ) -> Figure:
     """Three panels that tell whether a residual is white.
 
@@ -45,13 +49,16 @@ def residual_figure(
     lags : int
         Lags of the autocorrelation [samples].
     title : str
-        Of the figure.
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some of "time", "autocorrelation" and "spectrum", or all three in this order.
+        Default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own. White noise keeps 95 % of its autocorrelations within the dashed band,
-        1.96 / sqrt(n); uncorrelated noise of any varying strength within the shaded one.
+        With a canvas of its own, or that of `axes`. White noise keeps 95 % of its autocorrelations within
+        the dashed band, 1.96 / sqrt(n); uncorrelated noise of any varying strength within the shaded one.
 
     Raises
     ------
@@ -59,6 +66,8 @@ def residual_figure(
         When a value is not finite, or the rate is not positive.
     TooFewSamplesError
         With too few samples for a spectrum.
+    UsageError
+        When `axes` do not fit the panels.
     """
     if not (np.isfinite(residual).all() and np.isfinite(rate_hz) and rate_hz > 0.0):
         raise NonFiniteError(
@@ -68,16 +77,25 @@ def residual_figure(
         raise TooFewSamplesError(
             f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
         )
+    panels = _page(title) if axes is None else given_axes(axes, PANELS, title)
+    squared = unit.replace("^2", "²")
+    if "time" in panels:
+        over_time = panels["time"]
+        _draw_time(over_time, residual, start_s + np.arange(residual.size) / rate_hz)
+        over_time.set_ylabel(f"residual [{printable(squared) or '-'}]", parse_math=False)
+    if "autocorrelation" in panels:
+        most = max(1, min(lags, int(LARGEST_SHARE * residual.size)))
+        _draw_autocorrelation(panels["autocorrelation"], residual, most, rate_hz)
+    if "spectrum" in panels:
+        draw_noise_spectrum(panels["spectrum"], residual, rate_hz=rate_hz, unit=squared)
+    return figure_of(*panels.values())
+
+
+def _page(title: str) -> dict[str, Axes]:
     figure = page(10.0, 6.4, title)
     grid = figure.add_gridspec(2, 2, height_ratios=(0.85, 1.0))
-    squared = unit.replace("^2", "²")
-    over_time = figure.add_subplot(grid[0, :])
-    _draw_time(over_time, residual, start_s + np.arange(residual.size) / rate_hz)
-    over_time.set_ylabel(f"residual [{printable(squared) or '-'}]", parse_math=False)
-    most = max(1, min(lags, int(LARGEST_SHARE * residual.size)))
-    _draw_autocorrelation(figure.add_subplot(grid[1, 0]), residual, most, rate_hz)
-    draw_noise_spectrum(figure.add_subplot(grid[1, 1]), residual, rate_hz=rate_hz, unit=squared)
-    return figure
+    places = (grid[0, :], grid[1, 0], grid[1, 1])
+    return {name: figure.add_subplot(place) for name, place in zip(PANELS, places, strict=True)}
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:

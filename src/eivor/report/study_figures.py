@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from eivor.motions import wording_of
+from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import BLUE, DARK, RED, drawable, labelled, legend, page
 from eivor.report.printable import printable
 from eivor.studies.metrics import TOGETHER, Spread, trial_nrmse
@@ -29,6 +30,7 @@ def nrmse_figure(
     *,
     printed: Mapping[str, Mapping[str, Spread]] | None = None,
     title: str = "",
+    axes: GivenAxes | None = None,
 ) -> Figure:
     """Histograms of NRMSE, a row of panels for each method and a column for each score.
 
@@ -39,49 +41,70 @@ def nrmse_figure(
     printed : mapping of str to mapping of str to Spread, optional
         Mean and standard deviation that others published, drawn as a line and a band.
     title : str
-        Of the figure.
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some panels, called "METHOD: SCORE", or all, row by row. Default: a figure of its own.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a canvas of its own.
+        With a canvas of its own, or that of `axes`.
 
     Raises
     ------
     UsageError
-        When there is nothing to draw.
+        When there is nothing to draw, or `axes` do not fit the panels.
     """
     columns = max((len(scores) for scores in rows.values()), default=0)
     drawable(range(columns), "scores", "Run the study first.")
+    cells = {f"{method}: {name}": (method, name) for method, scores in rows.items() for name in scores}
+    panels = _table(rows, columns, title) if axes is None else given_axes(axes, tuple(cells), title)
+    for called, panel in panels.items():
+        method, name = cells[called]
+        _draw(panel, rows[method][name], ((printed or {}).get(method) or {}).get(name))
+        first = axes is not None or name == next(iter(rows[method]))
+        beside = f"{printable(method)}\ntrials [count]" if first else ""
+        labelled(panel, x=f"NRMSE of {_words(name)} [%]", y=beside, size=9.0)
+    return figure_of(*panels.values())
+
+
+def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -> dict[str, Axes]:
+    """Panels of a page, a row for each method."""
     figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
-    for row, (method, scores) in enumerate(rows.items()):
-        for column, (name, values) in enumerate(scores.items()):
-            axes = figure.add_subplot(len(rows), columns, row * columns + column + 1)
-            _draw(axes, values, ((printed or {}).get(method) or {}).get(name))
-            beside = f"{printable(method)}\ntrials [count]" if column == 0 else ""
-            labelled(axes, x=f"NRMSE of {_words(name)} [%]", y=beside, size=9.0)
-    return figure
+    return {
+        f"{method}: {name}": figure.add_subplot(len(rows), columns, row * columns + column + 1)
+        for row, (method, scores) in enumerate(rows.items())
+        for column, name in enumerate(scores)
+    }
 
 
-def study_figure(result: StudyResult) -> Figure:
+def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figure:
     """Histograms of NRMSE of every method of a study.
 
     Parameters
     ----------
     result : StudyResult
         A finished study.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw, see `nrmse_figure`.
 
     Returns
     -------
     matplotlib.figure.Figure
         A row for each method, a column for each parameter and one for all together.
+
+    Raises
+    ------
+    UsageError
+        When `axes` do not fit the panels.
     """
     names = (*result.study.parameters, TOGETHER)
     rows = {
         choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
         for choice in result.study.methods
     }
-    return nrmse_figure(rows, title=f"{printable(result.study.name)}: {result.trials.height} trials")
+    title = f"{printable(result.study.name)}: {result.trials.height} trials" if axes is None else ""
+    return nrmse_figure(rows, title=title, axes=axes)
 
 
 def _words(name: str) -> str:

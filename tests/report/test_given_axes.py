@@ -1,0 +1,335 @@
+"""Figures drawn into Axes that the caller made: the right panels, nothing cut off, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import polars as pl
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+import shape_checks
+from eivor.errors import EstimationError, UsageError
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.methods import least_squares
+from eivor.estimation.resampling import bootstrap
+from eivor.estimation.search import NuisanceProfile
+from eivor.flights.quantity import Wording
+from eivor.flights.result import FlightEstimate
+from eivor.inference.resampling.replicates import Bootstrap
+from eivor.inference.sets.ellipse import Ellipse
+from eivor.models.equation import Parameter
+from eivor.models.regression import regression
+from eivor.models.separable import Nuisance
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
+from eivor.report.flight_figure import flight_figure
+from eivor.report.interval_figures import (
+    ShownInterval,
+    ellipse_figure,
+    estimates_figure,
+    interval_figure,
+    pair_figure,
+)
+from eivor.report.noise_figures import noise_spectrum_figure
+from eivor.report.paper_figures import histogram_figure, signal_figure
+from eivor.report.residual_figures import residual_figure
+from eivor.report.signal_figures import signals_figure
+from eivor.report.study_figures import nrmse_figure, study_figure
+from eivor.signals.signals import Signals
+from eivor.simulation.records.scenario import Scenario
+from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.paper.examples import run_example
+from eivor.studies.paper.readings import EXAMPLES, named_readings
+from eivor.studies.run import StudyResult
+from eivor.studies.study import MethodChoice, Study
+
+FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")
+TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
+NOISE = np.random.default_rng(0).normal(size=400)
+
+
+def page(rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure of the caller's, as ``plt.subplots`` makes it."""
+    figure = Figure(figsize=(5.5 * columns, 3.6 * rows), layout="constrained")
+    return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
+
+
+def inside(figure: Figure) -> bool:
+    """Whether every text lies on the page."""
+    figure.draw_without_rendering()
+    width, height = figure.bbox.width, figure.bbox.height
+    boxes = [axes.get_tightbbox() for axes in figure.axes]
+    return all(b.x0 > -1 and b.y0 > -1 and b.x1 < width + 1 and b.y1 < height + 1 for b in boxes if b)
+
+
+def drawn(axes: Axes) -> bool:
+    return bool(axes.lines or axes.patches or axes.collections or axes.texts)
+
+
+# -- the figures of one panel ------------------------------------------------------------------------
+
+
+def study(folder: Path) -> StudyResult:
+    """A finished study of three trials."""
+    choices = (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3)))
+    columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
+    for label in ("least_squares", "generalized_iv"):
+        columns[f"{label}.status"] = ["identified", "identified", "weak"]
+        for name, truth in TRUTH.items():
+            columns[f"{label}.{name}"] = [truth, 1.1 * truth, 0.9 * truth]
+            columns[f"{label}.{name}.low"] = [truth - 0.1, truth, truth + 0.1]
+            columns[f"{label}.{name}.high"] = [truth + 0.1, truth + 0.2, truth + 0.2]
+    experiment = VerticalExperiment(Scenario(0.3, 0.8))
+    return StudyResult(
+        Study("a study", experiment, choices, runs=3, intervals=True), folder, pl.DataFrame(columns)
+    )
+
+
+@cache
+def replicates() -> Bootstrap:
+    """A bootstrap of two parameters."""
+    rows = regression(
+        response=NOISE, regressors=np.column_stack([np.roll(NOISE, 1), np.roll(NOISE, 2)]), names=("a", "b")
+    )
+    return bootstrap(rows, least_squares(), runs=40)
+
+
+ONE_PANEL: dict[str, Callable[[Any, FlightEstimate, Path], Figure]] = {
+    "noise": lambda ax, _fit, _folder: noise_spectrum_figure(NOISE, rate_hz=5.0, title="noise", ax=ax),
+    "coverage": lambda ax, _fit, _folder: coverage_figure(
+        [CoverageRow("one", "a", 90, 100)], title="noise", ax=ax
+    ),
+    "study coverage": lambda ax, _fit, folder: study_coverage_figure([study(folder)], title="noise", ax=ax),
+    "ellipse": lambda ax, _fit, _folder: ellipse_figure(
+        {"Wald": Ellipse(np.zeros(2), np.eye(2))}, names=("a", "b"), title="noise", ax=ax
+    ),
+    "pair": lambda ax, fit, _folder: pair_figure(
+        estimated(fit), "viscous_friction", "input_gain", title="noise", ax=ax
+    ),
+}
+
+
+def estimated(fit: FlightEstimate) -> Any:
+    assert fit.estimate is not None
+    return fit.estimate
+
+
+@pytest.mark.parametrize("name", ONE_PANEL)
+def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+    figure, (left, right) = page(1, 2)
+    assert ONE_PANEL[name](right, fit, tmp_path) is figure
+    assert drawn(right)
+    assert not drawn(left)
+    assert right.get_title() == "noise"
+    assert right.get_legend() is not None
+    assert figure._suptitle is None  # type: ignore[attr-defined]
+    assert not figure.legends
+    assert inside(figure)
+
+
+@pytest.mark.parametrize("name", ONE_PANEL)
+def test_what_are_no_axes_is_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+    figure, both = page(1, 2)
+    gone = figure.add_subplot()
+    gone.remove()
+    with shape_checks.unchecked():
+        for wrong, remedy in (
+            (3, "plt.subplots"),
+            ("ax", "plt.subplots"),
+            (figure, "plt.subplots"),
+            (both, "one of them"),
+            (gone, "removed"),
+        ):
+            with pytest.raises(UsageError, match=remedy):
+                ONE_PANEL[name](wrong, fit, tmp_path)
+
+
+def test_a_panel_of_a_subfigure_is_drawn_too() -> None:
+    figure = Figure(layout="constrained")
+    ax = figure.subfigures(1, 2)[1].add_subplot()
+    assert noise_spectrum_figure(NOISE, rate_hz=5.0, ax=ax) is figure
+
+
+# -- the figures of several panels -------------------------------------------------------------------
+
+
+def signals() -> Signals:
+    return Signals(5.0, {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z")})
+
+
+SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], Figure]]] = {
+    "flight": (FLIGHT, lambda axes, fit, _folder: flight_figure(fit, axes)),
+    "plot": (FLIGHT, lambda axes, fit, _folder: fit.plot(axes=axes)),
+    "residual": (
+        ("time", "autocorrelation", "spectrum"),
+        lambda axes, _fit, _folder: residual_figure(NOISE, rate_hz=5.0, axes=axes),
+    ),
+    "signals": (("input", "velocity_z"), lambda axes, _fit, _folder: signals_figure(signals(), axes=axes)),
+    "intervals": (
+        ("a", "b"),
+        lambda axes, _fit, _folder: interval_figure(
+            {name: [ShownInterval("one", 1.0, ((0.0, 2.0),))] for name in "ab"}, axes=axes
+        ),
+    ),
+    "estimates": (
+        ("a", "b"),
+        lambda axes, _fit, _folder: estimates_figure({"by bootstrap": replicates()}, axes=axes),
+    ),
+    "nrmse": (
+        ("one: together", "two: together"),
+        lambda axes, _fit, _folder: nrmse_figure(
+            {name: {"together": np.abs(NOISE)} for name in ("one", "two")}, axes=axes
+        ),
+    ),
+    "study": (
+        tuple(
+            f"{label}: {name}"
+            for label in ("least_squares", "generalized_iv")
+            for name in (*TRUTH, "together")
+        ),
+        lambda axes, _fit, folder: study_figure(study(folder), axes=axes),
+    ),
+    "paper's signals": (
+        ("input", "position_z"),
+        lambda axes, _fit, _folder: signal_figure(named_readings(("height-central",))[0], axes=axes),
+    ),
+    "paper's histograms": (
+        ("extended IV: viscous_friction", "extended IV: input_gain", "extended IV: together"),
+        lambda axes, _fit, _folder: histogram_figure(
+            run_example(named_readings(("height-central",))[0], EXAMPLES[0], 4), "IV", axes=axes
+        ),
+    ),
+}
+
+
+@pytest.fixture
+def _as_a_user() -> Iterator[None]:
+    with shape_checks.unchecked():
+        yield
+
+
+@pytest.mark.parametrize("name", SEVERAL)
+def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+    names, draw = SEVERAL[name]
+    figure, axes = page(len(names))
+    assert draw(np.array(axes), fit, tmp_path) is figure
+    assert all(drawn(one) for one in axes)
+    # every panel stands by itself: it says what both of its axes are
+    assert all(one.get_ylabel() or one.get_yticklabels() for one in axes)
+    assert all(one.get_xlabel() and one.xaxis.label.get_visible() for one in axes)
+    assert inside(figure)
+    beside, (left, right) = page(1, 2)
+    assert draw({names[-1]: right}, fit, tmp_path) is beside
+    assert drawn(right)
+    assert not drawn(left)
+    assert right.get_xlabel() == axes[-1].get_xlabel()
+    assert beside._suptitle is None  # type: ignore[attr-defined]
+    assert len(beside.axes) == 2
+    assert inside(beside)
+
+
+@pytest.mark.usefixtures("_as_a_user")
+@pytest.mark.parametrize("name", SEVERAL)
+def test_axes_that_do_not_fit_are_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
+    names, draw = SEVERAL[name]
+    figure, (one,) = page(1)
+    _, (other,) = page(1)
+    for wrong, expected in (
+        (3, "as many as there are panels"),
+        ("fit", "as many as there are panels"),
+        (figure, "as many as there are panels"),
+        ([], f"{len(names)} Axes"),
+        ([one] * (len(names) + 1), f"received {len(names) + 1}"),
+        (one, "received 1"),
+        ([one] * (len(names) - 1) + [3], "Matplotlib Axes"),
+        ({}, "Axes to draw into"),
+        ({names[0]: 3}, "Matplotlib Axes"),
+        ({f"{names[0]}s": one}, "Did you mean"),
+        ({3: one}, "Name some of"),
+        ({names[0]: one, names[1]: other}, "of one figure"),
+    ):
+        with pytest.raises(UsageError, match=expected):
+            draw(wrong, fit, tmp_path)
+    assert not drawn(one)
+
+
+def test_the_title_stands_above_the_first_panel_that_is_given() -> None:
+    _, axes = page(3)
+    residual_figure(NOISE, rate_hz=5.0, title="$a_b", axes=axes)
+    assert [one.get_title() for one in axes] == ["$a_b", "", ""]
+
+
+# -- flights -----------------------------------------------------------------------------------------
+
+
+def test_without_an_estimate_the_flight_is_drawn_by_its_names(still: FlightEstimate) -> None:
+    figure, axes = page(2)
+    flight_figure(still, {"climb rate": axes[0], "reasons": axes[1]})
+    assert axes[0].get_ylabel() == "climb rate\n[m/s]"
+    assert "The input is constant" in " ".join(axes[1].texts[0].get_text().split())
+    assert inside(figure)
+    with pytest.raises(UsageError, match="height, climb rate, input, reasons"):
+        flight_figure(still, {"zzz": axes[0]})
+    with pytest.raises(EstimationError):
+        still.plot(axes=axes)
+
+
+@dataclass(frozen=True)
+class Curved(Vertical):
+    """A motion whose input acts through a curve that is searched for, beside the lag."""
+
+    wording: ClassVar[Mapping[str, Wording]] = {
+        **Vertical.wording,
+        "curve_share": Wording("curve's share", "s", ""),
+    }
+
+
+@pytest.fixture
+def curved(fit: FlightEstimate) -> FlightEstimate:
+    """A result with a second continuous nuisance, whose objective is least at 0.4."""
+    assert fit.fit is not None
+    grid = np.linspace(0.0, 1.0, 11)
+    nuisance = Nuisance(Parameter("curve_share"), grid)
+
+    def with_share(candidate: Candidate) -> Candidate:
+        least = candidate.solution.objective
+        share = NuisanceProfile(nuisance, grid, least * (1.0 + (grid - 0.4) ** 2))
+        return replace(
+            candidate, at={**candidate.at, "curve_share": 0.4}, profiles=(*candidate.profiles, share)
+        )
+
+    estimate = replace(
+        fit.fit.estimate, candidates=tuple(with_share(one) for one in fit.fit.estimate.candidates)
+    )
+    share = replace(fit.quantities["actuator_lag"], value=0.4, interval=(0.3, 0.5))
+    return replace(
+        fit,
+        motion=Curved(),
+        fit=replace(fit.fit, estimate=estimate),
+        quantities={**fit.quantities, "curve_share": share},
+    )
+
+
+@pytest.mark.usefixtures("_as_a_user")
+def test_each_continuous_nuisance_has_a_panel(curved: FlightEstimate) -> None:
+    figure = flight_figure(curved)
+    assert [axes.get_title() for axes in figure.axes[3:5]] == [
+        "How well each actuator lag fits",
+        "How well each curve's share fits",
+    ]
+    share = figure.axes[4]
+    assert (share.get_xlabel(), share.get_xscale()) == ("curve's share s [-]", "linear")
+    curve = np.asarray(share.lines[0].get_xydata())
+    assert curve[np.argmin(curve[:, 1]), 0] == 0.4
+    assert share.patches[0].get_extents().width > 0
+    assert inside(figure)
+    alone, (ax,) = page(1)
+    flight_figure(curved, {"profile of curve_share": ax})
+    assert inside(alone)
