@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import coarse_search as searches
 import shape_checks
 
 if "eivor" in sys.modules:
@@ -55,6 +56,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Run calibrations, and what is made for them, without the checks of shapes."""
+    shape_checks.begin_test()
     with shape_checks.unchecked() if item.get_closest_marker("calibration") else nullcontext():
         return (yield)
 
@@ -73,4 +75,11 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 def unchecked_shapes() -> Iterator[None]:
     """Calls go through to the library's own checks, as they do outside this test run."""
     with shape_checks.unchecked():
+        yield
+
+
+@pytest.fixture
+def coarse_search() -> Iterator[None]:
+    """Flights are searched for few lags and delays: a fifth of the time, where numbers are not the point."""
+    with searches.coarse():
         yield

@@ -1,10 +1,13 @@
-"""The checks of every annotation at each call, quick enough for a whole test run.
+"""The checks of every annotation, quick enough for a whole test run.
 
 jaxtyping's import hook decorates each function with `jaxtyping.jaxtyped`, which binds the arguments by name
 and checks them twice, also where no annotation is an array: three quarters of the time of `identify_flight`.
 `jaxtyped` of this module checks the same annotations once. Where one of them is an array, it does so in a
 context of jaxtyping, in which the same letter is the same length; elsewhere beartype suffices. Annotations
 are read at the first call, as one test file calls few functions of the package.
+
+A search calls the same functions with the same shapes a thousand times, which would take most of the time of
+a flight. In each test the first calls of a function are checked one by one, and later ones now and then.
 """
 
 from __future__ import annotations
@@ -26,6 +29,19 @@ from jaxtyping import AbstractArray, config
 #: The decorator that this module's takes the place of.
 THEIRS = jaxtyping.jaxtyped
 _CONTEXT = THEIRS("context")
+#: In each test, the first so many calls of a function are checked, and of those that follow one in so many.
+FIRST, ONE_IN = 20, 50
+
+
+class _Test:
+    """Which test runs: calls are counted anew in each."""
+
+    number = 0
+
+
+def begin_test() -> None:
+    """Count the calls of every function from none."""
+    _Test.number += 1
 
 
 def wanted() -> bool:
@@ -63,11 +79,17 @@ def jaxtyped(what: Any = None, *, typechecker: Callable[[Any], Any]) -> Any:
 
 def _checked(function: FunctionType, typechecker: Callable[[Any], Any]) -> Callable[..., Any]:
     checking: Callable[..., Any] | None = None
+    test = calls = 0
 
     @wraps(function)
     def checked(*args: Any, **kwargs: Any) -> Any:
-        nonlocal checking
+        nonlocal checking, test, calls
         if config.jaxtyping_disable:
+            return function(*args, **kwargs)
+        if test != _Test.number:
+            test, calls = _Test.number, 0
+        calls += 1
+        if calls > FIRST and calls % ONE_IN:
             return function(*args, **kwargs)
         if checking is None:
             checking = _checking(function, typechecker)

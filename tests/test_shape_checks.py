@@ -112,6 +112,25 @@ def test_what_does_not_fit_is_refused(what, arguments, named, decorator):
             assert checked(*arguments, **named).size == 4
 
 
+def test_the_first_calls_are_checked_and_some_of_those_that_follow():
+    """In each test: what it finds does not depend on the tests before it."""
+    checked = decorated(wrong_result, shape_checks.jaxtyped)
+
+    def refused(times: int) -> list[int]:
+        found = []
+        for call in range(1, times + 1):
+            try:
+                checked(A)
+            except Exception:  # noqa: BLE001 - beartype's or jaxtyping's
+                found.append(call)
+        return found
+
+    assert refused(120) == [*range(1, 21), 50, 100]
+    assert refused(40) == [150 - 120]
+    shape_checks.begin_test()
+    assert refused(2) == [1, 2]
+
+
 def test_calls_inside_have_letters_of_their_own():
     inner = decorated(product, shape_checks.jaxtyped)
 

@@ -11,13 +11,15 @@ from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, 
 from scipy import stats
 
 import shape_checks
+from coarse_search import coarse
 from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 
-# Checking shapes at each call takes most of the time: `fit`, made before this takes hold, is checked.
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+# Checking shapes and searching all lags takes most of the time: `fit`, made before this takes hold, is a full
+# search that is checked.
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +30,13 @@ def log():
 @pytest.fixture(scope="module")
 def fit(log):
     return identify_flight(log)
+
+
+@pytest.fixture(scope="module")
+def coarse_fit(log):
+    """What `fit` is where the search is coarse, as in the tests."""
+    with shape_checks.unchecked(), coarse():
+        return identify_flight(log)
 
 
 def test_a_result_goes_to_another_process_and_back(fit):
@@ -119,18 +128,23 @@ def test_friction_of_the_wrong_sign_is_refused(log):
     assert "which no vehicle has" in result.verdict.sentences[0]
 
 
-def test_friction_not_told_from_zero_is_refused():
-    gusty = flown(seconds=8.0, gust=12.0, seed=14)[0]
-    result = identify_flight(gusty)
+@pytest.fixture(scope="module")
+def gusty():
+    """Result of a flight that hardly tells anything, of a full search."""
+    with shape_checks.unchecked():
+        return identify_flight(flown(seconds=8.0, gust=12.0, seed=14)[0])
+
+
+def test_friction_not_told_from_zero_is_refused(gusty):
+    result = gusty
     assert result.verdict.status is Status.REFUSED
     assert "cannot be told from zero" in result.verdict.sentences[0]
     low, _ = result.quantities["viscous_friction"].interval
     assert low <= 0.0
 
 
-def test_lags_and_time_constants_are_not_shown_below_zero():
-    gusty = flown(seconds=8.0, gust=12.0, seed=14)[0]
-    result = identify_flight(gusty)
+def test_lags_and_time_constants_are_not_shown_below_zero(gusty):
+    result = gusty
     low, high = result.estimate.interval("actuator_lag")
     assert low < 0.0 < high
     assert result.quantities["actuator_lag"].interval == result.interval("actuator_lag") == (0.0, high)
@@ -207,7 +221,7 @@ def test_hover_parameter_that_disagrees_is_pointed_out(log):
 # -- options ----------------------------------------------------------------------------------------------
 
 
-def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, fit):
+def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit):
     result = identify_flight(log, FlightOptions(compare=True))
     assert [row.label for row in result.comparisons] == [
         "reference_iv",
@@ -215,7 +229,7 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, fit):
         "total_least_squares",
         "extended_iv",
     ]
-    assert result.quantities["viscous_friction"] == fit.quantities["viscous_friction"]
+    assert result.quantities["viscous_friction"] == coarse_fit.quantities["viscous_friction"]
     for row in result.comparisons[:2]:
         alone = identify_flight(log, FlightOptions(method=row.label))
         assert row.verdict is alone.verdict.status
@@ -246,7 +260,7 @@ def test_unknown_words_are_refused(log, options):
         identify_flight(log, FlightOptions(**options))
 
 
-def test_four_rotors_alike_are_one(log, fit):
+def test_four_rotors_alike_are_one(log, coarse_fit):
     command = log.channels["rotor_command_1"].values
     four = changed(
         log,
@@ -260,16 +274,16 @@ def test_four_rotors_alike_are_one(log, fit):
     )
     result = identify_flight(four)
     for name in ("viscous_friction", "input_gain", "effective_lag", "hover_input"):
-        assert result.quantities[name].value == pytest.approx(fit.quantities[name].value, rel=1e-6)
+        assert result.quantities[name].value == pytest.approx(coarse_fit.quantities[name].value, rel=1e-6)
 
 
-def test_start_of_the_clock_does_not_matter(log, fit):
+def test_start_of_the_clock_does_not_matter(log, coarse_fit):
     later = replace(
         log, channels={k: replace(c, time_s=c.time_s + 12_345.0) for k, c in log.channels.items()}
     )
     result = identify_flight(later)
     assert result.window_s == pytest.approx((12_345.0, 12_374.99))
-    for name, quantity in fit.quantities.items():
+    for name, quantity in coarse_fit.quantities.items():
         assert result.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-9)
 
 
@@ -284,14 +298,14 @@ def fleet():
 @pytest.fixture(scope="module")
 def alone(fleet):
     """Result of each of the first four flights."""
-    with shape_checks.unchecked():
+    with shape_checks.unchecked(), coarse():
         return [identify_flight(flight) for flight in fleet[:4]]
 
 
 @pytest.fixture(scope="module")
 def three(fleet):
     """Result of the pool of the first three."""
-    with shape_checks.unchecked():
+    with shape_checks.unchecked(), coarse():
         return identify_flight(fleet[:3])
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import importlib.util
+import itertools
 import json
 import sys
+from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 
@@ -19,6 +21,7 @@ from eivor.signals.recording import Recording
 from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
 from eivor.simulation.flights.trajectories import TrajectoryKind
 from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
+from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle
 
@@ -27,17 +30,17 @@ pytest.importorskip("rotorpy")
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "src" / "eivor" / "data"
 
-# One flight serves several tests: each costs about a second.
+# One flight serves several tests: a second of it costs a quarter of a second.
 fly = functools.lru_cache(maxsize=None)(simulate_rotorpy_flight)
 
 
 def calm(vehicle: Vehicle = Vehicle.CRAZYFLIE, **changes: object) -> RotorpyFlightSpec:
-    """Eight noise-free seconds in still air."""
-    fields = {"noise": SensorNoise.none(), "duration": 8.0, "seed": 11} | changes
-    return RotorpyFlightSpec(vehicle, **fields)
+    """Four noise-free seconds in still air."""
+    chosen = {"noise": SensorNoise.none(), "duration": 4.0, "seed": 11} | changes
+    return RotorpyFlightSpec(vehicle, **chosen)
 
 
-NOISY = RotorpyFlightSpec(gust_rms=0.3, duration=3.0, seed=12)
+NOISY = RotorpyFlightSpec(gust_rms=0.3, duration=2.0, seed=12)
 
 
 def values(recording: Recording, name: str) -> np.ndarray:
@@ -95,7 +98,7 @@ def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
     ],
 )
 def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
-    flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=4.0, seed=13))
+    flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=2.0, seed=13))
     assert flight.flew
     truth, told = flight.truth, commands(flight)
     late = round(delay / STEP_S)
@@ -122,7 +125,7 @@ def test_accelerometer_is_that_of_rotorpy():
 
 
 def test_log_without_noise_agrees_with_the_truth():
-    flight = fly(calm(gust_rms=1.0, duration=4.0))
+    flight = fly(calm(gust_rms=1.0))
     recording, truth = flight.recording, flight.truth
     attitude = Rotation.from_quat(np.column_stack([values(recording, f"attitude_{axis}") for axis in "xyzw"]))
     force = np.column_stack([values(recording, f"specific_force_body_{axis}") for axis in "xyz"])
@@ -139,8 +142,8 @@ def test_log_without_noise_agrees_with_the_truth():
 
 
 def test_controller_sees_the_noise():
-    quiet = fly(calm(trajectory=TrajectoryKind.HOVER, duration=3.0))
-    loud = fly(calm(trajectory=TrajectoryKind.HOVER, noise=SensorNoise(), duration=3.0))
+    quiet = fly(calm(trajectory=TrajectoryKind.HOVER, duration=2.0))
+    loud = fly(calm(trajectory=TrajectoryKind.HOVER, noise=SensorNoise(), duration=2.0))
     assert np.ptp(commands(quiet)) < 1e-6
     assert np.std(commands(loud)) > 1.0
     # The command answers the very velocity that was logged: SE3 gain 9 on velocity, 15 on position.
@@ -154,9 +157,22 @@ def test_controller_sees_the_noise():
 # -------------------------------------------------------------------------------------- references
 
 
+@pytest.fixture
+def parked(monkeypatch):
+    """No vehicle flies: the reference of a log is drawn before it."""
+
+    def stays(spec, parts):
+        still = {field.name: np.zeros((spec.count, 3)) for field in fields(rotorpy_flight._Log)}
+        upright = np.tile([0.0, 0.0, 0.0, 1.0], (spec.count, 1))
+        return rotorpy_flight._Log(**still | {"attitude": upright, "seen_attitude": upright}), True
+
+    monkeypatch.setattr(rotorpy_flight, "_fly", stays)
+
+
+@pytest.mark.usefixtures("parked")
 @pytest.mark.parametrize("kind", list(TrajectoryKind))
 def test_reference_is_smooth_and_within_its_limits(kind):
-    recording = fly(RotorpyFlightSpec(trajectory=kind, duration=6.0, seed=14)).recording
+    recording = simulate_rotorpy_flight(RotorpyFlightSpec(trajectory=kind, duration=6.0, seed=14)).recording
     position, velocity, acceleration = (
         values(recording, f"reference_{name}_z") for name in ("position", "velocity", "acceleration")
     )
@@ -170,11 +186,10 @@ def test_reference_is_smooth_and_within_its_limits(kind):
     np.testing.assert_allclose(np.gradient(velocity, STEP_S)[1:-1], acceleration[1:-1], atol=0.2)
 
 
+@pytest.mark.usefixtures("parked")
 def test_climbs_are_one_climb_and_one_descent():
-    velocity = values(
-        fly(RotorpyFlightSpec(trajectory=TrajectoryKind.CLIMBS, duration=6.0, seed=14)).recording,
-        "reference_velocity_z",
-    )
+    spec = RotorpyFlightSpec(trajectory=TrajectoryKind.CLIMBS, duration=6.0, seed=14)
+    velocity = values(simulate_rotorpy_flight(spec).recording, "reference_velocity_z")
     moving = np.sign(np.where(np.abs(velocity) > 1e-3, velocity, 0.0))
     runs = moving[np.flatnonzero(np.diff(moving, prepend=0.0))]
     assert [run for run in runs if run] == [1.0, -1.0]
@@ -193,7 +208,7 @@ def test_same_specification_gives_the_same_bytes():
 
 def test_kind_of_noise_leaves_the_trajectory_alone():
     other = RotorpyFlightSpec(
-        gust_rms=0.3, duration=3.0, seed=12, noise=SensorNoise(kind=NoiseKind.HEAVY_TAILED)
+        gust_rms=0.3, duration=2.0, seed=12, noise=SensorNoise(kind=NoiseKind.HEAVY_TAILED)
     )
     name = "reference_position_z"
     np.testing.assert_array_equal(values(fly(NOISY).recording, name), values(fly(other).recording, name))
@@ -203,8 +218,9 @@ def test_kind_of_noise_leaves_the_trajectory_alone():
 @pytest.mark.parametrize("kind", list(NoiseKind))
 def test_noise_has_its_level_and_memory(kind):
     # In still air the air velocity is the velocity, so the logged noise can be taken out again.
+    seconds = 8.0 if kind is NoiseKind.FRACTIONAL else 4.0  # a long memory takes longer to show its level
     spec = RotorpyFlightSpec(
-        trajectory=TrajectoryKind.HOVER, noise=SensorNoise(kind=kind), duration=8.0, seed=15
+        trajectory=TrajectoryKind.HOVER, noise=SensorNoise(kind=kind), duration=seconds, seed=15
     )
     flight = fly(spec)
     noise = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
@@ -218,7 +234,7 @@ def test_noise_has_its_level_and_memory(kind):
 
 
 def test_wind_has_its_strength_and_correlation():
-    flight = fly(RotorpyFlightSpec(Vehicle.CRAZYFLIE, gust_rms=0.5, gust_correlation=0.1, duration=12.0))
+    flight = fly(RotorpyFlightSpec(Vehicle.CRAZYFLIE, gust_rms=0.5, gust_correlation=0.1, duration=8.0))
     wind = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
     assert np.std(wind) == pytest.approx(0.5, rel=0.2)  # sensor noise of .03 m/s does not matter
     lag = np.corrcoef(wind[10:], wind[:-10])[0, 1]
@@ -238,14 +254,14 @@ def test_lost_vehicle_is_reported_and_its_log_kept():
 
 
 def test_hover_without_noise_has_no_effective_parameters():
-    truth = fly(calm(trajectory=TrajectoryKind.HOVER, duration=3.0)).truth
+    truth = fly(calm(trajectory=TrajectoryKind.HOVER, duration=2.0)).truth
     with pytest.raises(CollinearError, match="a velocity and an input that vary"):
         effective_parameters(truth, everywhere(truth), np.square)
 
 
 def test_mask_must_fit():
     truth = fly(calm()).truth
-    with pytest.raises(ShapeError, match="a mask of 800 rows"):
+    with pytest.raises(ShapeError, match="a mask of 400 rows"):
         effective_parameters(truth, everywhere(truth)[1:], np.square)
     with pytest.raises(TooFewSamplesError, match="at least four rows"):
         effective_parameters(truth, ~everywhere(truth), np.square)
@@ -301,11 +317,16 @@ def test_example_file_is_small_and_complete():
     assert {f"rotor_command_{i}" for i in (1, 2, 3, 4)} < set(frame.columns)
 
 
-def test_example_is_what_its_script_makes():
+@pytest.mark.parametrize("stamps", [600, pytest.param(6000, marks=pytest.mark.calibration)])
+def test_example_is_what_its_script_makes(stamps, monkeypatch):
+    """Each stamp follows from the one before it: the first tenth serves, and a calibration has them all."""
+    flown = itertools.count(1)
+    monkeypatch.setattr(rotorpy_flight, "is_lost", lambda *_: next(flown) == stamps)
     script = example_script()
-    flight = fly(script.SPEC)
-    stored, made = pl.read_parquet(DATA / "example_flight.parquet"), script.table(flight)
+    flight = simulate_rotorpy_flight(script.SPEC)
+    stored, made = pl.read_parquet(DATA / "example_flight.parquet").head(stamps), script.table(flight)
     assert stored.schema == made.schema
+    assert stored.height == made.height
     for name in stored.columns:
         step = next((step for start, step in script.RESOLUTION.items() if name.startswith(start)), 1e-9)
         # Rounding may fall to the other side on another machine, hence one step of the resolution.

@@ -1,0 +1,26 @@
+"""A search of few lags and delays, for tests of what is done with a result.
+
+The full search takes most of the time of a flight. It finds the same minimum if the delay is one of the few.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+#: Lags [s] between the ends of the full grid, and delays [s]: an eighth of its points.
+LAGS_S, DELAYS_S = np.geomspace(0.002, 0.3, 12), (0.0, 0.020)
+
+
+@contextmanager
+def coarse() -> Iterator[None]:
+    """Flights are searched on the coarse grids."""
+    from eivor.models.lagged_runs import lag_and_delay
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inspect.unwrap(lag_and_delay), "__defaults__", (LAGS_S, DELAYS_S))
+        yield
