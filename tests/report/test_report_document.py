@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf
-from eivor.report.flight_document import flight_document
+from eivor.report.flight_document import document_of, flight_document
 from eivor.report.inspection import pooled_inspection
 from eivor.report.inspection_document import inspection_document, pooled_documents
-from eivor.report.json_document import json_document
-from eivor.signals.recording import Recording
+from eivor.report.json_document import json_document, json_of, json_text
+from eivor.report.json_inspection import inspection_json
+from eivor.report.told import told_flight
+from eivor.signals.recording import Finding, Recording
 
 
 def markdown(document: Document) -> Iterator[str]:
@@ -67,6 +71,51 @@ def test_another_medium_tells_inspections(recording: Recording) -> None:
     assert [section.heading for section in together.sections] == [
         "What identify says of the 1 logs together (found by running it)"
     ]
+
+
+def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
+    """Whatever the one source says is in the document and in JSON; neither asks the result for it."""
+    told = told_flight(pool)
+    friction = replace(told.quantities[0], quantity=replace(told.quantities[0].quantity, value=4321.0))
+    row = replace(told.flights[0], label="another log", reasons=("A reason of it.",), quantities=(friction,))
+    told = replace(
+        told,
+        verdict=Verdict(Status.WEAK, (Reason(Status.WEAK, "A reason.", "A remedy."),)),
+        equation=("an equation", "its symbols"),
+        method="a method",
+        instruments="an instrument",
+        quantities=(friction, *told.quantities[1:]),
+        findings=(Finding("name", "A finding."),),
+        flights=(row,),
+        comparisons=(replace(row, label="another method"),),
+    )
+    shown = "\n".join(markdown(document_of(told)))
+    written = json_text(json_of(told, pool))
+    for words in (
+        "weak",
+        "A reason.",
+        "A remedy.",
+        "an equation",
+        "a method",
+        "an instrument",
+        "4321",
+        "A finding.",
+        "another log",
+        "A reason of it.",
+        "another method",
+    ):
+        assert words in shown, words
+        assert words in written, words
+
+
+def test_json_and_document_of_an_inspection_take_one_flight(recording: Recording) -> None:
+    (found,) = pooled_inspection([recording], FlightOptions(), [None], Vertical()).logs
+    flown = found.flown
+    assert flown is not None
+    written: dict[str, Any] = inspection_json(found)
+    assert written["airborne"]["segments"] == [list(stretch) for stretch in flown.active]
+    (start, end) = flown.active[0]
+    assert any(f"{start:.1f} to {end:.1f} s" in line for line in markdown(inspection_document(found)))
 
 
 @pytest.mark.parametrize("name", ["fit", "pool", "still"])

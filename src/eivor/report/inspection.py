@@ -13,10 +13,14 @@ from eivor.errors import EivorError
 from eivor.flights.grid import Grid
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
+from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.report.card import logging_advice_for, missing_channels
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Channel, Finding, Recording
+
+#: Stretches of time, first and last second of each.
+Stretches = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,29 @@ class ChannelSummary:
     lowest: float
     highest: float
     gaps: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Flown:
+    """When a vehicle moved as the motion says, and what told it.
+
+    Parameters
+    ----------
+    rule : str
+        How it is known.
+    active, used : tuple of (start, end)
+        Stretches in which the motion holds, and of those that count [s].
+    used_s : float
+        Time that counts [s].
+    references : tuple of Reference
+        Channels that may be instruments.
+    """
+
+    rule: str
+    active: Stretches
+    used: Stretches
+    used_s: float
+    references: tuple[Reference, ...]
 
 
 @dataclass(frozen=True)
@@ -78,6 +105,25 @@ class Inspection:
     def reasons(self) -> tuple[str, ...]:
         """Reasons of that verdict."""
         return _reasons(self.result, self.obstacle)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed in the log, and in the flight where there is one."""
+        return self.recording.findings if self.result is None else self.result.findings
+
+    @property
+    def flown(self) -> Flown | None:
+        """When the vehicle moved; None when `identify` cannot begin."""
+        if self.result is None:
+            return None
+        flight = self.result.prepared[0]
+        return Flown(
+            flight.active.rule,
+            _stretches(flight.active.mask, flight.grid),
+            _stretches(flight.used, flight.grid),
+            float(flight.used.sum()) * flight.signals.step_s,
+            flight.references,
+        )
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -195,10 +241,10 @@ def _summary(channel: Channel) -> ChannelSummary:
     return ChannelSummary(channel, low, high, gaps)
 
 
-def stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> list[tuple[float, float]]:
+def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
     """First and last second of each stretch of true samples [s]."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     time = grid.time_s
-    return [
+    return tuple(
         (float(time[first]), float(time[end - 1])) for first, end in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    )

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 
 from eivor.flights.motion import Words
-from eivor.flights.prepared import PreparedFlight
 from eivor.inference.verdict import Status
+from eivor.report.card import flight_card
 from eivor.report.document import Bullets, Cell, Column, Document, Section, Statement, TableOf, Tone
 from eivor.report.flight_document import card_section, section
-from eivor.report.inspection import ChannelSummary, Inspection, PooledInspection, stretches
+from eivor.report.inspection import ChannelSummary, Flown, Inspection, PooledInspection
 from eivor.report.wording import NO_NUMBER
 from eivor.signals.recording import Recording
 
@@ -20,14 +20,14 @@ LISTED = 6
 
 def inspection_document(found: Inspection) -> Document:
     """Document of one log, with the flight card unless it is identified."""
-    card = () if found.result is None else card_section(found.result)
+    card = () if found.result is None else card_section(flight_card(found.result))
     return _document(found, (*_sections(found), *card))
 
 
 def pooled_documents(found: PooledInspection) -> tuple[Document, ...]:
     """A document of each log, and one of all together, which has the flight card."""
     verdict = _verdict(found, of=f" of the {len(found.logs)} logs together")
-    card = () if found.result is None else card_section(found.result)
+    card = () if found.result is None else card_section(flight_card(found.result))
     together = Document("", None, "", (verdict, *card))
     return (*(_document(log, tuple(_sections(log))) for log in found.logs), together)
 
@@ -44,15 +44,14 @@ def _about(log: Recording) -> str:
 
 def _sections(found: Inspection) -> Iterator[Section]:
     yield Section("Channels", (_channel_table(found),))
-    if found.result is not None:
-        words, flight = found.motion.words, found.result.prepared[0]
-        yield from section(_sentence(words.where), Bullets, _airborne(flight, words))
-        yield from section("References", Bullets, _references(flight, words))
+    if found.flown is not None:
+        words = found.motion.words
+        yield from section(_sentence(words.where), Bullets, _airborne(found.flown, words))
+        yield from section("References", Bullets, _references(found.flown, words))
     yield from _absent(found)
     parameters = (f"{name} = {value:g}" for name, value in found.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
-    findings = found.recording.findings if found.result is None else found.result.findings
-    yield from section("Noticed in the log", Bullets, (finding.message for finding in findings))
+    yield from section("Noticed in the log", Bullets, (finding.message for finding in found.findings))
     yield _verdict(found)
 
 
@@ -98,14 +97,12 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
             yield f"{number} {what}"
 
 
-def _airborne(flight: PreparedFlight, words: Words) -> Iterator[str]:
-    signals = flight.signals
-    flown = stretches(flight.active.mask, flight.grid)
-    yield f"Known by {flight.active.rule}."
-    yield f"{_sentence(words.where)}: {_listed(flown)}." if flown else f"Never {words.where}."
-    if flown:
-        runs = stretches(flight.used, flight.grid)
-        kept = f"{float(flight.used.sum()) * signals.step_s:.1f} s in {_listed(runs)}" if runs else "nothing"
+def _airborne(flown: Flown, words: Words) -> Iterator[str]:
+    yield f"Known by {flown.rule}."
+    where = _sentence(words.where)
+    yield f"{where}: {_listed(flown.active)}." if flown.active else f"Never {words.where}."
+    if flown.active:
+        kept = f"{flown.used_s:.1f} s in {_listed(flown.used)}" if flown.used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
 
 
@@ -114,15 +111,15 @@ def _sentence(words: str) -> str:
     return words[:1].upper() + words[1:]
 
 
-def _listed(intervals: list[tuple[float, float]]) -> str:
+def _listed(intervals: tuple[tuple[float, float], ...]) -> str:
     shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
     return shown + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
 
 
-def _references(flight: PreparedFlight, words: Words) -> Iterator[str]:
-    if not flight.references:
+def _references(flown: Flown, words: Words) -> Iterator[str]:
+    if not flown.references:
         yield words.no_reference
-    for reference in flight.references:
+    for reference in flown.references:
         verdict = "usable" if reference.usable else "not usable"
         yield f"{reference.name}: {verdict} ({reference.remark})."
 

@@ -10,15 +10,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
-from typing import Any
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Kind, Quantity, Wording
-from eivor.flights.recipe import not_estimated
-from eivor.flights.result import Fit, FlightEstimate, FlightRow
+from eivor.flights.quantity import Kind, Quantity
+from eivor.flights.result import Fit, FlightEstimate
+from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
 from eivor.signals.recording import Finding
 
 SCHEMA = "eivor.identify/1"
@@ -40,33 +38,38 @@ def json_document(result: FlightEstimate) -> dict[str, Json]:
     dict
         Ready for `json_text`.
     """
+    return json_of(told_flight(result), result)
+
+
+def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
+    """Document of what is told of a result, and of what besides only programs read."""
     rates = {flight.signals.rate_hz for flight in result.prepared}
-    first, wording = result.prepared[0], result.motion.wording
+    first = result.prepared[0]
     return {
         "schema": SCHEMA,
         "logs": [_log(flight) for flight in result.prepared],
         "model": {
             "name": result.motion.model_name,
-            "equation": "; ".join(result.motion.equation),
+            "equation": "; ".join(told.equation),
             "input": first.input.name,
             "input_map": first.input_map,
             "input_measured": first.input.measured,
         },
-        "method": result.method,
-        "instruments": result.instruments,
+        "method": told.method,
+        "instruments": told.instruments,
         "window": _pair(result.window_s),
         "samples": sum(int(flight.used.sum()) for flight in result.prepared),
         "rate_hz": number(rates.pop()) if len(rates) == 1 else None,
-        "verdict": result.verdict.status.value,
-        "reasons": list(result.verdict.sentences),
-        "parameters": _quantities(result.quantities, wording, Kind.PARAMETER),
-        "derived": _quantities(result.quantities, wording, Kind.DERIVED),
+        "verdict": told.verdict.status.value,
+        "reasons": list(told.verdict.sentences),
+        "parameters": _quantities(told.quantities, Kind.PARAMETER),
+        "derived": _quantities(told.quantities, Kind.DERIVED),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
-        "diagnostics": {name: number(value) for name, value in result.diagnostics.items()},
-        "findings": findings_list(result.findings),
-        "flights": [_row("log", row, result.motion) for row in result.flights],
-        "comparisons": [_row("method", row, result.motion) for row in result.comparisons],
+        "diagnostics": {name: number(value) for name, value in told.diagnostics.items()},
+        "findings": findings_list(told.findings),
+        "flights": [_row("log", row) for row in told.flights],
+        "comparisons": [_row("method", row) for row in told.comparisons],
         "provenance": {
             "version": version("eivor"),
             "logs": [
@@ -161,15 +164,12 @@ def _log(flight: PreparedFlight) -> Json:
     }
 
 
-def _quantities(
-    quantities: Mapping[str, Quantity], wording: Mapping[str, Wording], kind: Kind
-) -> dict[str, Json]:
+def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, Json]:
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
-        name: _quantity(quantities[name])
-        | ({"by_segment": [number(value) for value in quantities[name].by_run]} if words.by_run else {})
-        for name, words in wording.items()
-        if words.kind is kind
+        told.name: _quantity(told.quantity)
+        | ({"by_segment": [number(value) for value in told.quantity.by_run]} if told.wording.by_run else {})
+        for told in of_kind(quantities, kind)
     }
 
 
@@ -183,15 +183,13 @@ def _quantity(quantity: Quantity) -> dict[str, Json]:
     }
 
 
-def _row(key: str, row: FlightRow, motion: Motion[Any]) -> Json:
-    quantities = not_estimated(motion, {}) | dict(row.quantities)
-    wording = {name: motion.wording[name] for name in motion.rows}
+def _row(key: str, row: ToldRow) -> Json:
     return {
         key: row.label,
-        "verdict": row.verdict.value,
+        "verdict": row.status.value,
         "reasons": list(row.reasons),
-        "parameters": _quantities(quantities, wording, Kind.PARAMETER),
-        "derived": _quantities(quantities, wording, Kind.DERIVED),
+        "parameters": _quantities(row.quantities, Kind.PARAMETER),
+        "derived": _quantities(row.quantities, Kind.DERIVED),
     }
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from eivor.flights.prepared import PreparedFlight
-from eivor.report.inspection import ChannelSummary, Inspection, PooledInspection, stretches
+from eivor.report.inspection import ChannelSummary, Flown, Inspection, PooledInspection
 from eivor.report.json_document import Json, findings_list, number
 
 SCHEMA = "eivor.inspect/1"
@@ -15,7 +14,6 @@ POOLED_SCHEMA = "eivor.inspect_pool/1"
 def inspection_json(found: Inspection) -> dict[str, Json]:
     """Document of an inspection, ready for `json_text`."""
     log = found.recording
-    flight = None if found.result is None else found.result.prepared[0]
     return {
         "schema": SCHEMA,
         "log": {
@@ -29,10 +27,10 @@ def inspection_json(found: Inspection) -> dict[str, Json]:
         "missing": list(found.missing),
         "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
         "advice": list(found.advice),
-        "airborne": None if flight is None else _airborne(flight),
-        "references": [] if flight is None else _references(flight),
+        "airborne": None if found.flown is None else _airborne(found.flown),
+        "references": [] if found.flown is None else _references(found.flown),
         "parameters": {name: number(value) for name, value in found.parameters.items()},
-        "findings": findings_list(found.result.findings if found.result is not None else log.findings),
+        "findings": findings_list(found.findings),
         "verdict": found.verdict,
         "reasons": list(found.reasons),
         "provenance": {"version": version("eivor")},
@@ -70,18 +68,16 @@ def _channel(summary: ChannelSummary) -> Json:
     }
 
 
-def _airborne(flight: PreparedFlight) -> Json:
-    flown = stretches(flight.active.mask, flight.grid)
-    runs = stretches(flight.used, flight.grid)
+def _airborne(flown: Flown) -> Json:
     return {
-        "rule": flight.active.rule,
-        "segments": [[number(start), number(end)] for start, end in flown],
-        "used": [[number(start), number(end)] for start, end in runs],
+        "rule": flown.rule,
+        "segments": [[number(start), number(end)] for start, end in flown.active],
+        "used": [[number(start), number(end)] for start, end in flown.used],
     }
 
 
-def _references(flight: PreparedFlight) -> list[Json]:
+def _references(flown: Flown) -> list[Json]:
     return [
         {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
-        for reference in flight.references
+        for reference in flown.references
     ]

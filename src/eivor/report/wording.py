@@ -74,17 +74,6 @@ def _number(value: float, place: int, exponent: int) -> str:
     return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
 
 
-def equation(result: FlightEstimate) -> tuple[str, str]:
-    """Model in one line, and a line that says what its symbols are."""
-    model, _ = result.motion.equation
-    return model.replace(" - ", " − "), result.motion.symbols(result.prepared[0])
-
-
-def instruments(result: FlightEstimate) -> str:
-    """Instruments in words."""
-    return "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
-
-
 def used(result: FlightEstimate) -> str:
     """How much of the flights was used, in one line."""
     flights = [flight for flight in result.prepared if flight.runs]

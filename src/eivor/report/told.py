@@ -1,0 +1,204 @@
+"""What is told of a result, whatever the medium: the one source of its document and of its JSON.
+
+Sentences, rows and numbers are chosen and put in order here. A medium shows them, and what else it needs it
+takes from the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from eivor.flights.motion import CardSection
+from eivor.flights.quantity import Kind, Quantity, Wording
+from eivor.flights.recipe import not_estimated
+from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.report.card import flight_card
+from eivor.report.checks import Check, checks
+from eivor.report.wording import numbers, used
+from eivor.signals.recording import Finding
+
+#: Findings that only an inspection shows: they bear on no number.
+QUIET_FINDINGS = ("epoch_time",)
+
+
+@dataclass(frozen=True, slots=True)
+class ToldQuantity:
+    """A quantity with its words.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    wording : Wording
+        How it is called, measured and shown.
+    quantity : Quantity
+        Its numbers and its verdict.
+    """
+
+    name: str
+    wording: Wording
+    quantity: Quantity
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """Value and interval in the shown unit; see `numbers`."""
+        return numbers(self.quantity, self.wording)
+
+
+@dataclass(frozen=True, slots=True)
+class ToldRow:
+    """One flight of a pool by itself, or one method beside the chosen one.
+
+    Parameters
+    ----------
+    label : str
+        Log or method.
+    status : Status
+        Its verdict.
+    reasons : tuple of str
+        Sentences, each with its remedy.
+    quantities : tuple of ToldQuantity
+        The motion's `rows`, without numbers where nothing was estimated.
+    """
+
+    label: str
+    status: Status
+    reasons: tuple[str, ...]
+    quantities: tuple[ToldQuantity, ...]
+
+    def first_reason(self, fly: str) -> str:
+        """The first reason, without the advice `fly` that all of them end with; empty for none."""
+        return self.reasons[0].removesuffix(fly).strip() if self.reasons else ""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldFlight:
+    """A result, ready to be told.
+
+    Parameters
+    ----------
+    logs : tuple of str
+        Names of the logs.
+    verdict : Verdict
+        The overall one, with reasons and remedies.
+    meaning : str
+        What its status means.
+    equation : tuple of str
+        The motion's equation, and what its symbols are.
+    symbols : str
+        What the symbols are in this flight.
+    method, instruments : str
+        What it was estimated with.
+    used : str
+        How much of the flights was used.
+    quantities : tuple of ToldQuantity
+        Every one, in the order of results.
+    order : tuple of str
+        Their names in the order of reports.
+    checks : tuple of (str, str)
+        What was checked, a title and a sentence each.
+    diagnostics : mapping of str to float
+        The numbers behind it.
+    findings : tuple of Finding
+        All that was noticed.
+    flights, comparisons : tuple of ToldRow
+        Flights by themselves, and methods.
+    fly : str
+        What to fly when nothing else helps.
+    card : tuple of CardSection
+        What to fly and to log, step by step; empty when the flight is identified.
+    """
+
+    logs: tuple[str, ...]
+    verdict: Verdict
+    meaning: str
+    equation: tuple[str, str]
+    symbols: str
+    method: str
+    instruments: str
+    used: str
+    quantities: tuple[ToldQuantity, ...]
+    order: tuple[str, ...]
+    checks: tuple[Check, ...]
+    diagnostics: Mapping[str, float]
+    findings: tuple[Finding, ...]
+    flights: tuple[ToldRow, ...]
+    comparisons: tuple[ToldRow, ...]
+    fly: str
+    card: tuple[CardSection, ...]
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Grounds of the verdict, worst first."""
+        return self.verdict.reasons
+
+    @property
+    def remedies(self) -> tuple[str, ...]:
+        """What would change it, each remedy once."""
+        return tuple(dict.fromkeys(reason.remedy for reason in self.reasons if reason.remedy))
+
+    @property
+    def reported(self) -> tuple[ToldQuantity, ...]:
+        """Quantities in the order of reports."""
+        by_name = {told.name: told for told in self.quantities}
+        return tuple(by_name[name] for name in self.order)
+
+    @property
+    def worth_telling(self) -> tuple[Finding, ...]:
+        """Findings but the quiet ones and the reasons; what is said of several logs is said once."""
+        reasons = {reason.sentence for reason in self.reasons}
+        said: dict[tuple[str, str], list[str]] = {}
+        for finding in self.findings:
+            if finding.name in QUIET_FINDINGS or finding.message in reasons:
+                continue
+            log = next((name for name in self.logs if finding.message.startswith(f"{name}: ")), "")
+            message = finding.message.removeprefix(f"{log}: ") if log else finding.message
+            said.setdefault((finding.name, message), []).extend([log] if log else [])
+        told = []
+        for (name, message), about in said.items():
+            everywhere = len(about) == len(self.logs) > 1
+            prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
+            told.append(Finding(name, prefix + message))
+        return tuple(told)
+
+
+def told_flight(result: FlightEstimate) -> ToldFlight:
+    """What is told of a result, with or without an estimate."""
+    motion = result.motion
+    return ToldFlight(
+        logs=tuple(flight.recording.name for flight in result.prepared),
+        verdict=result.verdict,
+        meaning=motion.words.meanings[result.verdict.status],
+        equation=motion.equation,
+        symbols=motion.symbols(result.prepared[0]),
+        method=result.method,
+        instruments=result.instruments,
+        used=used(result),
+        quantities=_told(result.quantities, motion.wording),
+        order=motion.shown,
+        checks=checks(result),
+        diagnostics=result.diagnostics,
+        findings=result.findings,
+        flights=tuple(_row(row, result) for row in result.flights),
+        comparisons=tuple(_row(row, result) for row in result.comparisons),
+        fly=motion.words.fly,
+        card=flight_card(result),
+    )
+
+
+def of_kind(quantities: tuple[ToldQuantity, ...], kind: Kind) -> tuple[ToldQuantity, ...]:
+    """Parameters, or what is derived of them."""
+    return tuple(told for told in quantities if told.wording.kind is kind)
+
+
+def _row(row: FlightRow, result: FlightEstimate) -> ToldRow:
+    motion = result.motion
+    quantities = not_estimated(motion, {}) | dict(row.quantities)
+    wording = {name: motion.wording[name] for name in motion.rows}
+    return ToldRow(row.label, row.verdict, row.reasons, _told(quantities, wording))
+
+
+def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:
+    return tuple(ToldQuantity(name, words, quantities[name]) for name, words in wording.items())
