@@ -16,6 +16,7 @@ from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, sam
 from eivor.errors import InputError, UsageError
 
 Caller = Callable[..., Any]
+pytestmark = pytest.mark.usefixtures("coarse_search")
 
 MAP = """
 name = "mine"
