@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         anderson_rubin_set,
         sign_perturbed_set,
     )
+    from eivor.flights.bootstrap import bootstrap_flights
     from eivor.flights.options import FlightOptions
     from eivor.flights.result import FlightEstimate
     from eivor.inference import covariances
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from eivor.models.signal_regression import SignalRegression
     from eivor.motions import motion_by_name
     from eivor.motions.identify import identify_flight
-    from eivor.motions.vertical.bootstrap import bootstrap_flights
     from eivor.motions.vertical.model import VerticalMotion
     from eivor.report.saved_fit import SavedFit, load_fit
     from eivor.signals.long_memory import estimate_long_memory
@@ -75,7 +75,7 @@ _HOMES = {
     "WhiteNoise": "eivor.signals.noise",
     "anderson_rubin_set": "eivor.estimation.weak_identification",
     "bootstrap": "eivor.estimation.resampling",
-    "bootstrap_flights": "eivor.motions.vertical.bootstrap",
+    "bootstrap_flights": "eivor.flights.bootstrap",
     "covariances": "eivor.inference.covariances",
     "derived": "eivor.estimation.derived",
     "diagnose": "eivor.estimation.diagnose",

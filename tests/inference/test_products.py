@@ -72,6 +72,14 @@ def test_replicates_count_blocks_as_often_as_they_are_drawn():
     assert faded.count == pytest.approx(float(0.9 ** np.arange(5.0) @ found.counts))
 
 
+def test_stretches_of_blocks_are_added_as_often_as_they_are_drawn():
+    """Three stretches of two blocks each: first blocks with first ones, and second with second."""
+    found = table(6)
+    drawn = found.weighted(np.array([2.0, 0.0, 1.0]))
+    np.testing.assert_allclose(drawn.sums, 2.0 * found.sums[:2] + found.sums[4:], atol=1e-12)
+    np.testing.assert_array_equal(drawn.counts, 2.0 * found.counts[:2] + found.counts[4:])
+
+
 def test_what_is_not_in_the_table_is_not_made_up():
     small = table(whole=False)
     for part in ("instruments", "regressors", "regressor_response", "power"):

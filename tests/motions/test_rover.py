@@ -58,6 +58,24 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     assert list(document["derived"]) == ["effective_lag", "breakaway_command", "time_constant"]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_pool_of_drives_is_drawn_again(simulate):
+    """The motion says nothing of replicates: they are of its parameters, and of what was searched for."""
+    rover = motion_by_name("rover")
+    drives = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in (1, 2)]
+    pool = ev.identify_flight(drives, model=rover)
+    found = ev.bootstrap_flights(pool, runs=39)
+    assert found.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
+    assert found.units == ("1/s", "m/s^2", "m/s^2", "s", "s")
+    assert (found.pieces, found.failed) == (2, 0)
+    for name, value in zip(found.names, found.values, strict=True):
+        assert value == pytest.approx(pool.quantities[name].value, rel=1e-4)
+        if name != "delay":
+            low, high = found.interval(name)
+            assert low < simulate.TRUTH[name] < high
+            assert high - low > 0.1 * pool.quantities[name].half_width
+
+
 def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
     simulate.write(simulate.drive(1), tmp_path / "drive.csv")
     with pytest.raises(ChannelMapError, match="known once it is named"):

@@ -15,6 +15,7 @@ from pathlib import Path
 import simulate
 
 import eivor as ev
+from eivor.inference.resampling.replicates import Bootstrap
 
 #: The first seed that there is; others are shown by `simulate.py --seed`.
 SEED = 1
@@ -86,7 +87,18 @@ def from_python(folder: Path) -> None:
     pool = ev.identify_flight(logs, model="rover")
     narrower = pool.quantities["dry_friction"].half_width < fit.quantities["dry_friction"].half_width
     expect("a pool of three knows the dry friction better", holds=narrower and len(pool.flights) == 3)
+    drawn = ev.bootstrap_flights(pool, runs=99)
+    expect(
+        "so do drives that are drawn again; without a word on replicates they are of what was searched for",
+        holds=drawn.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
+        and all(low <= simulate.TRUTH[name] <= high for name, (low, high) in intervals(drawn).items()),
+    )
     print(fit.summary())
+
+
+def intervals(drawn: Bootstrap) -> dict[str, tuple[float, float]]:
+    """Interval of each quantity of a bootstrap."""
+    return {name: drawn.interval(name) for name in drawn.names}
 
 
 def from_the_command_line(folder: Path) -> None:

@@ -173,11 +173,13 @@ class Search:
         return golden_section(trial, best, bounds, tolerance * nuisance.tolerance)
 
 
-def product_grids(sought: tuple[Nuisance, ...]) -> list[Float[np.ndarray, " _"]]:
-    """Grid of each nuisance, thinned where there are several so that their product stays small."""
+def product_grids(
+    sought: tuple[Nuisance, ...], points: int = PRODUCT_POINTS
+) -> list[Float[np.ndarray, " _"]]:
+    """Grid of each nuisance, thinned where there are several so that their product has so many points."""
     if len(sought) < 2:
         return [nuisance.grid for nuisance in sought]
-    most = max(int(PRODUCT_POINTS ** (1.0 / len(sought))), 3)
+    most = max(int(points ** (1.0 / len(sought))), 3)
     return [
         grid if grid.size <= most else grid[np.linspace(0, grid.size - 1, most).round().astype(np.int64)]
         for grid in (nuisance.grid for nuisance in sought)

@@ -24,7 +24,7 @@ from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Selection
 from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
-from eivor.models.separable import SeparableProblem
+from eivor.models.separable import SeparableProblem, Values
 from eivor.signals.canonical import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 
@@ -139,6 +139,25 @@ class Circumstances:
     missing_reference: str = ""
     constant_reference: bool = False
     excitation: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What a draw of flights says, before quantities are derived from it.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Linear parameters.
+    at : mapping of str to float
+        Every nuisance.
+    sums : mapping of str to float
+        Those of `Motion.flight_sums` there, over the flights drawn.
+    """
+
+    parameters: Mapping[str, float]
+    at: Values
+    sums: Mapping[str, float]
 
 
 @dataclass(frozen=True)
@@ -312,6 +331,24 @@ class Motion(ABC, Generic[P]):
         """What this motion alone notices in the logs, beside the result."""
         del flights, quantities
         return ()
+
+    # -- for replicates of a pool, see `bootstrap_flights` -------------------------------------------------
+
+    def flight_sums(self, problem: P, at: Values) -> Mapping[str, Float[np.ndarray, " flights"]]:
+        """Sums over the samples of each flight, at values of the nuisances, that `resampled` needs by name.
+
+        Flights are numbered as in the problem's rows.
+        """
+        del problem, at
+        return {}
+
+    def resampled(self, problem: P, drawn: Drawn) -> Mapping[str, float]:
+        """Quantities of a draw of flights, in the order of results; each is a parameter or in `wording`.
+
+        By default the linear parameters, and the nuisances that were searched for.
+        """
+        searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
+        return {**drawn.parameters, **{name: drawn.at[name] for name in searched}}
 
     # -- for reports --------------------------------------------------------------------------------------
 

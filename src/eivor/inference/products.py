@@ -216,12 +216,20 @@ class Products:
             sums=self.sums[blocks].sum(axis=0, keepdims=True),
         )
 
-    def weighted(self, weights: Float[np.ndarray, " K"]) -> Products:
-        """One block, in which every block counts as often as its weight says."""
+    def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:
+        """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (F,)
+            One for each of F stretches of K / F blocks. As many as there are blocks leave one block; else
+            the first block of the sum is that of all first blocks, and so on.
+        """
+        stretches = weights.size
         return replace(
             self,
-            counts=np.array([weights @ self.counts]),
-            sums=np.tensordot(weights, self.sums, 1)[None],
+            counts=np.tensordot(weights, self.counts.reshape(stretches, -1), 1),
+            sums=np.tensordot(weights, self.sums.reshape(stretches, -1, *self.sums.shape[1:]), 1),
         )
 
     def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:

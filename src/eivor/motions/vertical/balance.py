@@ -16,7 +16,7 @@ from eivor.estimation.candidate import Candidate
 from eivor.inference.covariances.equal_weighted_cosines import long_run_mean_variance
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
-from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 
 #: Relative half-step of numerical derivatives by the lag.
@@ -75,19 +75,21 @@ def balance(problem: VerticalFlights, candidate: Candidate, *, lag_searched: boo
 
 def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ 3"]]:
     """z'', z' and U of every run."""
-    return [
-        block
-        for flight in problem.flights
-        for block in flight.cut(
-            np.column_stack(
-                [
-                    flight.velocity_derivative,
-                    flight.velocity,
-                    flight.mapped_input(problem.motion, at[ACTUATOR_LAG.name], at[DELAY.name]),
-                ]
-            )
-        )
-    ]
+    return [block for flight in problem.flights for block in _of_flight(problem, flight, at)]
+
+
+def _of_flight(
+    problem: VerticalFlights, flight: VerticalFlight, at: Values
+) -> list[Float[np.ndarray, "_ 3"]]:
+    mapped = flight.mapped_input(problem.motion, at[ACTUATOR_LAG.name], at[DELAY.name])
+    return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, mapped]))
+
+
+def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.ndarray, " flights"]]:
+    """Number of samples of each flight, and sums of z'', z' and U over them."""
+    flights = [np.concatenate(_of_flight(problem, flight, at)) for flight in problem.flights]
+    sums = np.array([[len(terms), *terms.sum(axis=0)] for terms in flights])
+    return dict(zip(("samples", "derivative", "velocity", "mapped"), sums.T, strict=True))
 
 
 def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:

@@ -10,16 +10,18 @@ from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
-from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.motion import CardSection, Circumstances, Drawn, Motion, Panel, Strength, Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
+from eivor.models.separable import Values
+from eivor.motions.vertical.balance import balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.quantities import all_quantities
+from eivor.motions.vertical.quantities import all_quantities, drawn_quantities
 from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, flight_card
@@ -121,6 +123,16 @@ class Vertical(Motion[VerticalFlights]):
             for name, value in logged.items()
             if value and np.isfinite(hover) and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
         )
+
+    def flight_sums(
+        self, problem: VerticalFlights, at: Values
+    ) -> Mapping[str, Float[np.ndarray, " flights"]]:
+        """Terms of the balance, see `Motion.flight_sums`."""
+        return balance_sums(problem, at)
+
+    def resampled(self, problem: VerticalFlights, drawn: Drawn) -> Mapping[str, float]:
+        """Friction, gain and hover input; lag and effective lag when they were searched for."""
+        return drawn_quantities(problem, drawn)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What U is in this flight."""

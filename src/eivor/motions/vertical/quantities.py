@@ -7,9 +7,10 @@ from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
-from eivor.flights.estimated import joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.motion import Drawn
 from eivor.flights.quantity import NAN, Unjudged
-from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.balance import Balance, balance, hover_mapped, intercept, intercepts_by_run
 from eivor.motions.vertical.flights import VerticalFlights
 
@@ -27,6 +28,22 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
         "hover_input": _hover(problem, estimate, terms),
         "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
     }
+
+
+def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
+    """Quantities of a draw of flights; lags only where they were searched for."""
+    K, K_u = drawn.parameters["viscous_friction"], drawn.parameters["input_gain"]
+    sums = drawn.sums
+    mapped = (sums["mapped"] - (sums["derivative"] + K * sums["velocity"]) / K_u) / sums["samples"]
+    found = {
+        "viscous_friction": K,
+        "input_gain": K_u,
+        "hover_input": problem.motion.input_map.inverse(mapped),
+    }
+    if problem.lag.searched:
+        lag_s = drawn.at[ACTUATOR_LAG.name]
+        found |= {ACTUATOR_LAG.name: lag_s, EFFECTIVE_LAG: lag_s + drawn.at[DELAY.name]}
+    return found
 
 
 def _intercept(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:

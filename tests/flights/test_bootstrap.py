@@ -11,13 +11,13 @@ import eivor
 from eivor.errors import UsageError
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import reference_iv
+from eivor.flights.bootstrap import bootstrap_flights
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.resampling.replicates import Bootstrap, IntervalKind
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.bootstrap import bootstrap_flights
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.motion import vertical_flight
 from eivor.signals.recording import Recording
