@@ -6,7 +6,6 @@ Public names are loaded when they are first used, so that ``import eivor`` costs
 from __future__ import annotations
 
 from importlib import import_module
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -49,6 +48,8 @@ if TYPE_CHECKING:
     from eivor.signals.signals import Signals
     from eivor.simulation.records.scenario import Scenario
     from eivor.simulation.records.simulate import simulate
+
+    __version__: str
 
 #: Where each public name lives.
 _HOMES = {
@@ -102,7 +103,6 @@ _HOMES = {
 #: Public names that are modules themselves.
 _MODULES = frozenset({"covariances", "methods"})
 
-__version__ = version("eivor")
 __all__ = [
     "AndersonRubinSet",
     "AutocorrelatedErrors",
@@ -154,11 +154,21 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
+    value = globals()[name] = _version() if name == "__version__" else _public(name)
+    return value
+
+
+def _version() -> str:
+    from importlib.metadata import version
+
+    return version("eivor")
+
+
+def _public(name: str) -> object:
     if name not in _HOMES:
         raise AttributeError(f"module 'eivor' has no attribute '{name}'")
     home = import_module(_HOMES[name])
     value: object = home if name in _MODULES else getattr(home, name)
-    globals()[name] = value
     return value
 
 

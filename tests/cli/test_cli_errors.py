@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from eivor.cli import terminal
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.plain_text import plain_text
 
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 Caller = Callable[..., Any]
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
@@ -182,6 +184,48 @@ def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (130, "eivor: interrupted\n")
+
+
+@pytest.mark.parametrize("module", ["eivor.cli.main", "typer", "eivor.cli.terminal", "eivor.errors"])
+def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: str) -> None:
+    """Ctrl-C right after the command was typed: the console script watches from its first line on."""
+    code = (
+        "import sys\n"
+        "class Interrupted:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name == {module!r}: raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupted())\n"
+        "sys.argv = ['eivor', 'identify', '--example']\n"
+        "from eivor.cli.entry import run; run()"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
+
+
+@pytest.mark.parametrize("step", ["parse_args", "get_command"])
+def test_an_interrupt_while_arguments_are_read_leaves_with_130(step: str) -> None:
+    code = (
+        "import sys\n"
+        "from eivor.cli.readable_help import ReadableGroup\n"
+        "def interrupted(*args, **more): raise KeyboardInterrupt\n"
+        f"ReadableGroup.{step} = interrupted\n"
+        "sys.argv = ['eivor', 'identify', '--example']\n"
+        "from eivor.cli.entry import run; run()"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
+
+
+def test_the_console_script_begins_before_anything_is_loaded() -> None:
+    """What is loaded before `run` watches cannot be interrupted without a traceback."""
+    metadata = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
+    module, _, function = metadata["project"]["scripts"]["eivor"].partition(":")
+    code = (
+        f"import sys; before = set(sys.modules); from {module} import {function}\n"
+        "print(*sorted(name.partition('.')[0] for name in set(sys.modules) - before))"
+    )
+    listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
 
 
 def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:

@@ -16,9 +16,10 @@ from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.identify import EXIT_CODES, identify
 from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
 from eivor.cli.inspect import inspect
+from eivor.cli.interruptible import InterruptibleGroup
 from eivor.cli.paper import EXIT_CODES as PAPER_EXIT_CODES
 from eivor.cli.paper import paper
-from eivor.cli.readable_help import ReadableCommand, ReadableGroup
+from eivor.cli.readable_help import ReadableCommand
 from eivor.cli.simulate import EXIT_CODES as SIMULATE_EXIT_CODES
 from eivor.cli.simulate import simulate
 from eivor.cli.study import EXIT_CODES as STUDY_EXIT_CODES
@@ -31,7 +32,7 @@ app = typer.Typer(
     help="Identify the vertical parameters of a drone from its flight logs, with intervals and a verdict.",
     epilog="Try it: [bold]eivor identify --example[/bold]",
     no_args_is_help=True,
-    cls=ReadableGroup,
+    cls=InterruptibleGroup,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
 )
