@@ -13,7 +13,7 @@ import polars
 import pytest
 
 Caller = Callable[..., Any]
-# Neither the numbers nor their shapes are the point; test_cli_recordings.py identifies with all lags and checks.
+# Numbers and shapes are not the point; test_cli_recordings.py identifies with all lags and checks.
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 

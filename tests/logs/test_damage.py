@@ -8,6 +8,8 @@ import csv
 import re
 import sys
 import time
+from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -217,6 +219,16 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
     monkeypatch.setattr(parquet, "probe_parquet", None)
     with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
         read_log(tmp_path / "t.parquet")
+
+
+def test_the_package_s_own_file_is_decoded_at_once(tmp_path, monkeypatch):
+    own = Path(str(resources.files("eivor.data"))) / "example_flight.parquet"
+    copy = tmp_path / own.name
+    copy.write_bytes(own.read_bytes())
+    probed = []
+    monkeypatch.setattr(parquet, "probe_parquet", lambda file, *_: probed.append(file))
+    assert read_log(own).channels.keys() == read_log(copy).channels.keys()
+    assert probed == [copy]
 
 
 def test_only_needed_columns_of_a_parquet_are_decoded(tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import shape_checks
+from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs import read_log
@@ -34,7 +35,7 @@ def pool(recording: Recording) -> FlightEstimate:
     """Its two halves as a pool, every method compared."""
     halves = [replace(recording, name=name, sha256=name) for name in ("first", "second")]
     windows = [(0.0, 30.0), (30.0, 60.0)]
-    with shape_checks.unchecked():  # they take half of the time, and `fit` is made with them
+    with shape_checks.unchecked(), coarse():  # `fit` is made with all checks and of a full search
         return identify_flight(halves, FlightOptions(compare=True), windows=windows)
 
 

@@ -51,11 +51,13 @@ HALF = TWICE | {
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    # Other plugins than the one that its option is of take a second to load.
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
     for name, text in (
         ("src/toy.py", SOURCE),
         ("tests/test_toy.py", TESTS),
-        ("pyproject.toml", "[tool.pytest.ini_options]\n"),
+        ("pyproject.toml", '[tool.pytest.ini_options]\naddopts = "-p xdist"\n'),
         (
             "page.md",
             "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n",

@@ -117,7 +117,7 @@ class RobustShape(RegionShape):
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """AR over its critical value; O(p^2 n^2 + p^3) for each point."""
         g = points @ self.scores.total.T
-        V = np.einsum("ka,kb,abpq->kpq", points, points, self._covariances, optimize=True)
+        V = np.tensordot(points[:, :, None] * points[:, None, :], self._covariances, axes=2)
         # Scores of an exact regressor hardly vary far out: AR grows there, and must not be rounding.
         floor = SMALLEST_SHARE * np.trace(V, axis1=1, axis2=2)
         V += np.where(floor > 0.0, floor, 1.0)[:, None, None] * np.eye(V.shape[1])
@@ -138,7 +138,7 @@ class RobustShape(RegionShape):
         M2 = c * self._between(step, step) - np.outer(d, d)
         ends = _real_eigenvalues(M0, M1, M2)
         return ConfidenceSet.from_membership(
-            lambda s: bool(self.excess((base + s * step)[None, :])[0] <= 1.0), ends
+            lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
         )
 
     def shadow(self, axis: int) -> ConfidenceSet:

@@ -177,21 +177,18 @@ class ConfidenceRegion:
             raise UsageError(
                 "a region of two parameters", f"one of {len(self.names)}", "Use interval(name) for each."
             )
+        remedy = "Give window=((low, high), (low, high)) in the parameters' units."
+        if window is not None:
+            checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
+            for pair in window:
+                checks.items("window", pair, checks.NUMBERS, "two pairs of numbers", remedy)
+            if [len(pair) for pair in window] != [2, 2]:
+                raise UsageError("a window of two pairs of numbers", f"{window}", remedy)
         across = self.interval(self.names[0])
         if window is None:
             if not (across.is_bounded and self.interval(self.names[1]).is_bounded):
-                raise UsageError(
-                    "a window, since the region has no bounds",
-                    "none",
-                    "Give window=((low, high), (low, high)) in the parameters' units.",
-                )
+                raise UsageError("a window, since the region has no bounds", "none", remedy)
             window = (-inf, inf), (-inf, inf)
-        remedy = "Give window=((low, high), (low, high)) in the parameters' units."
-        checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
-        for pair in window:
-            checks.items("window", pair, checks.NUMBERS, "two pairs of numbers", remedy)
-        if [len(pair) for pair in window] != [2, 2]:
-            raise UsageError("a window of two pairs of numbers", f"{window}", remedy)
         polygons: list[np.ndarray] = []
         for low, high in _cut(across, window[0]).intervals:
             polygons.extend(self._polygons(low, high, window[1]))

@@ -13,6 +13,9 @@ from fractions import Fraction
 from itertools import pairwise
 from math import inf, isfinite, isnan, isqrt
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from eivor import checks
 from eivor.errors import ParameterError
 
@@ -121,33 +124,35 @@ class ConfidenceSet:
         return cls(((-inf, root),)) if b > 0.0 else cls(((root, inf),))
 
     @classmethod
-    def from_membership(cls, contains: Callable[[float], bool], roots: Iterable[float]) -> ConfidenceSet:
+    def from_membership(
+        cls,
+        contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]],
+        roots: Iterable[float],
+    ) -> ConfidenceSet:
         """Set whose membership can change at `roots` only.
 
         Parameters
         ----------
         contains : callable
-            Whether a value belongs to the set; asked once between each two neighbouring roots and once
-            beyond the outermost ones. Roots belong to the set where a neighbouring stretch does, since the
-            set is closed, or where `contains` says so.
+            Which of several values belong to the set; asked once, for all roots, one value between each two
+            neighbouring ones, and one beyond each outermost one. Roots belong to the set where a neighbouring
+            stretch does, since the set is closed, or where `contains` says so.
         roots : iterable of float
             In any order; values that are not finite are left out.
         """
         ends = sorted({float(root) for root in roots if isfinite(root)})
         if not ends:
-            return cls.whole_line() if contains(0.0) else cls.empty()
+            return cls.whole_line() if contains(np.zeros(1))[0] else cls.empty()
         reach = max(1.0, abs(ends[0]), abs(ends[-1]))
-        pieces: list[tuple[float, float]] = [(end, end) for end in ends if contains(end)]
         edges = [-inf, *ends, inf]
         probes = [
             ends[0] - reach,
             *(low + 0.5 * (high - low) for low, high in pairwise(ends)),
             ends[-1] + reach,
         ]
-        for low, high, probe in zip(edges, edges[1:], probes, strict=False):
-            if contains(probe):
-                pieces.append((low, high))
-        return cls.union(pieces)
+        stretches = [*zip(ends, ends, strict=True), *pairwise(edges)]
+        belongs = contains(np.array([*ends, *probes]))
+        return cls.union(piece for piece, inside in zip(stretches, belongs, strict=True) if inside)
 
     @property
     def is_empty(self) -> bool:
