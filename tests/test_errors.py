@@ -11,6 +11,8 @@ def test_the_nearest_name_is_proposed():
     known = ("velocity_z", "position_z", "input")
     assert did_you_mean("velocty_z", known, "Name one.") == "Did you mean 'velocity_z'?"
     assert did_you_mean("battery", known, "Name one.") == "Name one."
+    both = ("velocity_z", "velocity_x", "input")
+    assert did_you_mean("velocity", both, "", most=3) == "Did you mean 'velocity_z' or 'velocity_x'?"
     assert did_you_mean("battery", [], "Name one.") == "Name one."
 
 

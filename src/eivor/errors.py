@@ -34,8 +34,8 @@ class EivorError(Exception):
         return type(self), (self.expected, self.received, self.remedy)
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
-    """Remedy for a name that is not known: the nearest that is, if one is near.
+def did_you_mean(name: str, known: Iterable[str], otherwise: str, *, most: int = 1) -> str:
+    """Remedy for a name that is not known: what is nearest to it, if anything is near.
 
     Parameters
     ----------
@@ -45,11 +45,18 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
         What would have been accepted.
     otherwise : str
         What to say when none of them is near.
+    most : int
+        At most so many are named.
     """
+    near = nearest(name, known, most)
+    return f"Did you mean {' or '.join(map(repr, near))}?" if near else otherwise
+
+
+def nearest(name: str, known: Iterable[str], most: int = 1) -> list[str]:
+    """At most so many of the names that are known and written like `name`, the nearest first."""
     from difflib import get_close_matches
 
-    near = get_close_matches(name, list(known), n=1)
-    return f"Did you mean '{near[0]}'?" if near else otherwise
+    return get_close_matches(name, list(known), n=most)
 
 
 class WeakInstrumentsWarning(UserWarning):

@@ -6,11 +6,10 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eivor.errors import InputError, did_you_mean
+from eivor.errors import InputError, did_you_mean, nearest
 
 T = TypeVar("T")
 
@@ -79,7 +78,7 @@ class TomlTable:
 
     def _near(self, key: str) -> str:
         """A key that was perhaps meant to be this one."""
-        near = get_close_matches(key, [name for name in self.values if name not in self.taken], n=1)
+        near = nearest(key, [name for name in self.values if name not in self.taken])
         return f" Is '{near[0]}' meant to be it?" if near else ""
 
     def text(self, key: str, default: str | None = None) -> str:

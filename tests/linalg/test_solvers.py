@@ -355,5 +355,5 @@ def test_roots_in_blocks_are_the_root(monkeypatch):
 
     rows = np.random.default_rng(0).standard_normal((500, 3))
     whole = triangular_root(rows)
-    monkeypatch.setattr(triangular, "BLOCK_ROWS", 37)
+    monkeypatch.setattr(triangular, "COPIED_ROWS", 37)
     np.testing.assert_allclose(np.abs(triangular_root(rows)), np.abs(whole), rtol=1e-11)

@@ -37,7 +37,7 @@ def test_from_columns(make):
     [
         ({"velocity_z": [1.0]}, UsageError, "a column 'time'"),
         ({"time": [1.0]}, UsageError, "at least one channel"),
-        ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean velocity_z"),
+        ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean 'velocity_z'"),
         ({"time": [1.0], 3: [1.0]}, UsageError, "canonical names"),
         ({"time": [1.0, 2.0], "velocity_z": [1.0]}, ShapeError, "length of 'time', 2"),
         ({"time": [1.0, 2.0], "velocity_z": [[1.0], [1.0]]}, ShapeError, "shape"),

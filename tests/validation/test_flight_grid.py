@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from eivor.errors import UsageError
+from eivor.errors import InputError, UsageError
 from validation.flight_recipe.grid import FlightGrid, flight_grid, published_grid, read_grid
 
 TEXT = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
@@ -85,15 +85,24 @@ def test_file_is_read_from_a_path(tmp_path, grid):
     ("old", "new", "message"),
     [
         ("duration = 60.0", "duration = ", "a grid in TOML"),
-        ("duration = 60.0", "", "the keys .* in the grid"),
-        ("duration = 60.0", 'duration = "long"', "a number for duration"),
+        ("duration = 60.0", "", "a finite number at duration of grid.toml; received nothing"),
+        ("duration = 60.0", 'duration = "long"', "a finite number at duration"),
         ('name = "gusty"', 'name = "calm"', "names and seeds of their own"),
         ("seed = 420000", "seed = 410001", "names and seeds of their own"),
-        ('kind = "climbs"', 'kind = "walks"', "a kind out of"),
-        ("replicates = 4", "repetitions = 4", "the keys .* in class 'hover'"),
-        ("small_every = 19", "colour = 19", "no keys but"),
-        ("vigour = [0.6, 1.0]", "vigour = [1.0, 0.6]", "a range of two numbers for vigour"),
-        ("vigour = [0.6, 1.0]", "vigour = 0.6", "a list of values for vigour"),
+        ('kind = "climbs"', 'kind = "walks"', "one of excited, climbs.*kind"),
+        (
+            "replicates = 4",
+            "repetitions = 4",
+            "a whole number at class.*replicates.*received nothing",
+        ),
+        ("small_every = 19", "colour = 19", "no keys but.*the unknown key 'colour'"),
+        ("vigour = [0.6, 1.0]", "vigour = [1.0, 0.6]", "a range of two numbers.*vertical.uniform.vigour"),
+        ("vigour = [0.6, 1.0]", "vigour = 0.6", "a list of numbers at vertical.uniform.vigour"),
+        (
+            "delay = [0.0, 0.01, 0.02]\n\n# -----",
+            "delay = []\n# -----",
+            "one value or more at rotorpy.choice",
+        ),
         ("vigour = [0.6, 1.0]", "courage = [0.6, 1.0]", "every value of a flight"),
         ("velocity_noise = [0.02, 0.05]\nposition", "position", "every value of a flight"),
         ('"fractional"]\ngust_rms = [0.0, 0.1, 0.2', '"pink"]\ngust_rms = [0.0, 0.1, 0.2', "every value"),
@@ -102,5 +111,5 @@ def test_file_is_read_from_a_path(tmp_path, grid):
 )
 def test_damaged_grid_is_refused(old, new, message):
     assert old in TEXT
-    with pytest.raises(UsageError, match=message):
+    with pytest.raises((InputError, UsageError), match=message):
         flight_grid(TEXT.replace(old, new, 1))

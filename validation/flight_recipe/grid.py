@@ -7,9 +7,8 @@ flight's seed and the drawn quantity's name, so that no draw depends on another.
 
 from __future__ import annotations
 
-import tomllib
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import product
@@ -17,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.errors import UsageError
 from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
 from eivor.simulation.flights.trajectories import TrajectoryKind
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.toml_table import TomlTable, read_toml, toml_table
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 
@@ -30,7 +29,8 @@ Value = float | str
 #: What a class may be scored as.
 KINDS = ("excited", "climbs", "hover", "hover-steps")
 SIMULATORS = ("vertical", "rotorpy")
-DRAWS = ("uniform", "log_uniform", "choice")
+RANGES = ("uniform", "log_uniform")
+DRAWS = (*RANGES, "choice")
 #: Distinguishes the streams of drawn parameters from those that the simulators spawn.
 DRAW_KEY = 99
 #: Drawn numbers are rounded to so many significant digits, which a table can show in full.
@@ -99,7 +99,7 @@ def published_grid() -> FlightGrid:
 
 def read_grid(path: Path) -> FlightGrid:
     """Grid from a file; see `flight_grid`."""
-    return flight_grid(path.read_text(encoding="utf-8"))
+    return _grid(read_toml(path, "a grid"))
 
 
 def flight_grid(text: str) -> FlightGrid:
@@ -107,53 +107,51 @@ def flight_grid(text: str) -> FlightGrid:
 
     Raises
     ------
+    InputError
+        When it is not TOML, a key is missing or unknown, or a value is of the wrong type.
     UsageError
-        When it is not TOML, a key is missing or unknown, a value is of the wrong type, or a flight's
-        specification is out of range.
+        When a flight's specification is out of range.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UsageError("a grid in TOML", f"{error}", "Correct the file.") from error
-    _check_keys("the grid", table, {"name", "duration", "calm_up_to", "class"}, set(SIMULATORS))
-    duration, calm_up_to = (_number("the grid", table, key) for key in ("duration", "calm_up_to"))
+    return _grid(toml_table(text, Path("grid.toml"), "a grid"))
+
+
+def _grid(table: TomlTable) -> FlightGrid:
+    name, duration, calm_up_to = table.text("name"), table.number("duration"), table.number("calm_up_to")
+    drawn = {simulator: _draws(table, simulator) for simulator in SIMULATORS}
     cases: list[FlightCase] = []
-    for entry in table["class"]:
-        cases.extend(_class_cases(entry, table, duration, calm_up_to))
+    for entry in table.sections("class"):
+        cases.extend(_class_cases(entry, drawn, duration, calm_up_to))
+    table.finish()
     names = [case.name for case in cases]
     seeds = [case.spec.seed for case in cases]
     if len(set(names)) < len(names) or len(set(seeds)) < len(seeds):
-        raise UsageError(
+        raise table.wrong(
+            "class",
             "flights with names and seeds of their own",
             "classes of one name, or whose seeds overlap",
             "Give each class its name, and a seed further away from the next than it has flights.",
         )
-    return FlightGrid(str(table["name"]), calm_up_to, tuple(cases))
+    return FlightGrid(name, calm_up_to, tuple(cases))
 
 
 def _class_cases(
-    entry: Mapping[str, object], table: Mapping[str, object], duration: float, calm_up_to: float
+    entry: TomlTable, drawn: Mapping[str, dict[str, _Draw]], duration: float, calm_up_to: float
 ) -> list[FlightCase]:
-    where = f"class '{entry.get('name', '?')}'"
-    _check_keys(
-        where, entry, {"name", "simulator", "kind", "seed", "replicates", "every"}, {"draw", "small_every"}
+    name, kind = entry.text("name"), entry.choice("kind", KINDS)
+    simulator = entry.choice("simulator", SIMULATORS)
+    every = _lists(entry.section("every"))
+    draws = drawn[simulator] | _draws(entry, "draw")
+    seed, replicates, small_every = (
+        entry.whole("seed"),
+        entry.whole("replicates"),
+        entry.whole("small_every", 0),
     )
-    name, simulator, kind = (str(entry[key]) for key in ("name", "simulator", "kind"))
-    if kind not in KINDS or simulator not in SIMULATORS:
-        raise UsageError(
-            f"a kind out of {', '.join(KINDS)} and a simulator out of {', '.join(SIMULATORS)}",
-            f"'{kind}' and '{simulator}' in {where}",
-            "Correct the grid.",
-        )
-    every = _lists(where, entry["every"])
-    draws = _draws(where, table.get(simulator, {})) | _draws(where, entry.get("draw", {}))
-    seed, replicates = (int(_number(where, entry, key)) for key in ("seed", "replicates"))
-    small_every = int(_number(where, entry, "small_every")) if "small_every" in entry else 0
+    entry.finish()
     combinations = [dict(zip(every, values, strict=True)) for values in product(*every.values())] * replicates
     cases = []
     for number, fixed in enumerate(combinations):
-        drawn = {key: draw.value(seed + number, key) for key, draw in draws.items() if key not in fixed}
-        spec = _spec(where, simulator, fixed | drawn, seed + number, duration)
+        open_values = {key: draw.value(seed + number, key) for key, draw in draws.items() if key not in fixed}
+        spec = _spec(entry, simulator, fixed | open_values, seed + number, duration)
         calm = kind == "excited" and spec.gust_rms <= calm_up_to
         small = small_every > 0 and number % small_every == 0
         cases.append(FlightCase(f"{name} {number:03d}", name, simulator, kind, calm, small, spec))
@@ -180,23 +178,40 @@ class _Draw:
         return float(f"{np.exp(drawn) if self.rule == 'log_uniform' else drawn:.{DIGITS}g}")
 
 
-def _draws(where: str, table: object) -> dict[str, _Draw]:
-    if not isinstance(table, Mapping):
-        raise UsageError("tables of what is drawn", f"{table!r} in {where}", "Correct the grid.")
-    _check_keys(where, table, set(), set(DRAWS))
+def _draws(outer: TomlTable, key: str) -> dict[str, _Draw]:
+    """What is drawn, by name; nothing without the key."""
+    if not outer.has(key):
+        return {}
+    table = outer.section(key)
     found: dict[str, _Draw] = {}
-    for rule, quantities in table.items():
-        for key, values in _lists(where, quantities).items():
-            numeric = all(isinstance(value, float) for value in values)
-            if rule != "choice" and not (len(values) == 2 and numeric and values[0] < values[1]):  # type: ignore[operator]
-                raise UsageError(
-                    f"a range of two numbers for {key}", f"{list(values)} in {where}", "Correct the grid."
-                )
-            found[key] = _Draw(rule, values)
+    for rule in DRAWS:
+        part = table.section(rule) if table.has(rule) else table.part({}, rule)
+        for name, values in _lists(part).items():
+            found[name] = _Draw(rule, values)
+            ends = part.numbers(name) if rule in RANGES else (0.0, 1.0)
+            if len(ends) != 2 or ends[0] >= ends[1]:
+                raise part.wrong(name, "a range of two numbers, the smaller first,", f"{list(ends)}")
+    table.finish()
     return found
 
 
-def _spec(where: str, simulator: str, values: Mapping[str, Value], seed: int, duration: float) -> FlightSpec:
+def _lists(table: TomlTable) -> dict[str, tuple[Value, ...]]:
+    """Lists of numbers, or of words, by name."""
+    return {key: _words_or_numbers(table, key) for key in table.values}
+
+
+def _words_or_numbers(table: TomlTable, key: str) -> tuple[Value, ...]:
+    given = table.values[key]
+    words = isinstance(given, list) and bool(given) and isinstance(given[0], str)
+    values = table.texts(key) if words else table.numbers(key)
+    if not values:
+        raise table.wrong(key, "one value or more", "none")
+    return values
+
+
+def _spec(
+    entry: TomlTable, simulator: str, values: Mapping[str, Value], seed: int, duration: float
+) -> FlightSpec:
     """Specification with these values; noise levels and kind go into one `SensorNoise`."""
     given = dict(values)
     try:
@@ -213,40 +228,5 @@ def _spec(where: str, simulator: str, values: Mapping[str, Value], seed: int, du
         maker = RotorpyFlightSpec if simulator == "rotorpy" else VerticalFlightSpec
         return maker(**(vehicle | numbers | common))  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError) as error:
-        raise UsageError(
-            f"every value of a flight of the simulator '{simulator}', and no other",
-            f"{error!r} in {where}",
-            "Correct the grid.",
-        ) from error
-
-
-def _check_keys(where: str, table: Mapping[str, object], needed: set[str], optional: set[str]) -> None:
-    if missing := needed - table.keys():
-        raise UsageError(
-            f"the keys {', '.join(sorted(needed))} in {where}", f"none called {missing}", "Add it."
-        )
-    if unknown := table.keys() - needed - optional:
-        raise UsageError(
-            f"no keys but {', '.join(sorted(needed | optional))} in {where}",
-            f"{sorted(unknown)}",
-            "Remove it.",
-        )
-
-
-def _number(where: str, table: Mapping[str, object], key: str) -> float:
-    value = table[key]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"a number for {key} in {where}", f"{value!r}", "Correct the grid.")
-    return float(value)
-
-
-def _lists(where: str, table: object) -> dict[str, tuple[Value, ...]]:
-    """Lists of numbers or words by name."""
-    if not isinstance(table, Mapping):
-        raise UsageError(f"lists of values in {where}", f"{table!r}", "Correct the grid.")
-    found: dict[str, tuple[Value, ...]] = {}
-    for key, values in table.items():
-        if not isinstance(values, Sequence) or isinstance(values, str) or not values:
-            raise UsageError(f"a list of values for {key} in {where}", f"{values!r}", "Correct the grid.")
-        found[key] = tuple(value if isinstance(value, str) else float(value) for value in values)
-    return found
+        expected = f"every value of a flight of the simulator '{simulator}', and no other,"
+        raise entry.wrong("", expected, f"{error!r}") from error

@@ -18,9 +18,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from eivor.errors import UsageError
+from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 
-#: Rows that are multiplied at once: a few columns of them fit in a second-level cache.
-BLOCK_ROWS = 32_768
 #: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
 SHORT_BLOCK = 64
 CHUNK_PRODUCTS = 4_000_000
@@ -291,8 +290,8 @@ def products_of_rows(
         _sum_short_blocks(left, others, edges, sums)
         return Products(counts.astype(np.float64), sums, layout)
     for k, ends in enumerate(pairwise(edges.tolist())):
-        for start in range(*ends, BLOCK_ROWS):
-            here = slice(start, min(start + BLOCK_ROWS, ends[1]))
+        for stretch in row_blocks(*ends, MULTIPLIED_ROWS):
+            here = slice(*stretch)
             if whole:
                 columns = np.column_stack([instruments[here], *(part[here] for part in right)])
                 sums[k] += columns.T @ columns

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-#: Rows that are reduced together when a root is made of many.
-BLOCK_ROWS = 65_536
+from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
 
 
 def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
@@ -14,11 +13,11 @@ def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
 
     Performs no checks; O(m n^2), in blocks, so that the copy that QR makes stays small.
     """
-    if rows.shape[0] <= 2 * BLOCK_ROWS:
+    if rows.shape[0] <= 2 * COPIED_ROWS:
         return _reduced(rows)
-    root = _reduced(rows[:BLOCK_ROWS])
-    for first in range(BLOCK_ROWS, rows.shape[0], BLOCK_ROWS):
-        root = merged_roots(root, rows[first : first + BLOCK_ROWS])
+    root = _reduced(rows[:COPIED_ROWS])
+    for first, stop in row_blocks(COPIED_ROWS, rows.shape[0], COPIED_ROWS):
+        root = merged_roots(root, rows[first:stop])
     return root
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Protocol, runtime_checkable
@@ -10,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EmptyLogError, ShapeError, UsageError
+from eivor.errors import EmptyLogError, ShapeError, UsageError, did_you_mean
 from eivor.logs.columns import Columns
 from eivor.logs.mapping import canonical_map, mapped_recording
 from eivor.signals.canonical import canonical_channel, canonical_channels
@@ -78,12 +77,8 @@ def recording_from_columns(
     names = list(columns) if isinstance(columns, Mapping) else list(columns.columns)
     unknown = [key for key in names if key != "time" and canonical_channel(str(key)) is None]
     if unknown:
-        near = difflib.get_close_matches(str(unknown[0]), canonical_channels(), n=3)
-        hint = (
-            f"Did you mean {' or '.join(near)}?"
-            if near
-            else f"The names are {', '.join(canonical_channels())}."
-        )
+        every = f"The names are {', '.join(canonical_channels())}."
+        hint = did_you_mean(str(unknown[0]), canonical_channels(), every, most=3)
         raise UsageError("canonical names of channels", f"{unknown[0]!r}", hint)
     chosen = canonical_map(names, name)
     if chosen is None:

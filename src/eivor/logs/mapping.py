@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.errors import ChannelMapError, EmptyLogError
+from eivor.errors import ChannelMapError, EmptyLogError, did_you_mean
 from eivor.logs.channel_map import ChannelMap, ChannelRule, ValidRange, load_channel_map, shipped_maps
 from eivor.logs.columns import Columns
 from eivor.logs.expressions import Expression
@@ -109,12 +108,10 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
 def _no_column(
     column: str, key: str, chosen: ChannelMap, names: Sequence[str], table: str
 ) -> ChannelMapError:
-    near = difflib.get_close_matches(column, names, n=3)
-    hint = f"Did you mean {' or '.join(map(repr, near))}?" if near else "Correct the map."
     return ChannelMapError(
         f"a column '{column}' ({chosen.origin}, key {key})",
         f"'{table}' with the columns {_listed(names)}",
-        hint,
+        did_you_mean(column, names, "Correct the map.", most=3),
     )
 
 

@@ -26,11 +26,10 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
+from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
 from eivor.models.equation import Parameter
 from eivor.models.rows import RowLayout, SampleRows
 
-#: Rows in a block: its columns fit in a second-level cache.
-BLOCK_ROWS = 16_384
 #: Largest variance that products can be formed with.
 LARGEST_VARIANCE = 1e150
 
@@ -72,7 +71,7 @@ class LinearProblem(ABC):
         """Number of instruments, p."""
 
     @abstractmethod
-    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+    def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
         """Rows in their order, block by block, without building them all."""
 
     @abstractmethod
@@ -177,11 +176,11 @@ class Regression(LinearProblem):
         """Number of instruments."""
         return self.instruments.shape[1]
 
-    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+    def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
         """Views of successive rows."""
         flights = self.layout.flight_of_row
-        for start in range(0, self.response.size, size):
-            here = slice(start, start + size)
+        for stretch in row_blocks(0, self.response.size, size):
+            here = slice(*stretch)
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:

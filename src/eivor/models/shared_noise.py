@@ -18,12 +18,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.errors import MissingNoiseError, TooFewSamplesError
+from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
 from eivor.models.column import Column
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
-
-#: Rows averaged at a time, so that no series as long as the record is made.
-BLOCK_ROWS = 65_536
 
 
 def shared_noise(
@@ -89,9 +87,9 @@ def _pair(
     if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
         return one.gain * other.gain * (noise.variance if lag == 0 else 0.0)  # the same in every row
     total, used = 0.0, 0
-    for start in range(0, count, BLOCK_ROWS):
-        here = slice(start, min(start + BLOCK_ROWS, count))
-        growth = noise.autocovariance(lag, begin + start, here.stop - start)
+    for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
+        here = slice(start, stop)
+        growth = noise.autocovariance(lag, begin + start, stop - start)
         for column in (one, other):
             if column.gain_channel:
                 growth = growth * signals.channel(column.gain_channel)[first:][here]

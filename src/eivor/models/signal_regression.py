@@ -12,9 +12,10 @@ from jaxtyping import Bool, Float
 
 from eivor import checks
 from eivor.errors import MissingNoiseError
+from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
 from eivor.models.column import Column, check_columns
 from eivor.models.equation import Equation, Parameter
-from eivor.models.regression import BLOCK_ROWS, LinearProblem, Regression, RowBlock
+from eivor.models.regression import LinearProblem, Regression, RowBlock
 from eivor.models.shared_noise import shared_noise
 from eivor.signals.signals import Signals
 
@@ -121,10 +122,9 @@ class SignalRegression(LinearProblem):
         """Rows in arrays, built once."""
         return self._rows
 
-    def blocks(self, size: int = BLOCK_ROWS) -> Iterator[RowBlock]:
+    def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
         """Rows of successive stretches of the signals; a stretch may have none where samples are invalid."""
-        for start in range(self.first, self.signals.sample_count, size):
-            stop = min(start + size, self.signals.sample_count)
+        for start, stop in row_blocks(self.first, self.signals.sample_count, size):
             response = self.columns_between([self.equation.response], start, stop)[:, 0]
             yield RowBlock(
                 response,

@@ -19,6 +19,7 @@ from eivor.estimation.products.long_records import block_count
 from eivor.estimation.solved import Solved
 from eivor.inference.diagnostics.equation_products import EquationProducts, equation_products
 from eivor.inference.products import Products
+from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
 
@@ -160,11 +161,9 @@ def _less(
     residual: Float[np.ndarray, " rows"], factor: float, series: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " rows"]:
     """Residual - factor x series, in place, while blocks of both are in the cache."""
-    size = 32_768
-    product = np.empty(min(size, residual.size))
-    for start in range(0, residual.size, size):
-        here = slice(start, start + size)
-        part = product[: residual[here].size]
+    product = np.empty(min(MULTIPLIED_ROWS, residual.size))
+    for start, stop in row_blocks(0, residual.size, MULTIPLIED_ROWS):
+        here, part = slice(start, stop), product[: stop - start]
         np.multiply(series[here], factor, out=part)
         residual[here] -= part
     return residual

@@ -19,14 +19,14 @@ from jaxtyping import Float, Int
 from eivor.estimation.products.folded_lags import FOLD, folded_products, successive_lags, unfolded
 from eivor.inference.diagnostics.constancy import GROUPS
 from eivor.inference.products import ProductLayout, Products, block_edges
+from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
 BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
-#: Rows that are folded at once, and how many of a record are worth threads.
-PART_ROWS = 32_768
+#: So many rows of a record are worth threads.
 THREADED_FROM = 8_000_000
 #: Shorter records are multiplied faster as a whole, and their diagnostics from rows.
 FOLDED_FROM = 250_000
@@ -98,7 +98,7 @@ def _lag_products(
     with_lagged = [np.ascontiguousarray(series[first - least : last - least]), *others]
 
     def folded(block: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
-        parts = [(start, min(start + PART_ROWS, block[1])) for start in range(*block, PART_ROWS)]
+        parts = list(row_blocks(*block, MULTIPLIED_ROWS))
         return folded_products(series, (least, most), with_lagged, parts, first)
 
     blocks = list(pairwise(edges.tolist()))

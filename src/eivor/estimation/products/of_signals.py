@@ -8,7 +8,7 @@ of a block are taken while it is in the cache.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from eivor.errors import TooFewSamplesError
 from eivor.estimation.products.folded_lags import FOLD, folded_products, successive_lags, unfolded
-from eivor.inference.products import BLOCK_ROWS, ProductLayout, Products
+from eivor.inference.products import ProductLayout, Products
+from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.linalg.triangular import merged_roots
 from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
@@ -68,15 +69,15 @@ def _sums(
     lags = successive_lags(left)
     plain = problem.used is None and all(c.channel and not c.gain_channel for c in right)
     if lags is None or not plain:
-        stretches = list(blocks(first, last))
+        stretches = list(row_blocks(first, last, MULTIPLIED_ROWS))
         return gains * _added(lambda stretch: _products_of(problem, left, right, *stretch), stretches)
     series = problem.signals.channel(left[0].channel)
     others = [problem.signals.channel(c.channel)[first - c.lag : last - c.lag] for c in right]
     whole = first + (last - first) // FOLD * FOLD
-    stretches = list(blocks(first, whole, BLOCK_ROWS * STRETCH_BLOCKS))
+    stretches = list(row_blocks(first, whole, MULTIPLIED_ROWS * STRETCH_BLOCKS))
 
     def folded(stretch: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
-        return folded_products(series, lags, others, list(blocks(*stretch)), first)
+        return folded_products(series, lags, others, list(row_blocks(*stretch, MULTIPLIED_ROWS)), first)
 
     sums = unfolded(_added(folded, stretches)) if stretches else np.zeros((len(left), len(right)))
     return gains * (sums + _products_of(problem, left, right, whole, last))
@@ -135,7 +136,7 @@ def root_of_signals(problem: SignalRegression) -> tuple[int, Float[np.ndarray, "
     columns = (*problem.regressor_columns, problem.equation.response)
     gains = np.array([column.gain for column in columns])
     root = np.empty((0, len(columns)))
-    for start, stop in blocks(problem.first, problem.signals.sample_count, 4 * BLOCK_ROWS):
+    for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
         block = np.column_stack([_slice(problem, column, start, stop) for column in columns])
         root = merged_roots(root, block * gains)
     return row_count(problem), root
@@ -157,12 +158,6 @@ def row_count(problem: SignalRegression) -> int:
             "Give a longer record or fewer lags.",
         )
     return count if problem.used is None else int(problem.used.sum())
-
-
-def blocks(first: int, count: int, size: int = BLOCK_ROWS) -> Iterator[tuple[int, int]]:
-    """Ranges of samples from `first` to `count`."""
-    for start in range(first, count, size):
-        yield start, min(start + size, count)
 
 
 def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> Float[np.ndarray, " rows"]:

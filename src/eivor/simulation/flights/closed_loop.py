@@ -77,6 +77,8 @@ class VerticalEnvironment:
 class AltitudeController:
     """Position, velocity and integral gains around the trajectory's feed-forward.
 
+    See `simulation.records.control` for why that of sampled records is another one.
+
     Parameters
     ----------
     position_gain : float or ndarray, shape (flights,)

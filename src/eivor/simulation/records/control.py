@@ -7,6 +7,10 @@ Both close the same inner loop, which flight controllers have: with the error d 
 
 The setpoint is the reference itself, or altitude_gain (reference altitude - *measured* altitude). Since
 the controller sees what is measured, the noise of these channels moves the vehicle.
+
+The altitude controller of `simulation.flights` is another one: it asks for an acceleration, fed forward from
+the trajectory, and inverts and limits the thrust. That is not linear, while the law here is a row of the
+loop's matrix; they have the two gains in common and no computation.
 """
 
 from __future__ import annotations
