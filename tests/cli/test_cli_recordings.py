@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from coarse_search import coarse
+
 Caller = Callable[..., Any]
 pytestmark = pytest.mark.recordings
 
@@ -31,6 +33,7 @@ def _not_confidently_wrong(result: dict[str, Any]) -> bool:
     return result["verdict"] != "identified" or (low >= 0.2 and high <= 0.8)
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
     assert run.code == 3
@@ -48,9 +51,10 @@ def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recor
     assert document["parameters"]["viscous_friction"]["verdict"] == "refused"
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
     assert any(finding["name"] == "hover_parameter" for finding in document["findings"])
-    shown = eivor("identify", path).out
+    with coarse():
+        shown = eivor("identify", path).out
+        inspected = eivor("inspect", path)
     assert "MPC_THR_HOVER is 0.35" in shown
-    inspected = eivor("inspect", path)
     assert inspected.code == 0
     assert "MPC_THR_HOVER = 0.35" in inspected.out
     assert "land detector" in inspected.out
@@ -65,6 +69,7 @@ def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name
     assert _not_confidently_wrong(document)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")  # single flights are identified with these checks
 def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
     logs = [recordings / "nanobench" / f"{name}.csv" for name in CLEAN]
     run = eivor("identify", *logs, "--json", tmp_path / "x.json", "--figure", tmp_path / "x.png")
@@ -87,6 +92,7 @@ def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path
     assert "never takes off" in run.out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
     logs = [recordings / "nanobench" / f"B9_trefoil_fast_rep{n}.csv" for n in (3, 15)]
     document = _document(eivor("identify", *logs, "--json", "-"))
@@ -94,6 +100,7 @@ def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
     assert any(finding["name"] == "duplicate_log" for finding in document["findings"])
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize("name", ["B2_circle_medium_rep3", "B9_trefoil_fast_rep3", "B9_trefoil_fast_rep15"])
 def test_overflow_is_reported(eivor: Caller, recordings: Path, name: str) -> None:
     run = eivor("inspect", recordings / "nanobench" / f"{name}.csv")

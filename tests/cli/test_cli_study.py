@@ -96,7 +96,7 @@ def test_figures_lie_beside_the_trials(eivor, file):
     }
     assert "a [red]small[/red] one" in (folder / "coverage.svg").read_text(encoding="utf-8")
     # The study goes on in a folder with pictures; without intervals there is no coverage to draw.
-    assert eivor("study", file, "--workers", 1, "--runs", 31, "--figures").code == 0
+    assert eivor("study", file, "--workers", 1, "--runs", 31).code == 0
     file.write_text(STUDY.replace("intervals = true", ""), encoding="utf-8")
     assert eivor("study", file, "--workers", 1, "--out", "plain", "--figures").code == 0
     assert {path.stem for path in Path("plain").glob("*.png")} == {"nrmse"}

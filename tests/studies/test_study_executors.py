@@ -29,7 +29,7 @@ from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_o
 from studies.study_parts import content, small_study
 
 #: Enough shards that every worker has some and a killed one leaves some.
-RUNS = 9 * SHARD_TRIALS + 10
+RUNS = 6 * SHARD_TRIALS + 10
 #: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
 PATIENCE_S = 600.0
 ROOT = Path(__file__).parents[2]
