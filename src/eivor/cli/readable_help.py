@@ -34,7 +34,7 @@ def _readable(parameters: list[Any]) -> list[Any]:
     for parameter in parameters:
         if isinstance(parameter, TyperArgument):
             # releases that print <list[str]> beside the name ask this; the others never call it
-            parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]  # noqa: ARG005
+            parameter.display_type_rich = lambda *_, **__: None  # type: ignore[method-assign]
         elif isinstance(parameter, TyperOption) and parameter.is_flag and parameter.metavar is None:
             parameter.metavar = ""
     return parameters

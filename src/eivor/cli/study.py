@@ -120,7 +120,9 @@ def _bar(name: str) -> Iterator[Progress]:
     """Bar on standard error, when that is a terminal."""
     screen = console(error=True)
     if not screen.is_terminal:
-        yield lambda done, total: None  # noqa: ARG005 - names for readers
+        from eivor.studies.run import no_progress
+
+        yield no_progress
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -45,7 +45,7 @@ class PieceMoments(ABC):
 
     @abstractmethod
     def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float, /
     ) -> Float[np.ndarray, "k n"]:
         """What each of some pieces moves the parameters by, to first order: M^-1 times the sum of its scores.
 
@@ -126,7 +126,8 @@ class RootPieces(PieceMoments):
         self,
         pieces: Int[np.ndarray, " k"] | slice,
         solved: Solved,
-        count: float,  # noqa: ARG002 - a root is of the sum already
+        _count: float,  # a root is of the sum already
+        /,
     ) -> Float[np.ndarray, "k n"]:
         """Of Phi e + c e^2, with the solver's correction."""
         theta = solved.solution.theta

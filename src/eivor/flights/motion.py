@@ -310,36 +310,31 @@ class Motion(ABC, Generic[P]):
     ) -> Mapping[str, tuple[Reason, ...]]:
         """Grounds against each quantity of `wording`."""
 
-    def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
+    def known(self, _flights: tuple[PreparedFlight, ...], /) -> Mapping[str, float]:
         """Values of quantities that flights with runs tell without an estimate."""
-        del flights
         return {}
 
-    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+    def excitation(self, _flights: tuple[PreparedFlight, ...], /) -> str:
         """Say how much the flights moved, in a sentence; empty for nothing."""
-        del flights
         return ""
 
-    def diagnostics(self, problem: P, estimate: Estimate) -> Mapping[str, float]:
+    def diagnostics(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, float]:
         """Numbers behind the verdict that this motion alone has."""
-        del problem, estimate
         return {}
 
     def findings(
-        self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+        self, _flights: tuple[PreparedFlight, ...], _quantities: Mapping[str, Quantity], /
     ) -> tuple[Finding, ...]:
         """What this motion alone notices in the logs, beside the result."""
-        del flights, quantities
         return ()
 
     # -- for replicates of a pool, see `bootstrap_flights` -------------------------------------------------
 
-    def flight_sums(self, problem: P, at: Values) -> Mapping[str, Float[np.ndarray, " flights"]]:
+    def flight_sums(self, _problem: P, _at: Values, /) -> Mapping[str, Float[np.ndarray, " flights"]]:
         """Sums over the samples of each flight, at values of the nuisances, that `resampled` needs by name.
 
         Flights are numbered as in the problem's rows.
         """
-        del problem, at
         return {}
 
     def resampled(self, problem: P, drawn: Drawn) -> Mapping[str, float]:

@@ -28,7 +28,7 @@ class UnweightedLeastSquares(Solver):
 
     @abstractmethod
     def triangular_solution(
-        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float, /
     ) -> Float[np.ndarray, " n"]:
         """Solution of R theta = right, given R's smallest singular value."""
 
@@ -47,7 +47,8 @@ class UnweightedLeastSquares(Solver):
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,  # noqa: ARG002 - the interface's
+        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
     ) -> ScoreCorrection:
         """Zeros: least squares puts all of the residual into the response."""
         return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
@@ -58,10 +59,7 @@ class LeastSquares(UnweightedLeastSquares):
     """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
 
     def triangular_solution(
-        self,
-        R: Float[np.ndarray, "n n"],
-        right: Float[np.ndarray, " n"],
-        smallest: float,  # noqa: ARG002 - the interface's
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
     ) -> Float[np.ndarray, " n"]:
         """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
         solution: Float[np.ndarray, " n"] = dtrtrs(R, right)[0]

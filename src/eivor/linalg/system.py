@@ -127,5 +127,6 @@ class Solver(ABC):
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
         error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
     ) -> ScoreCorrection:
         """Difference between the solver's score and that of least squares, for direct equations."""

@@ -33,8 +33,7 @@ def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
         yield "instruments", f"first-stage F {', '.join(known)} ({STRONG_FIRST_STAGE:.0f} is needed)"
 
 
-def _agreement(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    del result
+def _agreement(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
     if found.agreement is not None and found.rank and isfinite(found.agreement.p_value):
         yield "agreement", f"the instruments {found.agreement.outcome} {_tail(found.agreement.p_value)}"
 
@@ -54,8 +53,7 @@ def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]
     yield "constancy", sentence
 
 
-def _memory(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    del result
+def _memory(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
     if found.memory is not None:
         drifting = " (it drifts)" if found.memory.drifts else ""
         yield "residual", f"memory {found.memory.memory:.2f} ± {2.0 * found.memory.order_error:.2f}{drifting}"

@@ -31,7 +31,7 @@ class MeasurementNoise(ABC):
     """Its size, in the channel's unit: the standard deviation of the white noise that it is made of."""
 
     @abstractmethod
-    def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
+    def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
         """E[x(m) x(m + lag)] for m = start .. start + count - 1 samples since the record began.
 
         In the square of the channel's unit; `lag` is zero or more.
@@ -74,9 +74,8 @@ class WhiteNoise(MeasurementNoise):
         """Square of `std`."""
         return self.std**2
 
-    def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
+    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
         """`variance` at lag zero, nothing else."""
-        del start
         return np.full(count, self.variance if lag == 0 else 0.0)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:

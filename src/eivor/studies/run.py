@@ -18,6 +18,10 @@ from eivor.studies.trial_shards import open_folder, shard_trials
 Progress = Callable[[int, int], None]
 
 
+def no_progress(_done: int, _total: int, /) -> None:
+    """Tell nobody how much is done."""
+
+
 @dataclass(frozen=True)
 class StudyResult:
     """A finished study.
@@ -64,7 +68,7 @@ def run_study(
     folder: Path,
     *,
     executor: Executor | None = None,
-    progress: Progress = lambda done, total: None,  # noqa: ARG005 - names for readers
+    progress: Progress = no_progress,
 ) -> StudyResult:
     """Run what is left of a study.
 

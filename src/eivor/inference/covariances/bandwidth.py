@@ -25,7 +25,7 @@ class Bandwidth(ABC):
     """A way to choose the bandwidth."""
 
     @abstractmethod
-    def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
+    def lags(self, blocks: Blocks, count: int, kernel: Kernel, /) -> float:
         """Bandwidth in lags.
 
         Parameters
@@ -61,9 +61,8 @@ class FixedBandwidth(Bandwidth):
         if not self.bandwidth >= 0.0:
             raise UsageError("a bandwidth of zero lags or more", f"{self.bandwidth}", "Zero sees no lag.")
 
-    def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
+    def lags(self, _blocks: Blocks, _count: int, _kernel: Kernel, /) -> float:
         """The number given."""
-        del blocks, count, kernel
         return float(self.bandwidth)
 
 
@@ -71,9 +70,8 @@ class FixedBandwidth(Bandwidth):
 class NeweyWestRule(Bandwidth):
     """4 (N/100)^(2/9), the rule of thumb that goes with Newey and West (1994)."""
 
-    def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
+    def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         """Whole lags, from the number of scores alone."""
-        del blocks, kernel
         return float(newey_west_bandwidth(count))
 
 
@@ -81,9 +79,8 @@ class NeweyWestRule(Bandwidth):
 class SquareRootRule(Bandwidth):
     """1.3 sqrt(N), which asks for fixed-b critical values (Lazarus, Lewis, Stock and Watson 2018)."""
 
-    def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
+    def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
         """Lags, from the number of scores alone."""
-        del blocks, kernel
         return 1.3 * float(np.sqrt(count)) - 1.0
 
 

@@ -119,7 +119,7 @@ def _smoothed_levels(
 
 def _multisine(
     time: Float[np.ndarray, " n"],
-    step_s: float,  # noqa: ARG001 - the shapes' common signature
+    _step_s: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
     """Twelve sines between 0.06 and 1.2 Hz with random phases, amplitude falling with frequency."""
@@ -132,7 +132,7 @@ def _multisine(
 
 def _chirp(
     time: Float[np.ndarray, " n"],
-    step_s: float,  # noqa: ARG001 - the shapes' common signature
+    _step_s: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
     """Sine whose frequency rises from about 0.1 to 1.2 Hz, at the full speed or acceleration throughout."""
@@ -145,7 +145,7 @@ def _chirp(
 
 def _climbs(
     time: Float[np.ndarray, " n"],
-    step_s: float,  # noqa: ARG001 - the shapes' common signature
+    _step_s: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
     """One climb and one descent, each of least jerk (a polynomial of the fifth degree)."""
@@ -161,13 +161,14 @@ def _climbs(
 
 def _hover(
     time: Float[np.ndarray, " n"],
-    step_s: float,  # noqa: ARG001 - the shapes' common signature
-    rng: np.random.Generator,  # noqa: ARG001
+    _step_s: float,
+    _rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
     """Return a constant reference."""
     return np.zeros_like(time)
 
 
+#: A shape's heights at times [s], of which the second argument is the step; it draws what is random.
 _Shape = Callable[[Float[np.ndarray, " n"], float, np.random.Generator], Float[np.ndarray, " n"]]
 _SHAPES: Mapping[TrajectoryKind, _Shape] = {
     TrajectoryKind.STEPS: _steps,

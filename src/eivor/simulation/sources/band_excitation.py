@@ -63,9 +63,8 @@ class Chirp(Excitation):
     def __post_init__(self) -> None:
         _check_size_and_band("amplitude", self.amplitude, self.low_hz, self.high_hz)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del rng
         _check_rate(self.high_hz, step_s)
         t, duration = step_s * np.arange(count), step_s * count
         turns = self.low_hz * t + 0.5 * (self.high_hz - self.low_hz) * t**2 / duration
@@ -94,9 +93,8 @@ class Multisine(Excitation):
     def __post_init__(self) -> None:
         _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del rng
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
         lines = int(inside.sum())
         numbers = np.arange(1, lines + 1)

@@ -62,9 +62,8 @@ class PseudoRandomBinary(Excitation):
         )
         require(self.hold >= 1, "hold of 1 or more", f"hold={self.hold}")
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """A stretch of the sequence."""
-        del step_s
         period = maximal_sequence(self.register)
         start = int(rng.integers(period.size))
         return self.amplitude * period[(start + np.arange(count) // self.hold) % period.size]

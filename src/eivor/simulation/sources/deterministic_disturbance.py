@@ -35,9 +35,8 @@ class Trend(Disturbance):
         given("coefficients", self.coefficients)
         finite("coefficient", *self.coefficients)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del step_s, rng
         return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
 
     @property
@@ -78,9 +77,8 @@ class Sinusoids(Disturbance):
         non_negative("frequency", *self.frequencies)
         finite("phase", *self.phases)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del rng
         t = step_s * np.arange(count)
         phases = self.phases or (0.0,) * len(self.amplitudes)
         series = np.zeros(count)
@@ -132,9 +130,8 @@ class BoundedAdversary(Disturbance):
         )
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del rng
         t, duration = step_s * np.arange(count), step_s * max(count, 1)
         rate = np.log(self.longest_s / self.shortest_s) / duration
         turns = t if rate == 0.0 else np.expm1(rate * t) / rate

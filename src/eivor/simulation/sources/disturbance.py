@@ -18,7 +18,7 @@ class Disturbance(ABC):
     """A series e(t_k) that enters an equation or the dynamics."""
 
     @abstractmethod
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation on a grid of that step [s]."""
 
     @property
@@ -47,9 +47,8 @@ class WhiteDisturbance(Disturbance):
     def __post_init__(self) -> None:
         non_negative("std", self.std)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Independent normal values."""
-        del step_s
         return self.std * rng.standard_normal(count)
 
     @property

@@ -15,7 +15,7 @@ class Excitation(ABC):
     """A series on a uniform grid."""
 
     @abstractmethod
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation on a grid of that step [s]."""
 
 
@@ -56,9 +56,8 @@ class WhiteExcitation(Excitation):
     def __post_init__(self) -> None:
         non_negative("std", self.std)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation."""
-        del step_s
         return self.std * rng.standard_normal(count)
 
 
@@ -82,9 +81,8 @@ class Steps(Excitation):
         finite("level", *self.levels)
         positive("dwell_s", self.dwell_s)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del rng
         # A step that falls on a sample, but for rounding, is taken there.
         number = np.floor(np.arange(count) * (step_s / self.dwell_s) + 1e-9).astype(np.int64)
         return np.array(self.levels)[number % len(self.levels)]
@@ -106,9 +104,8 @@ class GivenSeries(Excitation):
         given("values", self.values)
         finite("value", *self.values)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        del step_s, rng
         require(
             len(self.values) >= count,
             f"a series of {count} values or more, as many as the record has samples",

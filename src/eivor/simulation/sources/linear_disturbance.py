@@ -54,9 +54,8 @@ class Arma(Disturbance):
             "Make the coefficients smaller.",
         )
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; the state before the record is drawn from its stationary distribution."""
-        del step_s
         transition, _, covariance = self._state_space()
         eigenvalues, vectors = np.linalg.eigh(covariance)
         before = vectors @ (np.sqrt(np.maximum(eigenvalues, 0.0)) * rng.standard_normal(eigenvalues.size))
@@ -149,9 +148,8 @@ class TimeVaryingArma(Disturbance):
             "Make the means or amplitudes smaller.",
         )
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation."""
-        del step_s
         shocks = rng.standard_normal(count)
         driven = shocks.copy()
         for lag, course in enumerate(self.moving_average[: count - 1], start=1):
@@ -196,9 +194,8 @@ class RandomCoefficientMovingAverage(Disturbance):
         non_negative("std of a coefficient", *self.stds)
         non_negative("std", self.std)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; w exists before the record."""
-        del step_s
         order = len(self.means)
         shocks = rng.standard_normal(count + order)
         series = np.zeros(count)

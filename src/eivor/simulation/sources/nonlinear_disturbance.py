@@ -70,9 +70,8 @@ class ThresholdMovingAverage(Disturbance):
         at_least("delay", self.delay, 1)
         non_negative("std", self.std)
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, after as many unused samples as regime and shocks reach back, tenfold."""
-        del step_s
         order = len(self.coefficients[0])
         unused = 10 * max(order, self.delay)
         shocks = self.std * rng.standard_normal(order + unused + count)
@@ -134,9 +133,8 @@ class Bilinear(Disturbance):
             "Make one of them smaller.",
         )
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, settled to its stationary variance: given w it is a linear recursion in x."""
-        del step_s
         unused = self.series_lag * settling(self._growth)
         shocks = self.std * rng.standard_normal(unused + count)
         coefficients = np.zeros((shocks.size, self.series_lag))

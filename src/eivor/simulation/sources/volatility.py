@@ -51,9 +51,8 @@ class Garch(Disturbance):
             "Make one of them smaller.",
         )
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; before the record, squares and variances are the stationary variance."""
-        del step_s
         white = rng.standard_normal(count)
         series = np.sqrt(self._variances(white**2)) * white
         limit = self.largest_square

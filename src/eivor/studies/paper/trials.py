@@ -94,9 +94,8 @@ class SampleClockInput(Excitation):
 
     variance: float
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation."""
-        del step_s
         return PaperInput(self.variance).sample(count, 1.0, rng)
 
 
@@ -112,9 +111,8 @@ class WhiteInput(Excitation):
 
     variance: float
 
-    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation."""
-        del step_s
         return np.sqrt(self.variance) * rng.standard_normal(count)
 
 
