@@ -83,7 +83,7 @@ def test_killed_and_resumed(expected, tmp_path, executor):
     kept = {path: path.stat().st_mtime_ns for path in folder.glob("shards/*.parquet")}
     assert 2 <= len(kept) < len(expected) - 1
     assert not (folder / "trials.parquet").exists()
-    run_study(small_study(RUNS), folder)
+    run_study(small_study(RUNS), folder, executor=InProcess())
     left_over = [path.name for path in (folder / "shards").glob(".*")]
     assert {name: text for name, text in content(folder).items() if name not in left_over} == expected
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
