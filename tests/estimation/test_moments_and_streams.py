@@ -176,6 +176,29 @@ class TestParquet:
         with pytest.raises(InputError, match="Parquet"):
             list(ev.read_chunks(path, rate_hz=5.0))
 
+    @pytest.mark.parametrize("stage", ["collect_schema", "collect"])
+    def test_a_decoders_panic_is_told(self, table, monkeypatch, stage):
+        """It is no Exception, and would end the program with a traceback, after some chunks too."""
+        polars = pytest.importorskip("polars")
+
+        def panic(*_parts: object, **_options: object) -> None:
+            raise polars.exceptions.PanicException("index out of bounds")
+
+        path, _ = table
+        chunks = ev.read_chunks(path, rate_hz=5.0, rows=97)
+        if stage == "collect":
+            next(chunks)
+        monkeypatch.setattr(polars.LazyFrame, stage, panic)
+        with pytest.raises(InputError, match=r"record\.parquet: index out of bounds"):
+            next(chunks)
+
+    def test_a_column_of_words_is_told(self, tmp_path):
+        polars = pytest.importorskip("polars")
+        path = tmp_path / "words.parquet"
+        polars.DataFrame({"velocity_z": ["up", "down"]}).write_parquet(path)
+        with pytest.raises(InputError, match="whose columns are numbers"):
+            next(ev.read_chunks(path, rate_hz=5.0))
+
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 @pytest.mark.parametrize("weighting", [ev.methods.Unweighted(), ev.methods.TwoStage()])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.motion import Vertical
 
 # Checking shapes and searching all lags takes most of the time: `fit`, made before this takes hold, is a full
 # search that is checked.
@@ -400,6 +401,20 @@ def test_flights_of_different_vehicles_are_not_pooled(fleet, change, said):
         PoolingError, match=f"Expected flights of one vehicle: flight 0 and flight 1 alike; received {said}"
     ):
         identify_flight([fleet[0], change(fleet[1])])
+
+
+@dataclass(frozen=True)
+class Wheeled(Vertical):
+    """A motion whose vehicles are told apart by another parameter."""
+
+    vehicle_parameters = ("WHEEL_COUNT",)
+
+
+def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
+    with pytest.raises(PoolingError, match=r"WHEEL_COUNT = None and 3\.0"):
+        identify_flight([fleet[0], replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})], model=Wheeled())
+    pooled = identify_flight([fleet[0], replace(fleet[1], parameters={"THR_MDL_FAC": 0.3})], model=Wheeled())
+    assert len(pooled.flights) == 2
 
 
 @pytest.mark.parametrize(

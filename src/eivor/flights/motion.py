@@ -248,6 +248,8 @@ class Motion(ABC, Generic[P]):
     """Time before a sample that decides the state of what drives the vehicle [s]: 25 of the longest lags."""
     logged_parameters: ClassVar[tuple[str, ...]] = ()
     """Parameters of an autopilot that are worth showing."""
+    vehicle_parameters: ClassVar[tuple[str, ...]] = ()
+    """Parameters of an autopilot that stand for the vehicle: flights in which they differ make no pool."""
 
     # -- from a log to a problem --------------------------------------------------------------------------
 

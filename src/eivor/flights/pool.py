@@ -12,17 +12,6 @@ from eivor.flights.motion import Motion
 from eivor.flights.prepared import PreparedFlight
 from eivor.signals.recording import Finding, Recording
 
-#: Logged parameters that stand for the vehicle and the path from thrust setpoint to rotors.
-VEHICLE_PARAMETERS = (
-    "SYS_AUTOSTART",
-    "THR_MDL_FAC",
-    "CA_ROTOR_COUNT",
-    "MOT_POLE_COUNT",
-    "PWM_MIN",
-    "PWM_MAX",
-    "PWM_MAIN_MIN",
-    "PWM_MAIN_MAX",
-)
 #: Hovering inputs of one vehicle, laden or not, are within this ratio of each other.
 LARGEST_INPUT_RATIO = 10.0
 
@@ -85,7 +74,7 @@ def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any
         return f"inputs {first.input.name} and {other.input.name}"
     if first.actuators != other.actuators:
         return f"{first.actuators} and {other.actuators} rotors"
-    for name in VEHICLE_PARAMETERS:
+    for name in motion.vehicle_parameters:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
         if values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def read_chunks(
     Raises
     ------
     InputError
-        When the file cannot be read.
+        When the file, or a stretch of it, cannot be read, or a column has no numbers.
     ChannelMapError
         When a column is not in the table.
     UsageError
@@ -75,13 +76,9 @@ def _chunks(
 ) -> Iterator[Signals]:
     import polars as pl
 
-    try:
+    with _reading(path):
         frame = pl.scan_parquet(Path(path))
         available = frame.collect_schema().names()
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise InputError(
-            "a Parquet file", f"{Path(path).name}: {error}", "Check the path and the file."
-        ) from error
     wanted = dict(channels) if channels is not None else {name: name for name in available if name != "time"}
     missing = [column for column in wanted.values() if column not in available]
     if missing:
@@ -90,12 +87,28 @@ def _chunks(
         )
     first = 0
     while True:
-        table = frame.select(list(wanted.values())).slice(first, rows).collect()
+        with _reading(path):
+            table = frame.select(list(wanted.values())).slice(first, rows).collect()
+            values = {
+                name: table[column].cast(pl.Float64).to_numpy().astype(np.float64, copy=False)
+                for name, column in wanted.items()
+            }
         if table.height == 0:
             return
-        values = {
-            name: table[column].cast(pl.Float64).to_numpy().astype(np.float64, copy=False)
-            for name, column in wanted.items()
-        }
         yield Signals(rate_hz, values, noise=noise, start_s=first / rate_hz)
         first += table.height
+
+
+@contextmanager
+def _reading(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the table's reader raises, its panics too, into one error."""
+    import polars as pl
+
+    try:
+        yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        raise InputError(
+            "a Parquet file whose columns are numbers",
+            f"{Path(path).name}: {error}",
+            "Check the path and the file.",
+        ) from error

@@ -60,6 +60,17 @@ class Vertical(Motion[VerticalFlights]):
         "CA_ROTOR_COUNT",
         "SDLOG_PROFILE",
     )
+    # the vehicle, and the path from its thrust setpoint to the rotors
+    vehicle_parameters = (
+        "SYS_AUTOSTART",
+        "THR_MDL_FAC",
+        "CA_ROTOR_COUNT",
+        "MOT_POLE_COUNT",
+        "PWM_MIN",
+        "PWM_MAX",
+        "PWM_MAIN_MIN",
+        "PWM_MAIN_MAX",
+    )
 
     def check(self, options: FlightOptions) -> None:
         """Refuse input maps that do not exist, see `Motion.check`."""
