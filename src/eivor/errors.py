@@ -48,11 +48,11 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str, *, most: int =
     most : int
         At most so many are named.
     """
-    near = nearest(name, known, most)
+    near = nearest_names(name, known, most)
     return f"Did you mean {' or '.join(map(repr, near))}?" if near else otherwise
 
 
-def nearest(name: str, known: Iterable[str], most: int = 1) -> list[str]:
+def nearest_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:
     """At most so many of the names that are known and written like `name`, the nearest first."""
     from difflib import get_close_matches
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eivor.errors import InputError, did_you_mean, nearest
+from eivor.errors import InputError, did_you_mean, nearest_names
 
 T = TypeVar("T")
 
@@ -78,7 +78,7 @@ class TomlTable:
 
     def _near(self, key: str) -> str:
         """A key that was perhaps meant to be this one."""
-        near = nearest(key, [name for name in self.values if name not in self.taken])
+        near = nearest_names(key, [name for name in self.values if name not in self.taken])
         return f" Is '{near[0]}' meant to be it?" if near else ""
 
     def text(self, key: str, default: str | None = None) -> str:
@@ -180,7 +180,7 @@ class TomlTable:
         Raises
         ------
         InputError
-            With the nearest key that exists.
+            With the nearest_names key that exists.
         """
         for key in self.values:
             if key not in self.taken:

@@ -11,7 +11,7 @@ from scipy import stats
 
 import eivor as ev
 from eivor.flights.diagnostics import FEWEST_RUNS, run_leverage
-from eivor.report.checks import checks
+from eivor.report.fit_checks import checks
 from estimation.vertical_flight_signals import Noise, flights, problem
 
 EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"
@@ -32,7 +32,7 @@ def test_leverage_of_a_run_is_the_solution_without_it():
     jacobian = np.column_stack([rows.regressors, fit.best.solved.nuisance_columns])
     for flight in range(4):
         rest = rows.layout.flight_of_row != flight
-        P, G, e = equation.test[rest], jacobian[rest], equation.residual[rest]
+        P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]
         # the lag was searched for to a tolerance, so that the scores add up to zero only nearly
         np.testing.assert_allclose(found.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=0.03)
 

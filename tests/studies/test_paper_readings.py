@@ -35,7 +35,7 @@ from eivor.studies.paper.readings import (
     SOURCES,
     TRUTH,
     Compensation,
-    Motion,
+    MotionSource,
     Reading,
     named_readings,
 )
@@ -195,12 +195,12 @@ def test_height_is_the_integral_of_velocity(intersample):
 @pytest.mark.parametrize(
     ("motion", "velocity", "acceleration"),
     [
-        (Motion.VELOCITY_CENTRAL, 0.0, 0.0),
-        (Motion.VELOCITY_BACKWARD, 0.0, -0.1),
-        (Motion.VELOCITY_FORWARD, 0.0, 0.1),
-        (Motion.HEIGHT_CENTRAL, 0.0, 0.0),
-        (Motion.HEIGHT_TWICE_CENTRAL, 0.0, 0.0),
-        (Motion.HEIGHT_BACKWARD, -0.1, -0.2),
+        (MotionSource.VELOCITY_CENTRAL, 0.0, 0.0),
+        (MotionSource.VELOCITY_BACKWARD, 0.0, -0.1),
+        (MotionSource.VELOCITY_FORWARD, 0.0, 0.1),
+        (MotionSource.HEIGHT_CENTRAL, 0.0, 0.0),
+        (MotionSource.HEIGHT_TWICE_CENTRAL, 0.0, 0.0),
+        (MotionSource.HEIGHT_BACKWARD, -0.1, -0.2),
     ],
 )
 def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration):
@@ -216,7 +216,7 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
 def test_noise_that_is_differentiated_is_in_both_channels():
     chosen = reading("noise-before-differences")
     made = record(chosen, EXAMPLES[0], trial_generator(1))
-    plain = record(replace(chosen, motion=Motion.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
+    plain = record(replace(chosen, motion=MotionSource.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
     assert np.array_equal(made.signals.channels["velocity_z"], plain.signals.channels["velocity_z"])
     added = made.signals.channels["acceleration_z"] - plain.signals.channels["acceleration_z"]
     error = plain.signals.channels["velocity_z"] - plain.truth.channels["velocity_z"]

@@ -23,7 +23,7 @@ from eivor.errors import UsageError
 from eivor.signals.recording import Recording
 from eivor.simulation.flights.sensor_noise import SensorErrors, SensorNoise, sensor_errors
 from eivor.simulation.flights.simulated_log import simulated_recording
-from eivor.simulation.flights.trajectories import Reference, TrajectoryKind, altitude_reference
+from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind, altitude_reference
 from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight
 from eivor.simulation.flights.wind import gusts
 from validation.flight_recipe.rotorpy_states import flat_output, initial_state, is_lost, measured
@@ -59,7 +59,7 @@ class RotorpyFlightSpec:
     trajectory : TrajectoryKind
         The altitude reference.
     seed : int
-        Trajectory, wind and noise have streams of their own, so that a change of the noise's kind leaves
+        Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
         trajectory and wind as they were.
     duration : float
         [s], a multiple of 0.01.
@@ -153,7 +153,7 @@ class _Parts:
     """What a flight is flown with."""
 
     parameters: dict[str, Any]
-    reference: Reference
+    reference: Trajectory
     wind: Float[np.ndarray, "n 3"]
     errors: SensorErrors
 

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.simulation.flights.sensor_noise import SensorErrors
-from eivor.simulation.flights.trajectories import Reference
+from eivor.simulation.flights.trajectories import Trajectory
 
 
 def initial_state(
-    reference: Reference, hover: Float[np.ndarray, " rotors"]
+    reference: Trajectory, hover: Float[np.ndarray, " rotors"]
 ) -> dict[str, Float[np.ndarray, " _"]]:
     """Level, on the reference, rotors at hover speed."""
     return {
@@ -26,7 +26,7 @@ def initial_state(
     }
 
 
-def flat_output(reference: Reference, k: int) -> dict[str, Any]:
+def flat_output(reference: Trajectory, k: int) -> dict[str, Any]:
     """RotorPy's name for the reference: the vertical one, and none sideways or in yaw."""
     upward = np.array([0.0, 0.0, 1.0])
     return {

@@ -29,7 +29,7 @@ from eivor.studies.paper.readings import (
     PRINTED_METHODS,
     SOURCES,
     Input,
-    Motion,
+    MotionSource,
     Ratio,
     RatioOf,
     Reading,
@@ -85,7 +85,7 @@ def printed_table() -> tuple[
 
 def simulations() -> Iterator[Reading]:
     """Every combination of what shapes the record."""
-    axes = product(Input, Motion, Intersample, (0.02, 0.02**2), Ratio, SOURCES, RatioOf, Weights)
+    axes = product(Input, MotionSource, Intersample, (0.02, 0.02**2), Ratio, SOURCES, RatioOf, Weights)
     for drive, motion, between, variance, ratio, larger, of, weights in axes:
         if drive is Input.WHITE:
             continue  # the text has (35)

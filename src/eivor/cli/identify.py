@@ -103,7 +103,7 @@ def identify(
         compare=compare,
     )
     recordings, windows = chosen.read(options)
-    check_instruments(recordings, options.instruments)
+    check_named_instruments(recordings, options.instruments)
     result = identified(recordings, motion, options, windows)
     deliver(*deliveries(result, replace(outputs, card=card)))
     return exit_code(result)
@@ -128,7 +128,7 @@ def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]])
     return Outputs(json, files.get("--figure"))
 
 
-def check_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
+def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
     """Refuse instruments that a log does not have.
 
     Raises

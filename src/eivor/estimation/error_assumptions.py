@@ -61,7 +61,7 @@ class AutocorrelatedErrors(ErrorAssumption):
         TooFewSamplesError
             When the record is too short for the averages, or these are fewer than the equations.
         """
-        equations = rows.test.shape[1]
+        equations = rows.test_functions.shape[1]
         if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
             raise TooFewSamplesError(
                 f"as many cosine averages as equations, {equations}, and fewer than samples",
@@ -98,4 +98,4 @@ class HomoskedasticErrors(ErrorAssumption):
                 "compensated equations, whose errors share noise with their instruments",
                 "Use AutocorrelatedErrors(), the default, which takes the scores' variance as it is.",
             )
-        return homoskedastic_region(rows.names, rows.test, rows.columns, level, rows.partialled)
+        return homoskedastic_region(rows.names, rows.test_functions, rows.columns, level, rows.partialled)

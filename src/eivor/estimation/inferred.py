@@ -133,8 +133,8 @@ def equation_of(solved: Solved) -> EstimatingEquation:
     # Rows in frequency, and of several axes, go back to time all at once.
     equation = estimating_equation(solved, lambda: problem.blocks(round(solved.count)))
     whole = equation.rows
-    scores = problem.layout.scores(whole.test, whole.residual)
-    timed = EquationRows(whole.test, whole.residual, scores, whole.flight_of_row, whole.constant)
+    scores = problem.layout.scores(whole.test_functions, whole.residual)
+    timed = EquationRows(whole.test_functions, whole.residual, scores, whole.flight_of_row, whole.constant)
     return replace(equation, sample_count=scores.shape[0], blocks=lambda: [timed])
 
 
@@ -155,12 +155,12 @@ def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
 
 def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     """Equation of mean cross-products; its root takes a pass of its own."""
-    tests, theta, factor = solved.assembler.test_functions, solved.solution.theta, solved.factor
+    psi_of, theta, factor = solved.assembler.test_functions, solved.solution.theta, solved.factor
     A, known = solved.system.matrix, solved.prior_rows()
     if solved.nuisance_columns.size:
         moved = np.zeros((A.shape[0], solved.nuisance_columns.shape[1]))
         for block, nuisance in _with_nuisance(solved, blocks):
-            moved += tests(block).T @ nuisance
+            moved += psi_of(block).T @ nuisance
         A = np.column_stack([A, moved / solved.count])
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
@@ -171,18 +171,18 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     combinations = combinations[:equations]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-    S = _root_of((tests(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
+    S = _root_of((psi_of(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
     combinations = over_root(combinations, S)
     combined = solved.constant @ combinations
 
     def rows() -> Iterator[EquationRows]:
         for block in _filled(blocks):
             # Columns stay contiguous, as those of a block are.
-            test = (combinations.T @ tests(block).T).T
+            psi = (combinations.T @ psi_of(block).T).T
             residual = block.response - block.regressors @ theta
-            scores = test * residual[:, None]
+            scores = psi * residual[:, None]
             scores += combined
-            yield EquationRows(test, residual, scores, block.flights, combined)
+            yield EquationRows(psi, residual, scores, block.flights, combined)
 
     prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
     return EstimatingEquation(S @ R, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior)
@@ -213,8 +213,8 @@ def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
             residual = block.response - block.regressors @ theta
             pulled = solver.score_correction(residual, theta, covariance).rows
             jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
-            test = over_root(jacobian + np.pad(pulled, ((0, 0), (0, searched))), root)
-            yield EquationRows(test, residual, test * residual[:, None], block.flights)
+            psi = over_root(jacobian + np.pad(pulled, ((0, 0), (0, searched))), root)
+            yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
     prior = unit * over_root(known, root) if known.size else None
     return EstimatingEquation(root, slope, round(solved.count), rows, prior)

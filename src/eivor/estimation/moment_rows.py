@@ -34,7 +34,7 @@ class MomentRows:
     ----------
     parameters : tuple of Parameter
         One for each column of Phi.
-    test : ndarray, shape (rows, p)
+    test_functions : ndarray, shape (rows, p)
         psi.
     columns : ndarray, shape (rows, n + 1)
         [y Phi].
@@ -47,7 +47,7 @@ class MomentRows:
     """
 
     parameters: tuple[Parameter, ...]
-    test: Float[np.ndarray, "rows p"]
+    test_functions: Float[np.ndarray, "rows p"]
     columns: Float[np.ndarray, "rows n_plus_1"]
     noise: Float[np.ndarray, "p n_plus_1"]
     layout: RowLayout
@@ -63,9 +63,9 @@ class MomentRows:
         found = {}
         for j in range(len(self.parameters)):
             column = self.columns[:, j + 1]
-            for i in range(self.test.shape[1]):
+            for i in range(self.test_functions.shape[1]):
                 exact = not (self.noise[i].any() or self.noise[:, j + 1].any())
-                if exact and column.any() and np.array_equal(column, self.test[:, i]):
+                if exact and column.any() and np.array_equal(column, self.test_functions[:, i]):
                     found[j] = i
                     break
         return found
@@ -77,17 +77,17 @@ class MomentRows:
         own = self.own_instruments()
         W = self.columns[:, [j + 1 for j in regressors]]
         Q = np.linalg.qr(W / np.linalg.norm(W, axis=0))[0]
-        psi = [i for i in range(self.test.shape[1]) if i not in {own[j] for j in regressors}]
+        others = [i for i in range(self.test_functions.shape[1]) if i not in {own[j] for j in regressors}]
         left = [j for j in range(len(self.parameters)) if j not in regressors]
         kept = [0, *(j + 1 for j in left)]
-        test, columns = self.test[:, psi], self.columns[:, kept]
+        psi, columns = self.test_functions[:, others], self.columns[:, kept]
         for _ in range(2):  # once more, for what rounding leaves of a large mean
-            test, columns = test - Q @ (Q.T @ test), columns - Q @ (Q.T @ columns)
+            psi, columns = psi - Q @ (Q.T @ psi), columns - Q @ (Q.T @ columns)
         return MomentRows(
             tuple(self.parameters[j] for j in left),
-            test,
+            psi,
             columns,
-            self.noise[np.ix_(psi, kept)],
+            self.noise[np.ix_(others, kept)],
             self.layout,
             self.partialled + len(regressors),
         )
@@ -100,9 +100,9 @@ class MomentRows:
         InstrumentError
             When fewer are left than there are parameters.
         """
-        lengths = np.linalg.norm(self.test, axis=0)
+        lengths = np.linalg.norm(self.test_functions, axis=0)
         moving = lengths > 0.0
-        unit = self.test[:, moving] / lengths[moving]
+        unit = self.test_functions[:, moving] / lengths[moving]
         eigenvalues, vectors = np.linalg.eigh(unit.T @ unit)
         kept = eigenvalues > SMALLEST_DIRECTION**2
         unknowns = len(self.parameters)
@@ -118,11 +118,11 @@ class MomentRows:
 
     def scores(self, averages: int | None) -> LinearScores:
         """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""
-        total = self.test.T @ self.columns - self.columns.shape[0] * self.noise
+        total = self.test_functions.T @ self.columns - self.columns.shape[0] * self.noise
         cosines = []
         for column in self.columns.T:
-            scores = self.layout.scores(self.test, column)
-            count = averages or averages_for(scores.shape[0], self.test.shape[1])
+            scores = self.layout.scores(self.test_functions, column)
+            count = averages or averages_for(scores.shape[0], self.test_functions.shape[1])
             cosines.append(cosine_averages(scores, count))
         return LinearScores(total, np.stack(cosines, axis=2))
 
@@ -149,8 +149,8 @@ def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     moments = method.assembler.moments(problem)  # refuses what it cannot use
     rows = problem.rows()
     columns = np.column_stack([rows.response, rows.regressors])
-    test = method.assembler.test_functions(rows)
-    noise = np.zeros((test.shape[1], columns.shape[1]))
+    psi = method.assembler.test_functions(rows)
+    noise = np.zeros((psi.shape[1], columns.shape[1]))
     if isinstance(moments, CrossMoments) and moments.noise is not None:
         noise = np.column_stack([moments.noise[:, -1], moments.noise[:, :-1]])
-    return MomentRows(rows.parameters, test, columns, noise, rows.layout)
+    return MomentRows(rows.parameters, psi, columns, noise, rows.layout)

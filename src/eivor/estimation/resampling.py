@@ -209,8 +209,8 @@ def _influence(rows: Regression, method: LinearMethod, solved: Solved) -> Float[
         weighted = A
         if solved.factor is not None:
             weighted = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
-        test = method.assembler.test_functions(rows) @ WA
-        return over_sensitivity(test * residual[:, None], weighted)
+        psi = method.assembler.test_functions(rows) @ WA
+        return over_sensitivity(psi * residual[:, None], weighted)
     correction = method.solver.score_correction(residual, theta, system.error_covariance)
-    test = Phi + correction.rows
-    return over_sensitivity(test * residual[:, None], A, correction.sensitivity)
+    psi = Phi + correction.rows
+    return over_sensitivity(psi * residual[:, None], A, correction.sensitivity)

@@ -269,7 +269,9 @@ def sign_perturbed_set(
             "Use anderson_rubin_set.",
         )
     usable = rows.independent()
-    region = sign_perturbed_region(usable.names, usable.test, usable.columns, rng, level=level, sums=sums)
+    region = sign_perturbed_region(
+        usable.names, usable.test_functions, usable.columns, rng, level=level, sums=sums
+    )
     return SignPerturbedSet(problem.parameters, level, sums, region)
 
 

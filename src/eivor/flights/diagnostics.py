@@ -168,8 +168,8 @@ def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     ends = tuple(pairwise(starts.tolist()))
     runs = [slice(*one) for one in ends]
     return segment_leverage(
-        np.stack([equation.test[run].T @ equation.residual[run] for run in runs]),
-        np.stack([equation.test[run].T @ jacobian[run] for run in runs]),
+        np.stack([equation.test_functions[run].T @ equation.residual[run] for run in runs]),
+        np.stack([equation.test_functions[run].T @ jacobian[run] for run in runs]),
         record.evidence.subject.std_errors,
         ends,
     )

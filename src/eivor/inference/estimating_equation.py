@@ -30,7 +30,7 @@ class EquationRows:
 
     Parameters
     ----------
-    test : ndarray, shape (rows, n)
+    test_functions : ndarray, shape (rows, n)
         P, test functions.
     residual : ndarray, shape (rows,)
         e.
@@ -42,7 +42,7 @@ class EquationRows:
         What each row's score has beside p_t e_t; none unless the equations are compensated.
     """
 
-    test: Float[np.ndarray, "rows n"]
+    test_functions: Float[np.ndarray, "rows n"]
     residual: Float[np.ndarray, " rows"]
     scores: Float[np.ndarray, "samples n"]
     flight_of_row: Int[np.ndarray, " rows"]
@@ -97,7 +97,7 @@ class EstimatingEquation:
         if len(parts) == 1:
             return parts[0]
         return EquationRows(
-            np.concatenate([part.test for part in parts]),
+            np.concatenate([part.test_functions for part in parts]),
             np.concatenate([part.residual for part in parts]),
             np.concatenate([part.scores for part in parts]),
             np.concatenate([part.flight_of_row for part in parts]),
@@ -105,10 +105,10 @@ class EstimatingEquation:
         )
 
     @property
-    def test(self) -> Float[np.ndarray, "rows n"]:
+    def test_functions(self) -> Float[np.ndarray, "rows n"]:
         """The method's own test functions of all rows."""
-        test: Float[np.ndarray, "rows n"] = self.rows.test @ self.root
-        return test
+        own: Float[np.ndarray, "rows n"] = self.rows.test_functions @ self.root
+        return own
 
     @property
     def residual(self) -> Float[np.ndarray, " rows"]:

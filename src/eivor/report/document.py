@@ -64,7 +64,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class TableColumn:
     """A column of a table.
 
     Parameters
@@ -113,13 +113,13 @@ class TableOf:
 
     Parameters
     ----------
-    columns : tuple of Column
+    columns : tuple of TableColumn
         The first one says what a row is about.
     rows : tuple of tuple of Cell
         A cell for each column.
     """
 
-    columns: tuple[Column, ...]
+    columns: tuple[TableColumn, ...]
     rows: tuple[tuple[Cell, ...], ...]
 
 

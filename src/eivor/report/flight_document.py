@@ -10,13 +10,13 @@ from eivor.flights.result import FlightEstimate
 from eivor.report.document import (
     Bullets,
     Cell,
-    Column,
     Document,
     Fact,
     Facts,
     Figure,
     Part,
     Section,
+    TableColumn,
     TableOf,
 )
 from eivor.report.told import ToldFlight, ToldRow, told_flight
@@ -92,12 +92,12 @@ def _facts(told: ToldFlight) -> Facts:
 def _quantity_table(told: ToldFlight) -> TableOf:
     """Every quantity with its symbol, value, interval, unit and verdict."""
     columns = (
-        Column("quantity"),
-        Column(""),
-        Column("value", right=True, strong=True, whole=True),
-        Column("95 % interval", whole=True),
-        Column("unit"),
-        Column("verdict"),
+        TableColumn("quantity"),
+        TableColumn(""),
+        TableColumn("value", right=True, strong=True, whole=True),
+        TableColumn("95 % interval", whole=True),
+        TableColumn("unit"),
+        TableColumn("verdict"),
     )
     rows = []
     for one in told.reported:
@@ -111,7 +111,7 @@ def _row_table(rows: tuple[ToldRow, ...], label: str) -> TableOf:
     """One row for each flight or method; the interval stands below the value."""
     words = [one.wording for one in rows[0].quantities]
     titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
-    columns = (Column(label), *(Column(title, strong=True, whole=True) for title in titles))
+    columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
     return TableOf(columns, tuple(_row(row) for row in rows))
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from eivor.flights.motion import Words
 from eivor.inference.verdict import Status
 from eivor.report.card import flight_card
-from eivor.report.document import Bullets, Cell, Column, Document, Section, Statement, TableOf, Tone
+from eivor.report.document import Bullets, Cell, Document, Section, Statement, TableColumn, TableOf, Tone
 from eivor.report.flight_document import card_section, section
 from eivor.report.inspection import ChannelSummary, Flown, Inspection, PooledInspection
 from eivor.report.wording import NO_NUMBER
@@ -57,9 +57,9 @@ def _sections(found: Inspection) -> Iterator[Section]:
 
 def _channel_table(found: Inspection) -> TableOf:
     columns = (
-        Column("channel, and its source", strong=True, below=Tone.FAINT),
-        Column("rate [Hz]", right=True, whole=True),
-        Column("range, and remarks", below=Tone.WARNING),
+        TableColumn("channel, and its source", strong=True, below=Tone.FAINT),
+        TableColumn("rate [Hz]", right=True, whole=True),
+        TableColumn("range, and remarks", below=Tone.WARNING),
     )
     return TableOf(columns, tuple(_channel(summary) for summary in found.channels))
 

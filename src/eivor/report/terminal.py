@@ -19,13 +19,13 @@ from eivor.inference.verdict import Status
 from eivor.report.document import (
     Bullets,
     Cell,
-    Column,
     Document,
     Facts,
     Figure,
     Part,
     Section,
     Statement,
+    TableColumn,
     TableOf,
     Tone,
 )
@@ -174,7 +174,7 @@ def _side_by_side(table: TableOf, *, whole: bool) -> Table:
     return shown
 
 
-def _cell(cell: Cell, column: Column, between: str) -> Text:
+def _cell(cell: Cell, column: TableColumn, between: str) -> Text:
     last = COLOURS[cell.status] if cell.status is not None else TONES[column.below]
     strong = "bold" if column.strong else ""
     if not cell.below:

@@ -15,7 +15,7 @@ from eivor.flights.recipe import not_estimated
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.report.card import flight_card
-from eivor.report.checks import Check, checks
+from eivor.report.fit_checks import Check, checks
 from eivor.report.wording import numbers, used
 from eivor.signals.recording import Finding
 

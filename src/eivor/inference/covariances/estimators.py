@@ -89,7 +89,7 @@ class Classical(CovarianceEstimator):
         unknowns = equation.unknowns
         power, count, products = 0.0, 0, np.zeros((unknowns, unknowns))
         for rows in equation.blocks():
-            products += rows.test.T @ rows.test
+            products += rows.test_functions.T @ rows.test_functions
             power += float(rows.residual @ rows.residual)
             count += rows.residual.size
         variance = power / max(count - unknowns, 1)
@@ -173,7 +173,7 @@ class ClusteredByFlight(CovarianceEstimator):
         for rows in equation.blocks():
             for flight in np.unique(rows.flight_of_row):
                 here = rows.flight_of_row == flight
-                total = rows.test[here].T @ rows.residual[here]
+                total = rows.test_functions[here].T @ rows.residual[here]
                 if rows.constant is not None:
                     total = total + int(here.sum()) * rows.constant
                 sums[int(flight)] = sums.get(int(flight), 0.0) + total

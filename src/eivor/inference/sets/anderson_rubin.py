@@ -29,8 +29,8 @@ from scipy import special
 from eivor.errors import CollinearError, TooFewSamplesError
 from eivor.inference.sets.confidence_region import (
     ConfidenceRegion,
-    Frame,
     Points,
+    RegionFrame,
     RegionShape,
     scanned_shadow,
 )
@@ -231,7 +231,7 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
         root = _triangular_root(at_pivot / np.sqrt(averages))
         pivot = _weighted_solution(scores.total, root)
-    frame = Frame(pivot, _standard_errors(scores.total, root))
+    frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
     shape = RobustShape(
         scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, float(averages))
@@ -292,7 +292,7 @@ def homoskedastic_region(
     if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
         raise _no_error()
     scale = np.sqrt(variance) * _standard_errors(inside, np.eye(p))
-    frame = Frame(pivot, scale)
+    frame = RegionFrame(pivot, scale)
     change = _to_frame(frame)
     moved = columns @ change
     inside = Q.T @ moved
@@ -306,7 +306,7 @@ def homoskedastic_region(
     return ConfidenceRegion(names, frame, shape)
 
 
-def _to_frame(frame: Frame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
     """Matrix that takes (1; scaled theta) to (1; -theta)."""
     n = frame.pivot.size
     change = np.zeros((n + 1, n + 1))

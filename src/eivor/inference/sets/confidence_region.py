@@ -66,7 +66,7 @@ class RegionShape(ABC):
 
 
 @dataclass(frozen=True)
-class Frame:
+class RegionFrame:
     """Origin and units in which a region is computed.
 
     Parameters
@@ -101,14 +101,14 @@ class ConfidenceRegion:
     ----------
     names : tuple of str
         Parameters, in order.
-    frame : Frame
+    frame : RegionFrame
         Origin and units of `shape`.
     shape : RegionShape
         What belongs to the region.
     """
 
     names: tuple[str, ...]
-    frame: Frame
+    frame: RegionFrame
     shape: RegionShape
 
     def excess(self, theta: ArrayLike) -> float:

@@ -27,8 +27,8 @@ from jaxtyping import Float, Int
 from eivor.errors import CollinearError, ParameterError
 from eivor.inference.sets.confidence_region import (
     ConfidenceRegion,
-    Frame,
     Points,
+    RegionFrame,
     RegionShape,
     scanned_shadow,
 )
@@ -211,14 +211,16 @@ def _by_equation(total: Float[np.ndarray, "m products"], p: int) -> Float[np.nda
     return total.reshape(total.shape[0], p, -1).transpose(1, 0, 2).reshape(p, -1)
 
 
-def _frame(columns: Float[np.ndarray, "rows n_plus_1"], shaped: Float[np.ndarray, "p n_plus_1"]) -> Frame:
+def _frame(
+    columns: Float[np.ndarray, "rows n_plus_1"], shaped: Float[np.ndarray, "p n_plus_1"]
+) -> RegionFrame:
     """Two-stage estimate, and sizes of parameters that change S_0 by the usual length of an S_i."""
     lengths = np.linalg.norm(shaped[:, 1:], axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     solution = np.linalg.lstsq(shaped[:, 1:] / lengths, shaped[:, 0], rcond=None)[0] / lengths
     residual = columns[:, 0] - columns[:, 1:] @ solution
     usual = float(np.sqrt(residual @ residual / residual.size))
-    return Frame(solution, (usual or 1.0) / lengths)
+    return RegionFrame(solution, (usual or 1.0) / lengths)
 
 
 def _real_roots(

@@ -24,7 +24,7 @@ from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities
 from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
-from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, flight_card
+from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
 
@@ -179,7 +179,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log, see `Motion.advice`."""
-        return flight_card(log_format)
+        return vertical_card(log_format)
 
 
 def vertical_flight(flight: PreparedFlight) -> VerticalFlight:

@@ -61,7 +61,7 @@ _MANOEUVRES = (
 )
 
 
-def flight_card(log_format_name: str) -> tuple[CardSection, ...]:
+def vertical_card(log_format_name: str) -> tuple[CardSection, ...]:
     """What to fly and to log; about logs of a format without advice, that of tables."""
     known = log_format(log_format_name)
     advised = known if known is not None and known.advice("") and known.setpoints else CSV

@@ -37,7 +37,7 @@ OWN_HEIGHT = frozenset({TrajectoryKind.CLIMBS, TrajectoryKind.HOVER_STEPS})
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class Trajectory:
     """Altitude reference and its derivatives on the log's grid.
 
     Parameters
@@ -53,7 +53,7 @@ class Reference:
 
 def altitude_reference(
     kind: TrajectoryKind, *, count: int, step_s: float, rng: np.random.Generator, vigour: float = 1.0
-) -> Reference:
+) -> Trajectory:
     """Shape of the kind, scaled so that speed and acceleration reach the smaller of their limits.
 
     Parameters
@@ -80,7 +80,7 @@ def altitude_reference(
     scale = min(limits[0] / fastest, limits[1] / hardest) * vigour if fastest > 0.0 else 0.0
     if kind in OWN_HEIGHT:
         scale = min(1.0, scale)
-    return Reference(scale * position, scale * velocity, scale * acceleration)
+    return Trajectory(scale * position, scale * velocity, scale * acceleration)
 
 
 def _steps(time: Float[np.ndarray, " n"], step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " n"]:

@@ -31,7 +31,7 @@ from eivor.simulation.flights.closed_loop import (
 )
 from eivor.simulation.flights.sensor_noise import SensorErrors, sensor_errors
 from eivor.simulation.flights.simulated_log import simulated_recording
-from eivor.simulation.flights.trajectories import Reference, altitude_reference
+from eivor.simulation.flights.trajectories import Trajectory, altitude_reference
 from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight
 from eivor.simulation.flights.vertical_flight_spec import STEP_S, VerticalFlightSpec
 from eivor.simulation.flights.wind import gusts
@@ -95,7 +95,7 @@ def actual_state_recording(flight: SimulatedFlight) -> Recording:
 class _Surroundings:
     """What one flight meets."""
 
-    reference: Reference
+    reference: Trajectory
     gust: Float[np.ndarray, " n"]
     angles: Float[np.ndarray, "n 2"]
     errors: SensorErrors

@@ -42,7 +42,7 @@ Series = Float[np.ndarray, " samples"]
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class LinearMotion:
     """Input and motion at the samples; motions add, since the model is linear.
 
     Parameters
@@ -59,11 +59,11 @@ class Motion:
     velocity: Series
     altitude: Series | None = None
 
-    def __add__(self, other: Motion) -> Motion:
+    def __add__(self, other: LinearMotion) -> LinearMotion:
         altitude = None
         if self.altitude is not None and other.altitude is not None:
             altitude = self.altitude + other.altitude
-        return Motion(self.input + other.input, self.velocity + other.velocity, altitude)
+        return LinearMotion(self.input + other.input, self.velocity + other.velocity, altitude)
 
 
 def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
@@ -118,7 +118,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     )
 
 
-def driven_motion(scenario: Scenario, drive: Series) -> Motion:
+def driven_motion(scenario: Scenario, drive: Series) -> LinearMotion:
     """Motion under the excitation alone: as the input, or under control as the reference."""
     feedback = scenario.control.feedback
     if feedback is not None:
@@ -128,19 +128,19 @@ def driven_motion(scenario: Scenario, drive: Series) -> Motion:
         pushed = (vehicle.held - vehicle.ramp) * drive[:-1] + vehicle.ramp * drive[1:]
     else:
         pushed = vehicle.held * drive[:-1]
-    return Motion(drive, _decaying(scenario, scenario.input_gain * pushed))
+    return LinearMotion(drive, _decaying(scenario, scenario.input_gain * pushed))
 
 
-def pushed_motion(scenario: Scenario, disturbance: Series) -> Motion:
+def pushed_motion(scenario: Scenario, disturbance: Series) -> LinearMotion:
     """Motion under a held acceleration [m/s^2] alone, with a controller when there is one."""
     rest = np.zeros_like(disturbance)
     feedback = scenario.control.feedback
     if feedback is not None:
         return _controlled(scenario, feedback, rest, disturbance)
-    return Motion(rest, _decaying(scenario, scenario.vehicle.held * disturbance[:-1]))
+    return LinearMotion(rest, _decaying(scenario, scenario.vehicle.held * disturbance[:-1]))
 
 
-def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> Motion:
+def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> LinearMotion:
     """Motion of a controlled vehicle under the errors of what its controller measures alone.
 
     Parameters
@@ -169,7 +169,7 @@ def declared_noise(scenario: Scenario, channels: Mapping[str, Series]) -> dict[s
     return noises
 
 
-def _channels(scenario: Scenario, motion: Motion, disturbance: Series) -> dict[str, Series]:
+def _channels(scenario: Scenario, motion: LinearMotion, disturbance: Series) -> dict[str, Series]:
     """Channels without measurement noise; the response is z''."""
     K, K_u = scenario.viscous_friction, scenario.input_gain
     channels = {
@@ -180,7 +180,7 @@ def _channels(scenario: Scenario, motion: Motion, disturbance: Series) -> dict[s
     return channels if motion.altitude is None else channels | {"position_z": motion.altitude}
 
 
-def _disturbance(scenario: Scenario, undisturbed: Motion, rng: np.random.Generator) -> Series:
+def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.Generator) -> Series:
     rest = np.zeros(scenario.samples)
     if scenario.disturbance is None:
         return rest
@@ -204,7 +204,7 @@ def _decaying(scenario: Scenario, steps: Float[np.ndarray, " steps"]) -> Series:
     return velocity
 
 
-def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> Motion:
+def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> LinearMotion:
     """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
     commanded, states = driven_loop(sampled_loop(scenario.vehicle, feedback), additions, pushes)
-    return Motion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
+    return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)

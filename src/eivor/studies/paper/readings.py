@@ -103,7 +103,7 @@ class Weights(Enum):
     PRINTED = "binom(alpha, j)"
 
 
-class Motion(Enum):
+class MotionSource(Enum):
     """Where z' and z'' at the samples come from; z is the height, integrated exactly."""
 
     SOLUTION = "the solution of the equation of motion"
@@ -155,7 +155,7 @@ class Reading:
         Source that has the ratio 1e-2, one of `SOURCES`.
     weights : Weights
         Of Delta^alpha.
-    motion : Motion
+    motion : MotionSource
         Where z' and z'' come from.
     intersample : Intersample
         What the input does between samples.
@@ -180,7 +180,7 @@ class Reading:
     ratio_of: RatioOf = RatioOf.WHITE
     larger_on: str = "velocity_z"
     weights: Weights = Weights.SIGNED
-    motion: Motion = Motion.SOLUTION
+    motion: MotionSource = MotionSource.SOLUTION
     intersample: Intersample = Intersample.HOLD
     route: Route = Route.EQUATION
     disturbance_scaled: bool = True
@@ -219,7 +219,7 @@ _CENTRAL = Reading(
     "central-10-lags",
     "Ratios of standard deviations, 0.02 a variance, z'' by central differences of z' at T = 0.2 s, ten "
     "lags.",
-    motion=Motion.VELOCITY_CENTRAL,
+    motion=MotionSource.VELOCITY_CENTRAL,
 )
 #: Every named reading.
 READINGS: tuple[Reading, ...] = (
@@ -320,35 +320,35 @@ READINGS: tuple[Reading, ...] = (
         name="height-central",
         sentence="As central-5-lags, with z' by central and z'' by central second differences of z.",
         lags=5,
-        motion=Motion.HEIGHT_CENTRAL,
+        motion=MotionSource.HEIGHT_CENTRAL,
     ),
     replace(
         _CENTRAL,
         name="height-backward",
         sentence="As central-5-lags, with z' and z'' by backward differences of z, one after the other.",
         lags=5,
-        motion=Motion.HEIGHT_BACKWARD,
+        motion=MotionSource.HEIGHT_BACKWARD,
     ),
     replace(
         _CENTRAL,
         name="height-backward-2-lags",
         sentence="As height-backward, with n = 2 as in (21).",
         lags=2,
-        motion=Motion.HEIGHT_BACKWARD,
+        motion=MotionSource.HEIGHT_BACKWARD,
     ),
     replace(
         _CENTRAL,
         name="noise-before-differences",
         sentence="As central-5-lags, with z'' by central differences of the noisy z'.",
         lags=5,
-        motion=Motion.NOISY_VELOCITY,
+        motion=MotionSource.NOISY_VELOCITY,
     ),
     replace(
         _CENTRAL,
         name="euler-steps",
         sentence="As central-10-lags, with the motion by Euler's steps: z'' of the z' before, and in the "
         "equation beside the z' that it leads to.",
-        motion=Motion.EULER_STEPS,
+        motion=MotionSource.EULER_STEPS,
     ),
     replace(
         _VARIANCE,
@@ -356,7 +356,7 @@ READINGS: tuple[Reading, ...] = (
         sentence="As larger-on-input, with z'' by forward differences of z', binom(alpha, j) as weights, "
         "n = 2, and as many instruments in generalized as in extended IV.",
         larger_on="input",
-        motion=Motion.VELOCITY_FORWARD,
+        motion=MotionSource.VELOCITY_FORWARD,
         weights=Weights.PRINTED,
         lags=2,
         as_many=True,
@@ -368,7 +368,7 @@ READINGS: tuple[Reading, ...] = (
         "z'' by forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
         input_variance=0.02,
         intersample=Intersample.LINEAR,
-        motion=Motion.VELOCITY_FORWARD,
+        motion=MotionSource.VELOCITY_FORWARD,
         lags=2,
         as_many=True,
     ),

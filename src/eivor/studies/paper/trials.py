@@ -40,7 +40,7 @@ from eivor.studies.paper.readings import (
     Compensation,
     Example,
     Input,
-    Motion,
+    MotionSource,
     Ratio,
     RatioOf,
     Reading,
@@ -118,7 +118,7 @@ class WhiteInput(Excitation):
 
 def scenario(reading: Reading, example: Example) -> Scenario:
     """What a reading of an example simulates; longer by the edges when differences are taken."""
-    exact = reading.motion is Motion.SOLUTION
+    exact = reading.motion is MotionSource.SOLUTION
     ratios = {name: _ratio(reading, example, name) for name in SOURCES}
     share = ratios.pop(DISTURBANCE)
     shape = FractionalNoise if reading.weights is Weights.SIGNED else AlternatingNoise
@@ -165,7 +165,7 @@ def mean_variance(order: float, count: int, start: int = 0) -> float:
 def record(reading: Reading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
     """One record under a reading, and its truth."""
     made = simulate(scenario(reading, example), rng)
-    return made if reading.motion is Motion.SOLUTION else _differentiated(made, reading)
+    return made if reading.motion is MotionSource.SOLUTION else _differentiated(made, reading)
 
 
 def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
@@ -173,10 +173,10 @@ def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
     truth = made.truth
     errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
     velocity = truth.channels["velocity_z"]
-    if reading.motion is Motion.EULER_STEPS:
+    if reading.motion is MotionSource.EULER_STEPS:
         velocity, acceleration = euler_steps(truth.channels["input"])
     else:
-        if reading.motion is Motion.NOISY_VELOCITY:
+        if reading.motion is MotionSource.NOISY_VELOCITY:
             velocity = velocity + errors["velocity_z"]
         height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
         velocity, acceleration = _DIFFERENCES[reading.motion](velocity, height)
@@ -186,7 +186,7 @@ def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
         "input": truth.channels["input"],
     }
     measured = {name: values + errors[name] for name, values in made_of.items()}
-    if reading.motion is Motion.NOISY_VELOCITY:
+    if reading.motion is MotionSource.NOISY_VELOCITY:
         measured["velocity_z"] = velocity
     return SimulatedRecord(
         _without_edges(measured, made.signals), _without_edges(made_of, truth), made.parameters
@@ -236,14 +236,14 @@ def _forward(values: Series) -> Series:
 
 
 #: From z' and z to z' and z'' by differences; the edges are wrong.
-_DIFFERENCES: Mapping[Motion, Callable[[Series, Series], tuple[Series, Series]]] = {
-    Motion.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
-    Motion.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
-    Motion.VELOCITY_BACKWARD: lambda v, _: (v, _backward(v)),
-    Motion.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
-    Motion.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
-    Motion.HEIGHT_TWICE_CENTRAL: lambda _, z: (_central(z), _central(_central(z))),
-    Motion.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
+_DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Series]]] = {
+    MotionSource.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
+    MotionSource.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
+    MotionSource.VELOCITY_BACKWARD: lambda v, _: (v, _backward(v)),
+    MotionSource.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
+    MotionSource.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
+    MotionSource.HEIGHT_TWICE_CENTRAL: lambda _, z: (_central(z), _central(_central(z))),
+    MotionSource.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
 }
 
 
