@@ -56,6 +56,32 @@ def test_input_and_height_tell_together():
     assert stretches(result.mask) == [(400 + MARGIN, 1000 - MARGIN)]
 
 
+def test_an_input_that_is_off_in_the_air_does_not_make_ground():
+    """A dive with the throttle near zero at 1.5 m: the vehicle never touched the ground."""
+    level = profile((10.0, 0.5), (0.51, 0.05), (9.49, 0.5))
+    result = found(level, height=np.full(2000, 1.5))
+    assert result.rule == "the input (it is on at both ends of the log)"
+    assert stretches(result.mask) == [(0, 1000 - MARGIN), (1051 + MARGIN, 2000)]
+    # the ground is where the flight begins, not where the dive was
+    started = found(
+        profile((2.0, 0.0), (8.0, 0.5), (2.0, 0.0), (8.0, 0.5)), height=profile((2.0, 0.1), (18.0, 2.0))
+    )
+    assert stretches(started.mask) == [(200 + MARGIN, 1000 - MARGIN), (1200 + MARGIN, 2000)]
+
+
+def test_the_ground_is_the_lower_end():
+    """Taken off from a table of a metre and landed on the floor: low flight is flight."""
+    height = profile((2.0, 1.0), (6.0, 2.0), (10.0, 0.4), (2.0, 0.0))
+    result = found(profile((2.0, 0.0), (16.0, 0.5), (2.0, 0.0)), height=height)
+    assert stretches(result.mask) == [(200 + MARGIN, 1800 - MARGIN)]
+
+
+def test_motors_at_idle_end_a_flight_whatever_the_land_detector_says():
+    level = profile((10.0, 0.5), (0.4, 0.001), (5.0, 0.5), (5.0, 0.001))
+    result = found(level, landed=np.zeros(2040, dtype=bool))
+    assert stretches(result.mask) == [(0, 1540 - MARGIN)]
+
+
 @pytest.mark.parametrize(
     "level", [profile((5.0, 0.0)), profile((5.0, -0.3)), profile((5.0, 0.0), (0.1, 1.0))]
 )

@@ -8,7 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eivor.errors import InputError
-from eivor.flights.grid import MARGIN_S, MEMORY_S, RECOVERY_S, Grid, around, common_grid, on_grid, unbroken
+from eivor.flights.grid import (
+    MARGIN_S,
+    MEMORY_S,
+    RECOVERY_S,
+    Grid,
+    around,
+    command_on_grid,
+    common_grid,
+    on_grid,
+)
 from eivor.signals.recording import Channel
 
 GRID = Grid(1.0, 0.01, (range(300),))
@@ -121,25 +130,49 @@ def test_channels_with_hardly_a_value_stand_on_nothing_much(held, rate_hz, kept)
     assert good.sum() == (200 if held else 1)
 
 
-@given(seed=st.integers(0, 999), gaps=st.integers(0, 5))
-def test_after_a_gap_the_actuator_is_waited_for(seed, gaps):
+@given(
+    rate_hz=st.sampled_from([30.0, 97.0, 400.0]),
+    gaps=st.integers(0, 4),
+    lost=st.floats(0.0, 0.2),
+    seed=st.integers(0, 999),
+)
+def test_commands_are_their_mean_over_each_step_and_waited_for_after_gaps(rate_hz, gaps, lost, seed):
     rng = np.random.default_rng(seed)
-    time = random_stamps(rng, 100.0, gaps)
-    command = channel(time, rng.standard_normal(time.size), held=True, name="input")
-    good = rng.random(GRID.count) > 0.003
-    found = unbroken(command, GRID, good)
+    time = random_stamps(rng, rate_hz, gaps)
+    values = np.where(rng.random(time.size) < lost, np.nan, rng.standard_normal(time.size))
+    command = channel(time, values, held=True, name="input")
+    series, good = command_on_grid(command, GRID)
+    broken = np.zeros(GRID.count, dtype=bool)
+    for k, t in enumerate(GRID.time_s):
+        edges = np.concatenate([[t], time[(time > t) & (time < t + GRID.step_s)], [t + GRID.step_s]])
+        before = np.searchsorted(time, edges[:-1], side="right") - 1
+        in_force = values[before] if (before >= 0).all() else np.array([np.nan])
+        broken[k] = not np.isfinite(in_force).all() or any(a < t < b for a, b in command.gaps())
+        if not broken[k]:
+            assert series[k] == pytest.approx(np.diff(edges) @ in_force / GRID.step_s, abs=1e-9)
     wait = int(np.ceil(RECOVERY_S / GRID.step_s))
-    broken = ~good
-    for start, end in command.gaps():
-        broken |= (GRID.time_s > start) & (GRID.time_s < end)
     for k in range(GRID.count):
-        assert found[k] == (not broken[max(k - wait, 0) : k + 1].any())
+        assert good[k] == (not broken[max(k - wait, 0) : k + 1].any())
+    assert np.isfinite(series).all()
 
 
-def test_an_unbroken_command_is_left_alone():
-    command = channel(np.arange(0.0, 5.0, 0.01), np.zeros(500), held=True)
-    good = np.ones(GRID.count, dtype=bool)
-    assert unbroken(command, GRID, good) is good
+def test_commands_stamped_on_the_grid_are_left_alone():
+    values = np.random.default_rng(0).standard_normal(500)
+    stamps = np.arange(500) * 0.01 + np.where(np.arange(500) % 2, 2e-10, -2e-10)
+    series, good = command_on_grid(channel(stamps, values, held=True), GRID)
+    np.testing.assert_array_equal(series, values[100:400])
+    assert good.all()
+
+
+def test_hours_of_commands_are_averaged_as_exactly_as_seconds():
+    rng = np.random.default_rng(1)
+    values = 1000.0 + rng.standard_normal(400)
+    stamps = 1.0 + np.arange(400) * 0.01 + 0.004
+    alone = command_on_grid(channel(stamps, values, held=True), GRID)[0]
+    earlier = channel(
+        np.concatenate([[-1e7, -9e6], stamps]), np.concatenate([[1e6, 1000.0], values]), held=True
+    )
+    np.testing.assert_allclose(command_on_grid(earlier, GRID)[0][1:], alone[1:], rtol=1e-12)
 
 
 # -- the grid itself --------------------------------------------------------------------------------------

@@ -2,9 +2,13 @@
 
 By the land detector where one is logged, which includes its ground contact. Else by a stated rule: it
 flies while its input is above a quarter of the level it flies at (the 95th percentile), if the log shows
-the input below that for half a second or more, and, where the height is logged, only while it is also
-0.1 m above the ground (the median height with the input off). A log whose input is never off is taken as
-airborne throughout.
+the input below that for half a second or more, and, where the height is logged and the input is off at the
+beginning or the end of the log, only while it is also 0.1 m above the ground (the lower of the median
+heights there: with the input off in mid-air, in a dive, the vehicle is not on the ground). A log whose input
+is never off is taken as airborne throughout.
+
+Either way motors at idle for half a second or more end the flight: what falls, lies upside down or has
+crashed does not fly, whatever a land detector says.
 """
 
 from __future__ import annotations
@@ -17,10 +21,12 @@ from jaxtyping import Bool, Float
 from eivor.flights.grid import Grid, on_grid
 from eivor.signals.recording import Recording
 
-#: Input below this share of its flying level is off.
+#: Input below this share of its flying level is off; below this one motors are at idle.
 OFF_SHARE = 0.25
-#: So long must the input be off for the rule to know the ground [s], and so high is off the ground [m].
+IDLE_SHARE = 0.1
+#: So long must the input be off for the rule to know the ground, or at idle to end a flight [s].
 OFF_FOR_S = 0.5
+#: So high is off the ground [m].
 CLEARANCE_M = 0.1
 #: A height that is known for a smaller share of the log cannot say where the ground is.
 HEIGHT_KNOWN_SHARE = 0.5
@@ -91,7 +97,8 @@ def airborne(
         Height, z up [m].
     """
     if landed is not None:
-        return Active(_without_margins(~landed, step_s), "the log's land detector")
+        flying = ~landed & ~_idle(input_level, ~landed, step_s)
+        return Active(_without_margins(flying, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
     off = input_level < OFF_SHARE * level
     if level <= 0.0:
@@ -99,11 +106,35 @@ def airborne(
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     flying = ~off
-    if height is None:
-        return Active(_without_margins(flying, step_s), "the input (no height is logged)")
-    ground = float(np.median(height[off]))
+    ground = None if height is None else _ground(height, off, step_s)
+    if height is None or ground is None:
+        missing = "no height is logged" if height is None else "it is on at both ends of the log"
+        return Active(_without_margins(flying, step_s), f"the input ({missing})")
     flying &= height > ground + CLEARANCE_M
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
+
+
+def _ground(height: Float[np.ndarray, " n"], off: Bool[np.ndarray, " n"], step_s: float) -> float | None:
+    """Height of the ground: where the vehicle is while its input is off at the ends of the log."""
+    on = np.flatnonzero(~off)
+    ends = [height[: on[0]], height[on[-1] + 1 :]] if on.size else [height]
+    known = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
+    return min(known) if known else None
+
+
+def _idle(
+    input_level: Float[np.ndarray, " n"], airborne: Bool[np.ndarray, " n"], step_s: float
+) -> Bool[np.ndarray, " n"]:
+    """Samples of motors at idle for so long that nothing flies."""
+    level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
+    low = input_level < IDLE_SHARE * level
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(np.int8), [0]])))
+    first, end = edges[::2], edges[1::2]
+    idle = np.zeros(low.size + 1, dtype=np.int64)
+    long = (end - first) * step_s >= OFF_FOR_S
+    idle[first[long]] += 1
+    idle[end[long]] -= 1
+    return np.asarray(np.cumsum(idle[:-1]) > 0)
 
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

@@ -23,6 +23,8 @@ FINE_STEP_S = 0.005
 FINE_FROM_HZ = 150.0
 #: A channel faster than this many times the grid is averaged over each step instead of interpolated.
 AVERAGED_FROM = 1.5
+#: Times closer than this are the same: stamps are rounded [s].
+SAME_TIME_S = 1e-9
 #: After a gap or a lost value of the command the actuator's state is not known for so long [s].
 RECOVERY_S = 0.3
 #: Time before a sample that decides the state of its actuators [s]: behind a lag of 0.3 s, the longest that
@@ -162,7 +164,7 @@ def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool
         series = _averaged(time, values, grid)
     else:
         series = np.interp(t, time, values)
-    good = (t >= time[0] - 1e-9) & (t <= time[-1] + 1e-9)
+    good = (t >= time[0] - SAME_TIME_S) & (t <= time[-1] + SAME_TIME_S)
     good &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
     return series, good
 
@@ -180,7 +182,7 @@ def _held(
     channel: Channel, finite: Bool[np.ndarray, " m"], grid: Grid
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     t = grid.time_s
-    index = np.searchsorted(channel.time_s, t + 1e-9, side="right") - 1
+    index = np.searchsorted(channel.time_s, t + SAME_TIME_S, side="right") - 1
     position = np.arange(finite.size)
     last_finite = np.maximum.accumulate(np.where(finite, position, -1))
     source = np.where(index >= 0, last_finite[np.maximum(index, 0)], -1)
@@ -189,7 +191,44 @@ def _held(
     return values, (index >= 0) & finite[np.maximum(index, 0)]
 
 
-def unbroken(channel: Channel, grid: Grid, good: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+def command_on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Values of a command on the grid, and where they stand on data.
+
+    A held command is its mean over the step that begins at the sample. Samples within a gap, and those so
+    soon after one that the actuator's state is not known, stand on nothing.
+    """
+    series, good = _mean_in_force(channel, grid) if channel.held else on_grid(channel, grid)
+    return series, _unbroken(channel, grid, good)
+
+
+def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Mean of a held channel over the step that begins at each sample.
+
+    What drives an actuator between two samples is every value that was in force between them, for as long
+    as it was. The last value before the sample alone would be late by half a period of the log where stamps
+    lie between samples. Without a stamp inside a step its mean is the value in force.
+    """
+    in_force, good = on_grid(channel, grid)
+    time, t, step = channel.time_s, grid.time_s, grid.step_s
+    # stamps inside the step that begins at a sample are first .. last - 1
+    first = np.searchsorted(time, t + SAME_TIME_S, side="right")
+    last = np.searchsorted(time, t + step - SAME_TIME_S, side="left")
+    inside = np.flatnonzero(good & (last > first))
+    if not inside.size:
+        return in_force, good
+    first, last, begin = first[inside], last[inside], t[inside]
+    finite = np.isfinite(channel.values)
+    values, lost = np.where(finite, channel.values, 0.0), np.concatenate([[0], np.cumsum(~finite)])
+    # between two stamps of one step lies less than a step, so that sums over hours stay small
+    area = np.concatenate([[0.0], np.cumsum(values[:-1] * np.minimum(np.diff(time), step))])
+    whole = in_force[inside] * (time[first] - begin) + area[last - 1] - area[first]
+    whole += values[last - 1] * (begin + step - time[last - 1])
+    in_force[inside] = whole / step
+    good[inside] = lost[last] == lost[first]
+    return in_force, good
+
+
+def _unbroken(channel: Channel, grid: Grid, good: Bool[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """`good` without the gaps of a command and the time that the actuator needs to forget them."""
     broken = ~good | _inside(channel.gaps(), grid.time_s)
     if not broken.any():

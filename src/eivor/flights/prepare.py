@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from eivor.errors import MissingChannelError
 from eivor.flights.frames import upward
-from eivor.flights.grid import Grid, common_grid, on_grid, unbroken
+from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid
 from eivor.flights.motion import Motion
 from eivor.flights.noise_level import white_noise_std
 from eivor.flights.options import FlightOptions
@@ -93,9 +93,9 @@ def _gridded(
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     good = np.ones(grid.count, dtype=np.bool_)
     for channel in selected.channels:
-        values, stands = on_grid(channel, grid)
-        channels[channel.name] = values
-        good &= unbroken(channel, grid, stands) if channel.name in commands else stands
+        bring = command_on_grid if channel.name in commands else on_grid
+        channels[channel.name], stands = bring(channel, grid)
+        good &= stands
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
     return channels, good
