@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, every, flown
+from flight_logs import FRICTION, GAIN, HOVER, LAG_S, STEP_S, changed, channel, every, flown, prepare_vertical
 from scipy import stats
 
 import shape_checks
 from coarse_search import coarse
 from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
+from eivor.flights.instruments import single_frequency_hz
 from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
@@ -217,6 +218,39 @@ def test_hover_parameter_that_disagrees_is_pointed_out(log):
     assert message.startswith("The log's own MPC_THR_HOVER is 0.35, but this vehicle hovered at 0.49")
     agreeing = identify_flight(replace(log, parameters={"MPC_THR_HOVER": 0.5})).findings
     assert "hover_parameter" not in [finding.name for finding in agreeing]
+
+
+def test_a_hover_that_is_not_identified_is_not_compared(log):
+    wrong = replace(log, parameters={"MPC_THR_HOVER": 0.35})
+    result = identify_flight(wrong, FlightOptions(input_map="linear"))
+    assert result.quantities["hover_input"].verdict is Status.WEAK
+    assert "hover_parameter" not in [finding.name for finding in result.findings]
+
+
+@pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
+def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
+    result = identify_flight(log, FlightOptions(input_map=taken))
+    assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, rel=0.05)
+    told = [reason.sentence for reason in result.quantities["input_gain"].reasons]
+    assert any("thrust grows" in sentence for sentence in told) == (taken != "square")
+
+
+def test_a_reference_of_one_frequency_is_told():
+    seconds = STEP_S * np.arange(2000)
+    sine, steps = np.sin(2.0 * np.pi * 0.3 * seconds), np.sign(np.sin(2.0 * np.pi * 0.3 * seconds))
+    log = flown(seconds=20.0)[0]
+
+    def frequency(**references: np.ndarray) -> float:
+        flight = prepare_vertical(changed(log, **references), FlightOptions())
+        return single_frequency_hz((flight,), tuple(references))
+
+    assert frequency(reference_position_z=sine, reference_velocity_z=np.gradient(sine)) == pytest.approx(
+        0.3, abs=0.03
+    )
+    assert frequency(reference_position_z=steps) == 0.0
+    assert frequency(reference_position_z=sine, reference_velocity_z=steps) == 0.0
+    assert frequency(reference_position_z=sine + 0.3 * np.sin(2.0 * np.pi * 0.8 * seconds)) == 0.0
+    assert frequency() == 0.0
 
 
 # -- options ----------------------------------------------------------------------------------------------

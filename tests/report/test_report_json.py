@@ -24,6 +24,7 @@ QUANTITY: dict[str, Any] = {
     "std_error": NUMBER,
     "interval": PAIR,
     "verdict": VERDICTS,
+    "reasons": [str],
 }
 ROW: dict[str, Any] = {
     "verdict": VERDICTS,
@@ -137,6 +138,7 @@ def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
         "std_error": None,
         "interval": [None, None],
         "verdict": "refused",
+        "reasons": [],
     }
 
 

@@ -54,15 +54,16 @@ def instrument_reasons(
     reasons = []
     if not np.all(strengths >= STRONG_FIRST_STAGE):
         weakest = int(np.argmin(strengths))
-        reasons.append(
-            Reason(
-                Status.REFUSED,
-                f"The instruments tell too little about the {names[weakest].replace('_', ' ')}: "
-                f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
-                f"{moved(at)}",
-                fly,
-            )
+        sentence = (
+            f"The instruments tell too little about the {names[weakest].replace('_', ' ')}: "
+            f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
         )
+        if at.single_frequency_hz and len(names) > 2:
+            sentence += (
+                f" The reference has one frequency ({at.single_frequency_hz:.2g} Hz), which tells two of "
+                f"{len(names)} numbers: two frequencies are needed."
+            )
+        reasons.append(Reason(Status.REFUSED, f"{sentence}{moved(at)}", fly))
     if not at.exogenous:
         reasons.append(
             Reason(

@@ -129,6 +129,10 @@ class Circumstances:
         A reference is logged, and constant.
     excitation : str
         How much the flights moved, as a sentence; empty when it is not known.
+    single_frequency_hz : float
+        The frequency of a reference that has only one; zero for others [Hz].
+    numbers : mapping of str to float
+        What the motion adds, see `Motion.diagnostics`.
     """
 
     flights: int
@@ -139,6 +143,8 @@ class Circumstances:
     missing_reference: str = ""
     constant_reference: bool = False
     excitation: str = ""
+    single_frequency_hz: float = 0.0
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Reason, Status, Verdict
 
 NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))
@@ -110,10 +110,18 @@ class Unjudged:
         """Half the interval's width."""
         return 0.5 * (self.interval[1] - self.interval[0])
 
-    def judged(self, status: Status, wording: Wording) -> Quantity:
+    def judged(self, found: Verdict, wording: Wording) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
-        interval = wording.possible(self.interval)
-        return Quantity(self.value, self.unit, self.std_error, interval, status, self.choice, self.by_run)
+        return Quantity(
+            self.value,
+            self.unit,
+            self.std_error,
+            wording.possible(self.interval),
+            found.status,
+            self.choice,
+            self.by_run,
+            found.reasons,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,6 +134,8 @@ class Quantity:
         See `Unjudged`; the interval is cut where the quantity cannot be.
     verdict : Status
         How far it may be trusted.
+    reasons : tuple of Reason
+        Why no further, worst first.
     """
 
     value: float
@@ -135,6 +145,7 @@ class Quantity:
     verdict: Status
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
+    reasons: tuple[Reason, ...] = ()
 
     @property
     def half_width(self) -> float:

@@ -17,7 +17,7 @@ from eivor.flights.diagnostics import (
     flight_diagnostics,
     flight_findings,
 )
-from eivor.flights.instruments import Instruments, instruments
+from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool import check_poolable, without_duplicates
@@ -111,14 +111,18 @@ def _identified(
         estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         fit = Fit(problem, estimate, chosen.rule.label, checks)
-        return _with_fit(motion, prepared, options, fit, _circumstances(motion, flying, chosen))
+        numbers = dict(motion.diagnostics(problem, estimate))
+        return _with_fit(motion, prepared, options, fit, _circumstances(motion, flying, chosen, numbers))
     except EstimationError as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
         return _without_fit(motion, prepared, options, reason)
 
 
 def _circumstances(
-    motion: Motion[Any], flying: tuple[PreparedFlight, ...], chosen: Instruments
+    motion: Motion[Any],
+    flying: tuple[PreparedFlight, ...],
+    chosen: Instruments,
+    numbers: Mapping[str, float],
 ) -> Circumstances:
     measured = [[rate for role, rate in f.rates_hz.items() if role != "command"] for f in flying]
     return Circumstances(
@@ -130,6 +134,8 @@ def _circumstances(
         missing_reference=chosen.missing,
         constant_reference=chosen.constant,
         excitation=motion.excitation(flying),
+        single_frequency_hz=single_frequency_hz(flying, chosen.names),
+        numbers=numbers,
     )
 
 
@@ -151,7 +157,7 @@ def _with_fit(
         quantities,
         flight_diagnostics(prepared)
         | fit_numbers(fit.checks, fit.estimate, motion.headline)
-        | dict(motion.diagnostics(fit.problem, fit.estimate)),
+        | dict(at.numbers),
         (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities)),
     )
 
@@ -174,7 +180,7 @@ def judged(
     grounds = motion.grounds(unjudged, numbers, at)
     against = dict.fromkeys(reason for name in motion.headline for reason in grounds[name])
     quantities = {
-        name: unjudged[name].judged(verdict(list(grounds[name])).status, wording)
+        name: unjudged[name].judged(verdict(list(grounds[name])), wording)
         for name, wording in motion.wording.items()
     }
     return verdict(list(against)), quantities

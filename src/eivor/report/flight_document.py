@@ -48,7 +48,8 @@ def document_of(told: ToldFlight, *, card: bool = False) -> Document:
 
 def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     yield Section("", (_facts(told), _quantity_table(told)))
-    yield from section("Why", Bullets, (reason.sentence for reason in told.reasons))
+    further = (f"{symbols}: {reason.sentence}" for symbols, reason in told.further)
+    yield from section("Why", Bullets, (*(reason.sentence for reason in told.reasons), *further))
     where = () if card or not told.card else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*told.remedies, *where))
     yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))

@@ -180,6 +180,7 @@ def _quantity(quantity: Quantity) -> dict[str, Json]:
         "std_error": number(quantity.std_error),
         "interval": _pair(quantity.interval),
         "verdict": quantity.verdict.value,
+        "reasons": [reason.sentence for reason in quantity.reasons],
     }
 
 

@@ -16,7 +16,7 @@ from eivor.errors import EstimationError, InputError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.quantiles import check_level
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Reason, Status
 from eivor.notebook import html_table
 from eivor.report.json_document import SCHEMA
 
@@ -200,13 +200,15 @@ def _fit_of(document: Mapping[str, Any]) -> SavedFit:
 
 def _quantity(one: Mapping[str, Any]) -> Quantity:
     low, high = one["interval"]
+    status = Status(one["verdict"])
     return Quantity(
         value=_number(one["value"], math.nan),
         unit=str(one["unit"]),
         std_error=_number(one["std_error"], math.nan),
         interval=(_number(low, -math.inf), _number(high, math.inf)),
-        verdict=Status(one["verdict"]),
+        verdict=status,
         by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
+        reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
     )
 
 

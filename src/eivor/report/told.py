@@ -135,9 +135,24 @@ class ToldFlight:
         return self.verdict.reasons
 
     @property
+    def further(self) -> tuple[tuple[str, Reason], ...]:
+        """Grounds against single quantities that are not grounds of the verdict, with their symbols."""
+        against: dict[Reason, list[str]] = {}
+        for told in self.quantities:
+            for reason in told.quantity.reasons:
+                against.setdefault(reason, []).append(told.wording.symbol)
+        known = {reason.sentence for reason in self.reasons}
+        return tuple(
+            (", ".join(symbols), reason)
+            for reason, symbols in against.items()
+            if reason.sentence not in known
+        )
+
+    @property
     def remedies(self) -> tuple[str, ...]:
         """What would change it, each remedy once."""
-        return tuple(dict.fromkeys(reason.remedy for reason in self.reasons if reason.remedy))
+        reasons = (*self.reasons, *(reason for _, reason in self.further))
+        return tuple(dict.fromkeys(reason.remedy for reason in reasons if reason.remedy))
 
     @property
     def reported(self) -> tuple[ToldQuantity, ...]:

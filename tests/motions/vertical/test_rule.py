@@ -38,6 +38,8 @@ def quantities(**changed: Unjudged) -> dict[str, Unjudged]:
         "actuator_lag": quantity(0.05, 0.005),
         "effective_lag": quantity(0.05, 0.005),
         "hover_input": quantity(0.5, 0.005),
+        "intercept": quantity(0.0, 0.1),
+        "delay": Unjudged(0.0, "s", np.nan, (0.0, 0.0), Choice((0.0,), (0.0, 0.01))),
     }
     return good | changed
 
@@ -64,14 +66,28 @@ def test_a_good_flight_has_no_ground_against_it():
 @pytest.mark.parametrize(
     ("fit", "found", "at", "status", "said"),
     [
+        ({}, {"viscous_friction": quantity(0.0, 0.1)}, {}, Status.REFUSED, "cannot be told from zero"),
         (
             {},
-            {"viscous_friction": quantity(0.0, 0.1)},
+            {"viscous_friction": quantity(-0.2, 0.1)},
             {},
             Status.REFUSED,
-            "came out at 0 1/s, which no vehicle has",
+            "came out at -0.2 1/s, which no vehicle has",
         ),
-        ({}, {"viscous_friction": quantity(-0.2, 0.1)}, {}, Status.REFUSED, "came out at -0.2 1/s"),
+        (
+            {},
+            {"viscous_friction": quantity(-0.2, 0.3)},
+            {},
+            Status.REFUSED,
+            r"zero: its interval is \[-0.5, 0.1\]",
+        ),
+        (
+            {"strengths": (50.0, 50.0, 2.0)},
+            {},
+            {"single_frequency_hz": 0.318},
+            Status.REFUSED,
+            r"has one frequency \(0.32 Hz\), which tells two of 3 numbers",
+        ),
         ({}, {"viscous_friction": quantity(0.4, 0.4)}, {}, Status.REFUSED, "cannot be told from zero"),
         ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide"),
         (
@@ -250,3 +266,40 @@ def test_signs_and_units_speak_against_the_flight():
     for value, wanted in ((20.0, Status.WEAK), (4.0, Status.IDENTIFIED), (-9.5, Status.WEAK)):
         found = quantities(intercept=quantity(value, 0.5))
         assert verdict(friction_reasons(found, numbers(), circumstances())).status is wanted
+
+
+# -- the thrust curve -------------------------------------------------------------------------------------
+
+
+def curve(exponent: float, of_map: float, *, thrust: bool = False) -> Circumstances:
+    told = {"thrust_exponent": exponent, "map_exponent": of_map, "thrust_command": float(thrust)}
+    return circumstances(numbers=told)
+
+
+@pytest.mark.parametrize(
+    ("exponent", "of_map", "thrust", "remedy"),
+    [
+        (1.99, 1.5, False, "--input-map square "),
+        (1.0, 2.0, False, "--input-map linear "),
+        (1.6, 2.0, False, "--input-map power:1.6 "),
+        # (1 - s) u + s u^2 at u = .5 with s = .6: exponent (.4 + .6) / (.4 + .3)
+        (1.0 / 0.7, 1.0, True, "--input-map mixed:0.6 "),
+        (0.8, 1.0, True, "sags under load"),
+    ],
+)
+def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust, remedy):
+    wrong = quantities(intercept=quantity(9.8 * (1.0 - exponent / of_map), 0.1))
+    grounds = all_grounds(wrong, numbers(), curve(exponent, of_map, thrust=thrust))
+    for name in ("input_gain", "hover_input", "intercept"):
+        (reason,) = grounds[name]
+        assert reason.status is Status.WEAK
+        assert f"to the power {exponent:.2f}, and the map says {of_map:.2f}" in reason.sentence
+        assert remedy in reason.remedy
+    assert grounds["actuator_lag"] == ()
+    assert not [reason for reason in grounds["viscous_friction"] if "power" in reason.sentence]
+
+
+@pytest.mark.parametrize("intercept", [quantity(0.45, 0.1), quantity(-2.0, 1.7), quantity(0.0, 0.01)])
+def test_an_intercept_that_may_be_small_says_nothing(intercept):
+    grounds = all_grounds(quantities(intercept=intercept), numbers(), curve(1.9, 2.0))
+    assert grounds["input_gain"] == grounds["hover_input"] == ()

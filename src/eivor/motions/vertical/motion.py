@@ -15,13 +15,13 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
-from eivor.inference.verdict import Reason
+from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
 from eivor.motions.vertical.balance import balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.quantities import all_quantities, drawn_quantities
+from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
@@ -120,10 +120,16 @@ class Vertical(Motion[VerticalFlights]):
             f"{speed.std():.2g} m/s (standard deviations)."
         )
 
+    def diagnostics(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, float]:
+        """How thrust grows with the command near hover, and how the input map says it does."""
+        return thrust_curve(problem, estimate)
+
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
     ) -> tuple[Finding, ...]:
-        """A logged hover parameter that disagrees, see `Motion.findings`."""
+        """A logged hover parameter that disagrees, where hover is identified; see `Motion.findings`."""
+        if quantities["hover_input"].verdict is not Status.IDENTIFIED:
+            return ()
         hover = quantities["hover_input"].value
         logged = {name: flights[0].recording.parameters.get(name) for name in HOVER_PARAMETERS}
         return tuple(

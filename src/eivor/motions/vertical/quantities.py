@@ -13,6 +13,9 @@ from eivor.flights.quantity import NAN, Unjudged
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.balance import Balance, balance, hover_mapped, intercept, intercepts_by_run
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
+from eivor.signals.input_map import Mixed
 
 
 def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
@@ -74,6 +77,21 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Bala
     error = _std_error(estimate.best, gradient, extra(estimate.best))
     std_error = error / slope if slope > 0.0 else NAN
     return Unjudged(value, "", std_error, (inverse(low), inverse(high)))
+
+
+def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
+    """Exponents of thrust and of the input map at hover; of thrust it is m K_u U_h / g, see `rule`."""
+    terms = balance(problem, estimate.best, lag_searched=False)
+    mapped, _ = hover_mapped(estimate.best, terms)
+    chosen = problem.motion.input_map
+    hover = chosen.inverse(mapped)
+    of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
+    gain = float(estimate.best.theta[1])
+    return {
+        THRUST_EXPONENT: of_map * gain * mapped / GRAVITY,
+        MAP_EXPONENT: of_map,
+        IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
+    }
 
 
 def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:

@@ -10,7 +10,10 @@ On the viscous friction K, which is the overall verdict:
   instruments that contain no feedback, and an intercept that is not clearly beyond 5 m/s^2;
 * weak otherwise.
 
-The gain, the hover input and the lag have verdicts of their own.
+The gain, the hover input and the lag have verdicts of their own. Gain and hover input are weak where the
+intercept is clearly beyond 0.4 m/s^2: thrust then grows with another power of the command than the input map
+says. With m the map's own exponent at hover, d ln U / d ln w, and hover balanced by g = K_u U_h + b, thrust
+goes as w^p with p = m K_u U_h / g = m (1 - b / g).
 """
 
 from __future__ import annotations
@@ -35,8 +38,14 @@ LAG_SHARE = 0.5
 LAG_KNOWN_S = 0.01
 COMMAND_RATE_HZ = 45.0
 GAIN_RATE_HZ = 20.0
+CLEAR_INTERCEPT = 0.4
+LEAST_EXPONENT = 0.95
 LARGE_POOL = 10
 LARGE_INTERCEPT = 5.0
+
+#: Numbers of this motion among those of the circumstances: the exponent of thrust near hover, that of the
+#: input map there, and one for a command of thrust, whose map is linear or mixed.
+THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
 
 FLY = (
     "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
@@ -51,14 +60,15 @@ def all_grounds(
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity; those that one parameter decides share its grounds."""
     friction = tuple(friction_reasons(quantities, strength, at))
-    gain = tuple(gain_reasons(quantities["input_gain"], strength, at))
+    curve = tuple(thrust_curve_reasons(quantities, at))
+    gain = (*gain_reasons(quantities["input_gain"], strength, at), *curve)
     lag = tuple(lag_reasons(quantities, strength, at))
     return {
         "viscous_friction": friction,
         "time_constant": friction,
         "input_gain": gain,
         "intercept": gain,
-        "hover_input": tuple(hover_reasons(quantities["hover_input"], at)),
+        "hover_input": (*hover_reasons(quantities["hover_input"], at), *curve),
         "actuator_lag": lag,
         "delay": (*lag, *delay_reasons(quantities["delay"])),
         "effective_lag": lag,
@@ -77,7 +87,8 @@ def friction_reasons(
         log_planned=LOG_PLANNED,
     )
     friction = quantities["viscous_friction"]
-    if friction.value <= 0.0:
+    low, high = friction.interval
+    if high < 0.0:
         reasons.append(
             Reason(
                 Status.REFUSED,
@@ -86,8 +97,7 @@ def friction_reasons(
                 FLY,
             )
         )
-    elif friction.interval[0] <= 0.0:
-        low, high = friction.interval
+    elif friction.value <= 0.0 or low <= 0.0:
         reasons.append(
             Reason(
                 Status.REFUSED,
@@ -207,6 +217,35 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
             )
         )
     return reasons
+
+
+def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against gain and hover input: an intercept that says that the input map is another one."""
+    intercept = quantities["intercept"]
+    exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
+    if not (abs(intercept.value) - intercept.half_width > CLEAR_INTERCEPT and np.isfinite(exponent)):
+        return []
+    told = (
+        f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
+        f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
+        f"{at.numbers[MAP_EXPONENT]:.2f}."
+    )
+    return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+
+
+def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
+    """The input map that has an exponent near hover."""
+    if exponent < LEAST_EXPONENT:
+        return (
+            "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that the "
+            "input is the command of this vehicle."
+        )
+    if at.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
+        # (1 - s) u + s u^2 has the exponent r at u_h for s = (r - 1) / ((r - 1) + (2 - r) u_h)
+        share = (exponent - 1.0) / ((exponent - 1.0) + (2.0 - exponent) * hover)
+        return f"Use --input-map mixed:{share:.2g} if nothing else is wrong; a sagging supply looks alike."
+    known = {1.0: "linear", 2.0: "square"}.get(round(exponent, 1), f"power:{exponent:.2g}")
+    return f"Use --input-map {known} if nothing else is wrong; a supply that sags under load looks alike."
 
 
 def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:
