@@ -15,7 +15,7 @@ from eivor.flights.bootstrap import bootstrap_flights
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.resampling.replicates import Bootstrap, IntervalKind
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.flights import VerticalFlights
@@ -47,7 +47,7 @@ def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     problem = replace(problem_of(pair), flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: found.judged(Status.IDENTIFIED, pair.motion.wording[name])
+        name: found.judged(Verdict(Status.IDENTIFIED), pair.motion.wording[name])
         for name, found in pair.motion.quantities(problem, estimate).items()
     }
     assert pair.fit is not None

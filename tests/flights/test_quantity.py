@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from eivor.flights.quantity import Unjudged, Wording
-from eivor.inference.verdict import Status
+from eivor.inference.verdict import Status, Verdict
 
 LAG = Wording("lag", "τ", "s", lowest=0.0)
 INFINITY = float("inf")
@@ -25,10 +25,10 @@ INFINITY = float("inf")
     ],
 )
 def test_intervals_end_where_the_quantity_does(interval, possible):
-    quantity = Unjudged(1.0, "s", 0.5, interval).judged(Status.WEAK, LAG)
+    quantity = Unjudged(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), LAG)
     assert quantity.interval == possible
     assert quantity.verdict is Status.WEAK
-    anything = Unjudged(1.0, "s", 0.5, interval).judged(Status.WEAK, replace(LAG, lowest=-INFINITY))
+    anything = Unjudged(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), replace(LAG, lowest=-INFINITY))
     assert anything.interval == interval
 
 

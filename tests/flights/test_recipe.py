@@ -230,7 +230,7 @@ def test_a_hover_that_is_not_identified_is_not_compared(log):
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
     result = identify_flight(log, FlightOptions(input_map=taken))
-    assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, rel=0.05)
+    assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, abs=0.15)
     told = [reason.sentence for reason in result.quantities["input_gain"].reasons]
     assert any("thrust grows" in sentence for sentence in told) == (taken != "square")
 

@@ -237,8 +237,8 @@ def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
     """The input map that has an exponent near hover."""
     if exponent < LEAST_EXPONENT:
         return (
-            "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that the "
-            "input is the command of this vehicle."
+            "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
+            "the input is the command of this vehicle."
         )
     if at.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
         # (1 - s) u + s u^2 has the exponent r at u_h for s = (r - 1) / ((r - 1) + (2 - r) u_h)
