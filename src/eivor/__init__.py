@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from eivor.logs.table.chunks import read_chunks
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
+    from eivor.models.separable import Prior
     from eivor.models.signal_regression import SignalRegression
     from eivor.motions import motion_by_name
     from eivor.motions.identify import identify_flight
@@ -64,6 +65,7 @@ _HOMES = {
     "FlightOptions": "eivor.flights.options",
     "FractionalNoise": "eivor.signals.noise",
     "HomoskedasticErrors": "eivor.estimation.error_assumptions",
+    "Prior": "eivor.models.separable",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
     "SavedFit": "eivor.report.saved_fit",
@@ -115,6 +117,7 @@ __all__ = [
     "FlightOptions",
     "FractionalNoise",
     "HomoskedasticErrors",
+    "Prior",
     "Recording",
     "Regression",
     "SavedFit",

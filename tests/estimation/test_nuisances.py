@@ -266,6 +266,21 @@ def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
         assert prior.names == ("friction", "gain", "actuator_lag")
 
 
+@pytest.mark.parametrize("method", METHODS, ids=named)
+def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
+    """What is known of two nuisances together tells each candidate of the discrete one another value."""
+    discrete = share(grid=np.array([0.3, 0.5]), discrete=True)
+    together = replace(lag(grid=FEW_LAGS, prior=Prior(0.45, 0.004)), prior_with=(CURVE_SHARE.name,))
+    both = ev.identify(problem(together, discrete, noise=0.5), method)
+    for candidate in both.candidates:
+        fixed = candidate.at[CURVE_SHARE.name]
+        own = lag(grid=FEW_LAGS, prior=Prior(0.45 - fixed, 0.004))
+        alone = ev.identify(problem(own, discrete.known_at(fixed), noise=0.5), method).best
+        np.testing.assert_allclose(candidate.values, alone.values, rtol=1e-5)
+        np.testing.assert_allclose(candidate.covariance.matrix, alone.covariance.matrix, rtol=1e-4)
+        assert candidate.criterion == pytest.approx(alone.criterion, rel=1e-5)
+
+
 def test_a_known_nuisance_needs_no_instrument():
     (one,) = problem(lag(), KNOWN_SHARE).columns
     few = replace(one, instruments=one.instruments[:, :2])

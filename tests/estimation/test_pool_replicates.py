@@ -147,6 +147,19 @@ def test_what_is_known_beforehand_is_measured_again():
     assert found.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
 
 
+def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
+    together = replace(lag(prior=Prior(0.48, 0.002)), prior_with=("curve_share",))
+    nuisances = (together, share(grid=np.array([0.35, 0.4]), discrete=True))
+    problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
+    estimate = ev.identify(problem, reference_iv())
+    again, random = pool_flights(problem, estimate), np.random.default_rng(2)
+    found = [again.replicate(random)[0].at for _ in range(100)]
+    sums = np.array([at["actuator_lag"] + at["curve_share"] for at in found])
+    wanted = estimate.parameters["actuator_lag"] + estimate.best.at["curve_share"]
+    assert sums.std() == pytest.approx(0.002, rel=0.25)
+    assert sums.mean() == pytest.approx(wanted, abs=0.001)
+
+
 def test_values_of_a_discrete_nuisance_known_beforehand_are_told_apart_by_it():
     """Again of noise: without what is known each of the three would be drawn as often as the others."""
     wide = np.array([0.2, 0.4, 0.6])

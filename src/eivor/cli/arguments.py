@@ -68,6 +68,25 @@ InputMapOption = Annotated[
         show_default=False,
     ),
 ]
+LagOption = Annotated[
+    str,
+    typer.Option(
+        "--lag",
+        metavar="MS:STD",
+        help="Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+        "deviation of 15 ms.",
+        show_default=False,
+    ),
+]
+LagFromOption = Annotated[
+    str,
+    typer.Option(
+        "--lag-from",
+        metavar="FIT.json",
+        help="Take it from another flight of this vehicle, identified with --json.",
+        show_default=False,
+    ),
+]
 MapOption = Annotated[
     str,
     typer.Option(
@@ -147,6 +166,28 @@ def window(text: str) -> Window:
             "Give both in seconds from the log's start, such as 4:67; one of them may be left out.",
         )
     return start, end
+
+
+def lag(text: str) -> tuple[float, float]:
+    """Mean and standard deviation [s] of ``MS:STD``.
+
+    Raises
+    ------
+    UsageError
+        When it is not two numbers above zero.
+    """
+    mean_text, _, std_text = text.partition(":")
+    try:
+        mean, std = float(mean_text), float(std_text)
+    except ValueError:
+        mean = std = math.nan
+    if not (math.isfinite(mean) and math.isfinite(std) and mean > 0.0 and std > 0.0):
+        raise UsageError(
+            "a lag MS:STD, mean and standard deviation in milliseconds, both above zero",
+            f"'{text}'",
+            "Give 70:15, for example.",
+        )
+    return 1e-3 * mean, 1e-3 * std
 
 
 def names(text: str) -> tuple[str, ...]:

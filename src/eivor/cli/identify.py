@@ -75,6 +75,8 @@ def identify(
         str,
         typer.Option(metavar="NAME", help="reference_iv, least_squares, total_least_squares, extended_iv."),
     ] = "reference_iv",
+    lag: arguments.LagOption = "",
+    lag_from: arguments.LagFromOption = "",
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
@@ -101,6 +103,8 @@ def identify(
         instruments=instruments,
         method=method,
         compare=compare,
+        lag=lag,
+        lag_from=lag_from,
     )
     recordings, windows = chosen.read(options)
     check_named_instruments(recordings, options.instruments)

@@ -17,6 +17,7 @@ from eivor.errors import UsageError
 if TYPE_CHECKING:
     from eivor.flights.motion import Motion
     from eivor.flights.options import FlightOptions
+    from eivor.models.separable import Prior
     from eivor.signals.recording import Recording
 
 
@@ -129,6 +130,8 @@ def flight_options(
     instruments: str = "",
     method: str = "reference_iv",
     compare: bool = False,
+    lag: str = "",
+    lag_from: str = "",
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -156,9 +159,43 @@ def flight_options(
         instruments=arguments.names(instruments) if instruments else (),
         method=method,
         compare=compare,
+        lag=given_lag(lag, lag_from),
     )
     motion.check(options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
+
+
+def given_lag(text: str, file: str) -> Prior | None:
+    """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing.
+
+    Raises
+    ------
+    UsageError
+        When both are given, or the other flight could not tell its lag.
+    InputError
+        When the file is no result.
+    """
+    from eivor.models.separable import Prior
+
+    if text and file:
+        raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
+    if text:
+        return Prior(*arguments.lag(text))
+    if not file:
+        return None
+    from eivor.flights.estimated import EFFECTIVE_LAG
+    from eivor.inference.verdict import Status
+    from eivor.report.saved_fit import load_fit
+
+    found = load_fit(file).quantities.get(EFFECTIVE_LAG)
+    if found is None or found.verdict is Status.REFUSED or not 0.0 < found.half_width < math.inf:
+        raise UsageError(
+            f"a result in '{file}' that tells the effective lag",
+            "one without" if found is None else f"one whose lag is {found.verdict.value}",
+            "Give the lag by --lag MS:STD, or the result of a flight that tells it.",
+        )
+    # half a 95 % interval, the choice of the delay included, is two standard deviations at most
+    return Prior(found.value, max(found.half_width / 2.0, found.std_error))
 
 
 def told_apart(given: Sequence[LogArgument], recordings: list[Recording]) -> list[Recording]:

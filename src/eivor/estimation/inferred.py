@@ -89,10 +89,16 @@ class Inference:
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " n"]:
-        """Conditional first-stage F of each joint parameter; NaN without instruments."""
+        """Conditional first-stage F of each joint parameter; NaN without instruments.
+
+        A pseudo-observation of what is known beforehand is one row more, and an instrument of its own: what
+        it tells of a nuisance the instruments need not tell.
+        """
         if not self.solved.assembler.needs_instruments:
             return np.full(self.solved.unknowns, np.nan)
-        return conditional_first_stage(self._basis, self.solved.jacobian)
+        known = np.sqrt(self.residual_variance) * self.solved.prior_rows()
+        basis = scipy.linalg.block_diag(self._basis, np.eye(len(known))) if known.size else self._basis
+        return conditional_first_stage(basis, np.vstack([self.solved.jacobian, known]))
 
     @property
     def residual_variance(self) -> float:

@@ -179,7 +179,7 @@ def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str,
         solved,
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
         precision=np.array(precision),
-        misfits=tuple(nuisance.misfit(found.at[nuisance.name]) for nuisance in known),
+        misfits=tuple(nuisance.misfit(found.at) for nuisance in known),
     )
     at = {nuisance.name: found.at[nuisance.name] for nuisance in problem.nuisances}
     return Candidate(at, solved, found.profiles, FLIGHT_DEFAULT)

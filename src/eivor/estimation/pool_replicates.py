@@ -122,6 +122,7 @@ class CandidateFlights:
             When these flights do not determine the parameters.
         """
         drawn = self.products.weighted(times)
+        known = self._of_one(known)
         equations = drawn.equations.copy()
         equations[:, :, -1] -= self.misfit
         equations = _half(drawn.instruments[0]) @ equations
@@ -141,6 +142,16 @@ class CandidateFlights:
         criterion = solution.objective / variance
         criterion += sum(prior.misfit(at[name]) for name, prior in known.items())
         return Replicate(at, solution.theta, criterion, self.number, weights)
+
+    def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
+        """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
+        others = {
+            axis.nuisance.name: sum(self.fixed[other] for other in axis.nuisance.prior_with)
+            for axis in self.nodes.axes
+        }
+        return {
+            name: replace(prior, mean=prior.mean - others.get(name, 0.0)) for name, prior in known.items()
+        }
 
 
 @dataclass(frozen=True)
@@ -237,7 +248,7 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
 
 def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]:
     return {
-        nuisance.name: replace(nuisance.prior, mean=best.at[nuisance.name])
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.at))
         for nuisance in nuisances
         if nuisance.searched and nuisance.prior is not None
     }

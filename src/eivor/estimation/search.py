@@ -151,8 +151,8 @@ class Search:
         return self.fixed | dict(zip(names, point, strict=True))
 
     def _misfit(self, point: Point) -> float:
-        pairs = zip(self.sought, point, strict=True)
-        return float(sum(nuisance.misfit(value) for nuisance, value in pairs))
+        at = self._at(point)
+        return float(sum(nuisance.misfit(at) for nuisance in self.sought))
 
     def _refined(
         self, best: Trial, grids: list[Float[np.ndarray, " _"]], unit: float, tolerance: float

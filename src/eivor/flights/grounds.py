@@ -14,6 +14,20 @@ def moved(at: Circumstances) -> str:
     return f" {at.excitation}" if at.excitation else ""
 
 
+def given_lag_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against everything that a lag from elsewhere moves, when the flight contradicts it."""
+    given = at.given_lag
+    if given is None or not given.contradicted:
+        return []
+    return [
+        Reason(
+            Status.WEAK,
+            f"The lag that was given contradicts the flight: {given.sentence}.",
+            "Check what was given: it is the lag and the delay together, in ms, and its standard deviation.",
+        )
+    ]
+
+
 def instrument_reasons(
     strength: Strength, at: Circumstances, *, fly: str, log_reference: str, log_planned: str
 ) -> list[Reason]:

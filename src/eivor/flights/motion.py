@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.airborne import Active, airborne_by_log
+from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import MEMORY_S, Grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -133,6 +134,8 @@ class Circumstances:
         The frequency of a reference that has only one; zero for others [Hz].
     numbers : mapping of str to float
         What the motion adds, see `Motion.diagnostics`.
+    given_lag : GivenLag or None
+        What was known of the lag from elsewhere.
     """
 
     flights: int
@@ -145,6 +148,7 @@ class Circumstances:
     excitation: str = ""
     single_frequency_hz: float = 0.0
     numbers: Mapping[str, float] = field(default_factory=dict)
+    given_lag: GivenLag | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
+from eivor.models.separable import Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
 MAX_TILT_DEG = float(np.rad2deg(np.arccos(0.9)))
@@ -36,11 +37,14 @@ class FlightOptions:
         A name out of `eivor.methods`.
     compare : bool
         Estimate with every method and list the results side by side.
+    lag : Prior, optional
+        What is known of the effective lag, actuator lag plus delay, from elsewhere: ``ev.Prior(0.070,
+        0.015)`` for 70 ms with a standard error of 15 ms [s].
 
     Raises
     ------
     UsageError
-        When the tilt is not between 0 and 90 degrees, or the window is empty.
+        When the tilt is not between 0 and 90 degrees, the window is empty, or the lag is not positive.
     """
 
     window: tuple[float, float] | None = None
@@ -50,6 +54,7 @@ class FlightOptions:
     instruments: tuple[str, ...] = ()
     method: str = "reference_iv"
     compare: bool = False
+    lag: Prior | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -57,6 +62,8 @@ class FlightOptions:
             raise UsageError(
                 "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
             )
+        if self.lag is not None and not self.lag.mean > 0.0:
+            raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
         if self.window is not None and not self.window[0] < self.window[1]:
             raise UsageError(
                 "a window START:END with START before END",
@@ -70,6 +77,8 @@ class FlightOptions:
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
         checks.flag("compare", self.compare)
+        if self.lag is not None:
+            checks.kind("lag", self.lag, Prior, "a Prior", "Give ev.Prior(0.070, 0.015), in seconds.")
         if self.window is not None:
             check_window(self.window)
 

@@ -17,6 +17,8 @@ from eivor.flights.diagnostics import (
     flight_diagnostics,
     flight_findings,
 )
+from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
+from eivor.flights.given_lag import GivenLag, with_given_lag
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
@@ -108,11 +110,17 @@ def _identified(
         method = by_name(FALLBACK)
     try:
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
+        given = None
+        if options.lag is not None:
+            alone = identify(problem, method)
+            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG])
+            problem = with_given_lag(problem, options.lag)
         estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
-        fit = Fit(problem, estimate, chosen.rule.label, checks)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given)
         numbers = dict(motion.diagnostics(problem, estimate))
-        return _with_fit(motion, prepared, options, fit, _circumstances(motion, flying, chosen, numbers))
+        at = replace(_circumstances(motion, flying, chosen, numbers), given_lag=given)
+        return _with_fit(motion, prepared, options, fit, at)
     except EstimationError as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
         return _without_fit(motion, prepared, options, reason)

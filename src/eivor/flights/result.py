@@ -12,6 +12,7 @@ from jaxtyping import Float
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.diagnostics import FitDiagnostics
+from eivor.flights.given_lag import GivenLag
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -63,12 +64,15 @@ class Fit:
         Label of the instruments used.
     checks : FitDiagnostics
         What was checked of it.
+    given_lag : GivenLag or None
+        What was known of the lag from elsewhere, beside what the flight alone says.
     """
 
     problem: SeparableProblem
     estimate: Estimate
     instruments: str
     checks: FitDiagnostics
+    given_lag: GivenLag | None = None
 
 
 @dataclass(frozen=True)

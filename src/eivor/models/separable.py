@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -71,6 +72,9 @@ class Nuisance:
         covariance.
     prior : Prior, optional
         What is known of it beforehand.
+    prior_with : tuple of str
+        Discrete nuisances that are added to this one in what is known: a prior of lag and delay together is
+        one of their sum.
     tolerance : float
         Accuracy of the refinement, in the parameter's unit.
 
@@ -84,6 +88,7 @@ class Nuisance:
     grid: Float[np.ndarray, " values"]
     discrete: bool = False
     prior: Prior | None = None
+    prior_with: tuple[str, ...] = ()
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -116,9 +121,21 @@ class Nuisance:
         """Least value of the grid: the value of a nuisance that is known."""
         return float(self.grid[0])
 
-    def misfit(self, value: float) -> float:
-        """Squared distance of a value from what is known beforehand, in standard errors; zero for nothing."""
-        return 0.0 if self.prior is None else self.prior.misfit(value)
+    def misfit(self, at: Values) -> float:
+        """Squared distance of its value from what is known beforehand, in standard errors; zero for nothing.
+
+        Parameters
+        ----------
+        at : mapping of str to float
+            Values of all nuisances.
+        """
+        if self.prior is None:
+            return 0.0
+        return self.prior.misfit(self.with_others(at))
+
+    def with_others(self, at: Values) -> float:
+        """Sum of its value and of those that its prior is about as well."""
+        return at[self.name] + sum(at[other] for other in self.prior_with)
 
     @property
     def positive(self) -> bool:
@@ -127,7 +144,7 @@ class Nuisance:
 
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""
-        return replace(self, grid=np.array([value]), prior=None)
+        return replace(self, grid=np.array([value]), prior=None, prior_with=())
 
     def around(self, value: float) -> tuple[float, float]:
         """Values below and above one, for a numerical derivative.
@@ -152,6 +169,10 @@ class SeparableProblem(ABC):
     """
 
     nuisances: tuple[Nuisance, ...]
+
+    def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> Self:
+        """Return the same problem with other grids or priors of its nuisances."""
+        return replace(self, nuisances=nuisances)  # type: ignore[type-var]
 
     @abstractmethod
     def rows(self, at: Values) -> Regression:

@@ -13,6 +13,7 @@ from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.recipe import identified
 from eivor.flights.result import FlightEstimate
+from eivor.models.separable import Prior
 from eivor.motions import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
 
@@ -30,6 +31,7 @@ class Choices(TypedDict, total=False):
     instruments: tuple[str, ...]
     method: str
     compare: bool
+    lag: Prior | None
 
 
 def identify_flight(
@@ -55,7 +57,7 @@ def identify_flight(
         What to identify: "vertical", the name of a motion that another package brings, or a motion itself.
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
-        ``input_map=``, ``instruments=``, ``method=``, ``compare=``.
+        ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``.
 
     Returns
     -------

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.given_lag import GivenLag
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, Quantity
@@ -66,6 +67,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "derived": _quantities(told.quantities, Kind.DERIVED),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
+        "given_lag": None if result.fit is None else _given_lag(result.fit.given_lag),
         "diagnostics": {name: number(value) for name, value in told.diagnostics.items()},
         "findings": findings_list(told.findings),
         "flights": [_row("log", row) for row in told.flights],
@@ -194,8 +196,21 @@ def _row(key: str, row: ToldRow) -> Json:
     }
 
 
+def _given_lag(given: GivenLag | None) -> Json:
+    if given is None:
+        return None
+    return {
+        "mean": number(given.prior.mean),
+        "std": number(given.prior.std),
+        "alone": number(given.alone.value),
+        "alone_interval": _pair(given.alone.interval),
+        "p_value": number(given.p_value),
+    }
+
+
 def _options(options: FlightOptions) -> Json:
     plain: dict[str, Json] = dict(asdict(options))
     plain["window"] = _pair(options.window)
     plain["instruments"] = list(options.instruments)
+    plain["lag"] = None if options.lag is None else asdict(options.lag)
     return plain

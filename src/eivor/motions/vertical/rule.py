@@ -22,7 +22,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eivor.flights.grounds import instrument_reasons, moved
+from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved
 from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
@@ -59,10 +59,11 @@ def all_grounds(
     quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity; those that one parameter decides share its grounds."""
-    friction = tuple(friction_reasons(quantities, strength, at))
+    given = tuple(given_lag_reasons(at))
+    friction = (*friction_reasons(quantities, strength, at), *given)
     curve = tuple(thrust_curve_reasons(quantities, at))
-    gain = (*gain_reasons(quantities["input_gain"], strength, at), *curve)
-    lag = tuple(lag_reasons(quantities, strength, at))
+    gain = (*gain_reasons(quantities["input_gain"], strength, at), *curve, *given)
+    lag = (*lag_reasons(quantities, strength, at), *given)
     return {
         "viscous_friction": friction,
         "time_constant": friction,
@@ -117,7 +118,9 @@ def friction_reasons(
         )
     reasons.extend(_rough_lag_reasons(quantities, strength))
     reasons.extend(_unit_reasons(quantities))
-    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL:
+    # J counts a lag that was given as one more equation, and its contradiction is said by itself
+    contradicted = at.given_lag is not None and at.given_lag.contradicted
+    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL and not contradicted:
         reasons.append(
             Reason(
                 Status.WEAK,
