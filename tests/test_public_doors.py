@@ -73,6 +73,9 @@ ACCEPTED = {
     ("FlightOptions", "instruments"): {"list", "texts"},
     ("FlightOptions", "method"): {"text"},
     ("FlightOptions", "compare"): {"flag"},
+    ("FlightOptions", "lag"): {"none"},
+    ("Prior", "mean"): ANY_NUMBER,
+    ("Prior", "std"): NUMBER,
     ("FractionalNoise", "std"): NUMBER,
     ("WhiteNoise", "std"): NUMBER,
     ("regression", "names"): {"none", "texts"},
@@ -266,6 +269,7 @@ def doors(folder):
             },
         ),
         "VerticalMotion": (ev.VerticalMotion, {"input_map": Power(1.0), "intercept": False}),
+        "Prior": (ev.Prior, {"mean": 0.07, "std": 0.015}),
         "WhiteNoise": (ev.WhiteNoise, {"std": 1.0}),
         "anderson_rubin_set": (
             ev.anderson_rubin_set,

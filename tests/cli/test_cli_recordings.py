@@ -43,6 +43,18 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     assert "SDLOG_PROFILE" in card.out
 
 
+def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
+    """Alone it is known to a third of a second: with 65 ms, to 15 ms, the friction has an interval."""
+    path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
+    given = _document(eivor("identify", "--map", "nanobench", path, "--lag", "65:15", "--json", "-"))
+    friction = given["parameters"]["viscous_friction"]
+    assert friction["verdict"] == "weak"
+    assert 0.15 < friction["value"] < 0.7
+    assert friction["interval"][0] > 0.1
+    low, high = given["given_lag"]["alone_interval"]
+    assert high - low > 0.3
+
+
 def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> None:
     """The motors idle on the ground while the land detector says that the vehicle flies."""
     document = _document(eivor("identify", recordings / "px4" / "ekf_failure.ulg", "--json", "-"))

@@ -63,6 +63,7 @@ SCHEMA: dict[str, Any] = {
     "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY, "time_constant": QUANTITY},
     "covariance": (dict, type(None)),
     "prediction": (dict, type(None)),
+    "given_lag": (dict, type(None)),
     "diagnostics": dict,
     "findings": [{"name": str, "message": str}],
     "flights": [{"log": str, **ROW}],
@@ -78,6 +79,7 @@ SCHEMA: dict[str, Any] = {
             "instruments": [str],
             "method": str,
             "compare": bool,
+            "lag": (dict, type(None)),
         },
     },
 }

@@ -15,6 +15,7 @@ from typing import Self
 import numpy as np
 from jaxtyping import Float
 
+from eivor import checks
 from eivor.errors import ParameterError
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
@@ -40,12 +41,16 @@ class Prior:
     ------
     ParameterError
         When the standard error is not positive, or a number is not finite.
+    UsageError
+        When one of them is no number.
     """
 
     mean: float
     std: float
 
     def __post_init__(self) -> None:
+        checks.number("mean", self.mean)
+        checks.number("std", self.std)
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0.0):
             raise ParameterError(
                 "a finite mean and a positive standard error", f"{self.mean} and {self.std}", "Give both."
