@@ -209,6 +209,7 @@ def doors(folder):
                 "instruments": (),
                 "method": "reference_iv",
                 "compare": False,
+                "lag": None,
             },
         ),
         "FractionalNoise": (ev.FractionalNoise, {"std": 1.0, "order": 0.2}),

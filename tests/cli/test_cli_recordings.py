@@ -46,7 +46,7 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
     """Alone it is known to a third of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
-    given = _document(eivor("identify", "--map", "nanobench", path, "--lag", "65:15", "--json", "-"))
+    given = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
     friction = given["parameters"]["viscous_friction"]
     assert friction["verdict"] == "weak"
     assert 0.15 < friction["value"] < 0.7

@@ -14,7 +14,7 @@ from eivor.errors import UsageError
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status
-from eivor.report.checks import checks
+from eivor.report.fit_checks import checks
 from eivor.signals.recording import Recording
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -175,9 +175,10 @@ class SeparableProblem(ABC):
 
     nuisances: tuple[Nuisance, ...]
 
-    def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> Self:
-        """Return the same problem with other grids or priors of its nuisances."""
-        return replace(self, nuisances=nuisances)  # type: ignore[type-var]
+    def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> SeparableProblem:
+        """Return the same problem, a dataclass, with other grids or priors of its nuisances."""
+        changed: SeparableProblem = replace(cast("Any", self), nuisances=nuisances)
+        return changed
 
     @abstractmethod
     def rows(self, at: Values) -> Regression:
