@@ -318,3 +318,13 @@ def test_nothing_of_the_log_is_modified(log):
         np.testing.assert_array_equal(log.channels[name].time_s, time)
         np.testing.assert_array_equal(log.channels[name].values, values)
     assert issubclass(MissingChannelError, EivorError)
+
+
+@pytest.mark.parametrize("vehicle", ["", "rotary wing"])
+def test_what_hovers_or_may_is_prepared(log, vehicle):
+    assert prepare_vertical(replace(log, vehicle=vehicle), FlightOptions()).runs
+
+
+def test_a_log_of_a_plane_is_refused_as_one(log):
+    with pytest.raises(InputError, match=r"which says that it is of a fixed wing.*multirotors"):
+        prepare_vertical(replace(log, vehicle="fixed wing"), FlightOptions())

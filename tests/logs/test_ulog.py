@@ -41,6 +41,46 @@ def test_new_topic_names(tmp_path):
         r.channel("battery_voltage")
 
 
+@pytest.mark.parametrize(
+    ("kinds", "mav_type", "vehicle"),
+    [
+        ([1, 1], 1, "rotary wing"),  # PX4's own word counts
+        ([2, 2], 2, "fixed wing"),
+        ([2, 1], 22, "rotary wing"),  # a convertible plane that hovers for some time
+        ([3, 3], 2, "rover"),
+        ([0, 9], 10, "rover"),
+        ([0, 0], 2, ""),
+        (None, 1, "fixed wing"),
+        (None, 11, "boat"),
+        (None, 13, ""),
+    ],
+)
+def test_the_vehicle_is_told(tmp_path, kinds, mav_type, vehicle):
+    writer = UlogWriter().parameter("MAV_TYPE", mav_type)
+    fields = {} if kinds is None else {"vehicle_type__uint8_t": np.array(kinds)}
+    writer.topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]), **fields)
+    assert read(tmp_path, writer).vehicle == vehicle
+
+
+@pytest.mark.parametrize(
+    ("filtered", "raw", "source"),
+    [(20, 200, "sensor_combined"), (200, 250, "vehicle_acceleration"), (20, 0, "vehicle_acceleration")],
+)
+def test_the_accelerometer_is_chosen_by_rate(tmp_path, filtered, raw, source):
+    writer = flight()
+    stamps = np.linspace(0.0, 3.9, filtered)
+    writer.topic("vehicle_acceleration", stamps, xyz=np.tile([0.0, 0.0, -9.8], (filtered, 1)))
+    if raw:
+        readings = np.tile([0.0, 0.0, -9.8], (raw, 1))
+        writer.topic("sensor_combined", np.linspace(0.0, 3.9, raw), accelerometer_m_s2=readings)
+    channels = read(tmp_path, writer).channels
+    for axis in "xyz":
+        assert source in channels[f"specific_force_body_{axis}"].source
+        assert channels[f"specific_force_body_{axis}"].values.size == (
+            raw if "combined" in source else filtered
+        )
+
+
 def test_old_topic_names(tmp_path):
     t = np.arange(50) * 0.1
     writer = (

@@ -112,9 +112,9 @@ def _identified(
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         given = None
         if options.lag is not None:
-            alone = identify(problem, method)
-            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG])
-            problem = with_given_lag(problem, options.lag)
+            alone, problem = problem, with_given_lag(problem, options.lag)
+            told = lag_quantities(alone, identify(alone, method))[EFFECTIVE_LAG]
+            given = GivenLag(options.lag, told)
         estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         fit = Fit(problem, estimate, chosen.rule.label, checks, given)

@@ -28,6 +28,8 @@ from eivor.notebook import html_table
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
+#: `Recording.vehicle` of what flies on rotors.
+ROTARY_WING = "rotary wing"
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.
 LARGEST_VALUE = 1e100
 
@@ -208,6 +210,8 @@ class Recording:
         For each canonical channel the reader knows: the topics or columns it looked for.
     findings : tuple of Finding
         Named diagnostics of the reader.
+    vehicle : str
+        What kind of vehicle the log says that it is of ("rotary wing", "fixed wing"); empty when it does not.
     """
 
     name: str
@@ -219,9 +223,10 @@ class Recording:
     input_map: str = ""
     looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    vehicle: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("name", "format", "sha256", "input_map"):
+        for name in ("name", "format", "sha256", "input_map", "vehicle"):
             checks.text(name, getattr(self, name))
         checks.mapping("channels", self.channels, Channel, "channels")
         checks.kind("frame", self.frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")

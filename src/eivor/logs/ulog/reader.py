@@ -27,6 +27,7 @@ from eivor.logs.ulog.instances import Topic, choose_instance, varying_fields
 from eivor.logs.ulog.topics import (
     ACTUATOR_SOURCES,
     CHANNEL_SOURCES,
+    CHOSEN_BY_RATE,
     CONTROLLER_POSITION,
     CONTROLLER_VELOCITY,
     LOOKED_FOR,
@@ -36,11 +37,14 @@ from eivor.logs.ulog.topics import (
     RESET_COUNTERS,
     Source,
 )
+from eivor.logs.ulog.vehicle import vehicle_of
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
 
 #: Stamps further than this from the log's start are damaged [s].
 MAX_SPAN_S = 1e6
+#: Another source comes before the preferred one when it was logged so many times as often.
+MUCH_MORE = 1.5
 #: A setpoint whose topic is silent for longer than this, and than five of its steps, is not in force [s].
 SILENCE_S = 1.0
 
@@ -94,15 +98,17 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
             f"'{file.name}' without a value of any of them",
             "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
         )
+    parameters = _parameters(ulog)
     return Recording(
         name=file.name,
         format="ulog",
         channels=reading.channels,
         frame=Frame.NED,
         sha256=sha256,
-        parameters=_parameters(ulog),
+        parameters=parameters,
         looked_for=LOOKED_FOR,
         findings=(*reading.findings, *channel_findings(reading.channels)),
+        vehicle=vehicle_of(reading.topics, parameters),
     )
 
 
@@ -179,7 +185,7 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, max(ends, default=0.0), {}, findings, [], [])
     for name, sources in CHANNEL_SOURCES.items():
-        for source in sources:
+        for source in _by_rate(sources, topics) if name in CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
                 _add(reading, clocks, name, source)
     _add_controller_velocity(reading, clocks)
@@ -197,6 +203,22 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
             )
         )
     return reading
+
+
+def _by_rate(sources: tuple[Source, ...], topics: Mapping[str, Topic]) -> list[Source]:
+    """Sources in their order, but one that was logged much more often than the first before it."""
+
+    def samples(source: Source) -> int:
+        topic = topics.get(source.topic)
+        return 0 if topic is None else int(topic.fields["timestamp"].size)
+
+    most = max(sources, key=samples)
+    first = next((source for source in sources if samples(source)), most)
+    return (
+        sorted(sources, key=lambda one: one is not most)
+        if samples(most) > MUCH_MORE * samples(first)
+        else [*sources]
+    )
 
 
 def _reset_findings(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> list[Finding]:

@@ -106,6 +106,12 @@ CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint
 RESET_COUNTERS: Mapping[str, str] = {"z_reset_counter": "height", "vz_reset_counter": "vertical velocity"}
 
 #: The navigation state, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
+#: Channels whose source is another one than the preferred where that was logged much more often: PX4 may log
+#: the filtered acceleration at 20 Hz beside the raw one at its full rate.
+CHOSEN_BY_RATE = tuple(
+    f"{quantity}_{axis}" for quantity in ("specific_force_body", "angular_rate") for axis in "xyz"
+)
+
 NAVIGATION_STATE = Source("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
 

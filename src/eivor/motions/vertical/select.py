@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Limit, Selection, chosen_input
 from eivor.motions.vertical.attitude import vertical_row
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.recording import Channel, Finding, Recording
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
 
 #: Families of channels that may drive the model, in order of preference.
 INPUTS = (
@@ -42,7 +43,15 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
     ------
     MissingChannelError, UsageError
         When velocity or input are not in the log.
+    InputError
+        When the log says that it is of a vehicle without rotors.
     """
+    if log.vehicle not in ("", ROTARY_WING):
+        raise InputError(
+            "a log of a vehicle that hovers on its rotors",
+            f"{log.name}, which says that it is of a {log.vehicle}",
+            "The vertical motion is that of multirotors; name another motion with --model if you have one.",
+        )
     family, commands = chosen_input(
         log, INPUTS, options.input, remedy="Log the thrust setpoint or the rotor commands at 50 Hz or more"
     )
