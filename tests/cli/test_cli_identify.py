@@ -158,6 +158,9 @@ def test_measured_rotor_speeds_have_no_lag(eivor: Caller, flight: polars.DataFra
     assert run.code in {0, 3}
     assert document["model"]["input_measured"] is True
     assert document["parameters"]["actuator_lag"]["value"] == 0.0
+    # they are commands in truth, which the rotors follow 72 ms later
+    assert document["parameters"]["delay"]["value"] > 0.04
+    assert document["covariance"]["names"] == ["viscous_friction", "input_gain", "delay"]
 
 
 @pytest.mark.parametrize("grounded", [True, False], ids=["grounded", "constant"])

@@ -129,12 +129,12 @@ def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(fo
     assert (wide[1] - wide[0]) / (narrow[1] - narrow[0]) == pytest.approx(wanted, rel=1e-4)
 
 
-def test_measured_states_have_no_lag_to_search() -> None:
+def test_measured_states_have_a_delay_and_no_lag() -> None:
     specs = [VerticalFlightSpec(seed=seed) for seed in (1, 2, 3)]
     states = [actual_state_recording(flight) for flight in simulate_vertical_flights(specs)]
     fit = identify_flight([replace(log, sha256=str(n)) for n, log in enumerate(states)])
     replicates = bootstrap_flights(fit, runs=40)
-    assert replicates.names == ("viscous_friction", "input_gain", "hover_input")
+    assert replicates.names == ("viscous_friction", "input_gain", "hover_input", "effective_lag")
     low, high = replicates.interval("input_gain")
     assert low < fit.quantities["input_gain"].value < high
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 
 import pytest
 
@@ -14,6 +15,15 @@ from eivor.studies.interrupts import interrupts_wait
 INTERRUPTED = "import os, signal; os.kill(os.getpid(), signal.SIGINT); print('alive')"
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C raises, also where the tests run in the background of a shell, which ignores it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_waits_until_the_block_is_done():
     reached = []
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012 - where it is raised is the point

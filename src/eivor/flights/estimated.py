@@ -44,22 +44,27 @@ def ratio_quantity(estimate: Estimate, numerator: str | float, denominator: str,
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:
-    """`actuator_lag`, `delay` and `effective_lag`; all zero for actuators whose state is measured.
+    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
+
+    A sum that cannot be negative has no interval below zero; that of a measured state's delay may.
 
     Parameters
     ----------
     problem : SeparableProblem
-        With the nuisances actuator_lag and delay, the latter discrete.
+        With the nuisances actuator_lag and delay; the latter discrete, or continuous without a lag.
     estimate : Estimate
         Of it.
     """
-    lag = joint_quantities(estimate).get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    joint = joint_quantities(estimate)
+    lag = joint.get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    if DELAY.name in joint:
+        return {ACTUATOR_LAG.name: lag, DELAY.name: joint[DELAY.name], EFFECTIVE_LAG: joint[DELAY.name]}
     effective = lag
     if ACTUATOR_LAG.name in estimate.names:
         sum_of = _effective_lag(estimate)
         value, direction = sum_of(estimate.best)
         error = estimate.best.covariance.std_error(direction)
-        effective = Unjudged(value, "s", error, estimate.interval_of(sum_of))
+        effective = Unjudged(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
     delay = next(nuisance for nuisance in problem.nuisances if nuisance.name == DELAY.name)
     return {ACTUATOR_LAG.name: lag, DELAY.name: chosen(delay, estimate), EFFECTIVE_LAG: effective}
 

@@ -7,7 +7,7 @@ identified before its grounds were looked at.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from eivor.inference.verdict import Reason, Status, Verdict
@@ -96,6 +96,8 @@ class Unjudged:
         For what was chosen out of a few values; the interval spans those that fit.
     by_run : tuple of float
         Its value in each run, for what belongs to a run.
+    lowest : float
+        What it cannot be below in this problem, beside what its wording says of every one.
     """
 
     value: float
@@ -104,6 +106,7 @@ class Unjudged:
     interval: tuple[float, float]
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
+    lowest: float = -math.inf
 
     @property
     def half_width(self) -> float:
@@ -116,7 +119,7 @@ class Unjudged:
             self.value,
             self.unit,
             self.std_error,
-            wording.possible(self.interval),
+            replace(wording, lowest=max(wording.lowest, self.lowest)).possible(self.interval),
             found.status,
             self.choice,
             self.by_run,

@@ -19,7 +19,7 @@ class InputFamily:
     name : str
         The channel, or what stands before the actuators' numbers ("rotor_command").
     measured : bool
-        True for the actuators' measured state, which neither lags nor is delayed.
+        True for the actuators' measured state, which does not lag, and may be late or early.
     input_map : str
         Name of the map from its values to what enters the equation.
     numbered : bool

@@ -9,7 +9,7 @@ and taken to bins.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,8 @@ BAND_HZ = (0.04, 5.0)
 #: Grid of lags [s] and delays [s] that are searched.
 LAG_GRID_S = np.geomspace(0.002, 0.3, 40)
 DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040)
+#: Grid of delays [s] of a state that was measured.
+TELEMETRY_DELAYS_S = np.linspace(-0.06, 0.06, 25)
 
 
 def lag_and_delay(
@@ -51,6 +53,16 @@ def lag_and_delay(
         Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64)),
         Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True),
     )
+
+
+def measured_state() -> tuple[Nuisance, Nuisance]:
+    """Nuisances of actuators whose state was measured: no lag, and a delay of either sign.
+
+    Telemetry of an actuator is late against the sensors of the motion, or early when theirs is later.
+    """
+    lag, delay = lag_and_delay()
+    late_or_early = replace(delay, grid=TELEMETRY_DELAYS_S, discrete=False, tolerance=1e-9)
+    return lag.known_at(0.0), late_or_early
 
 
 @dataclass(frozen=True)

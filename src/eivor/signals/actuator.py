@@ -25,7 +25,7 @@ def actuator_state(
         Commanded values; ``command[k]`` is held from sample k to sample k+1.
     step_s, lag_s, delay_s : float
         Step of the grid h, time constant tau and delay d [s]. A zero lag gives the delayed command
-        itself, as measured actuators need it: with neither lag nor delay, `command` unchanged.
+        itself; with neither lag nor delay `command` is unchanged.
 
     Notes
     -----
@@ -62,6 +62,43 @@ def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np
         return values
     shifted = np.zeros_like(values)
     shifted[samples:] = values[:-samples]
+    return shifted
+
+
+def shifted_by(
+    values: Float[np.ndarray, "n columns"], *, step_s: float, delay_s: float
+) -> Float[np.ndarray, "n columns"]:
+    """Sampled values so much later; earlier for a negative delay.
+
+    Between samples by the cubic through the four nearest, whose error is of the fourth order in the step;
+    beyond the ends the first and the last value are held.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        A continuous quantity, sampled.
+    step_s, delay_s : float
+        Step and delay [s].
+
+    Notes
+    -----
+    Performs no checks.
+    """
+    whole = int(np.floor(delay_s / step_s))
+    f = delay_s / step_s - whole
+    # Lagrange's weights for the value between samples 0 and -1, of samples 1, 0, -1, -2 from there
+    weights = (
+        f * (f - 1.0) * (2.0 - f) / 6.0,
+        (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
+        f * (1.0 + f) * (2.0 - f) / 2.0,
+        f * (1.0 + f) * (f - 1.0) / 6.0,
+    )
+    index = np.arange(values.shape[0]) - whole
+    last = values.shape[0] - 1
+    shifted = np.zeros_like(values)
+    for weight, offset in zip(weights, (1, 0, -1, -2), strict=True):
+        if weight:
+            shifted += weight * values[np.clip(index + offset, 0, last)]
     return shifted
 
 

@@ -268,6 +268,15 @@ def test_signs_and_units_speak_against_the_flight():
         assert verdict(friction_reasons(found, numbers(), circumstances())).status is wanted
 
 
+def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
+    for value, status in ((0.06, Status.WEAK), (-0.06, Status.WEAK), (0.05, Status.IDENTIFIED)):
+        names = ("viscous_friction", "input_gain", "delay")
+        fit = Strength(dict.fromkeys(names, 50.0), 0.5, {"delay": Searched(value, highest=0.06)})
+        grounds = all_grounds(quantities(effective_lag=quantity(value, 0.005)), fit, circumstances())
+        assert verdict(list(grounds["viscous_friction"])).status is status
+        assert verdict(list(grounds["effective_lag"])).status is status
+
+
 # -- the thrust curve -------------------------------------------------------------------------------------
 
 

@@ -15,12 +15,9 @@ from jaxtyping import Float
 from eivor.estimation.candidate import Candidate
 from eivor.inference.covariances.equal_weighted_cosines import long_run_mean_variance
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.separable import Values
+from eivor.models.separable import Nuisance, Values
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
-
-#: Relative half-step of numerical derivatives by the lag.
-LAG_DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -32,7 +29,7 @@ class Balance:
     derivative, velocity, mapped : float
         Means of z'' (from the velocity) [m/s^2], z' [m/s] and U.
     mapped_slope : float
-        Derivative of the mean of U by the lag.
+        Derivative of the mean of U by the lag that was searched for, or by the delay of measured actuators.
     residual_variance : float
         Autocorrelation-robust variance of the mean residual [m^2/s^4].
     by_run : ndarray, shape (runs, 3)
@@ -47,30 +44,33 @@ class Balance:
     by_run: Float[np.ndarray, "runs 3"]
 
 
-def balance(problem: VerticalFlights, candidate: Candidate, *, lag_searched: bool) -> Balance:
-    """Terms of the equation of motion, averaged over the runs."""
+def balance(problem: VerticalFlights, candidate: Candidate, *, slope: bool = True) -> Balance:
+    """Terms of the equation of motion, averaged over the runs; on request without the slope, for speed."""
     columns = _columns(problem, candidate.at)
     stacked = np.concatenate(columns)
     K, K_u = candidate.theta[:2]
     residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2]
-    slope = 0.0
-    if lag_searched:
-        lag = candidate.at[ACTUATOR_LAG.name]
-        step = LAG_DIFFERENCE * lag
-        above, below = (
-            np.concatenate(_columns(problem, {**candidate.at, ACTUATOR_LAG.name: moved}))[:, 2].mean()
-            for moved in (lag + step, lag - step)
-        )
-        slope = float(above - below) / (2.0 * step)
+    moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
+    mapped_slope = _mapped_slope(problem, candidate, moving[0]) if slope and moving else 0.0
     means = stacked.mean(axis=0)
     return Balance(
         float(means[0]),
         float(means[1]),
         float(means[2]),
-        slope,
+        mapped_slope,
         long_run_mean_variance(residual - residual.mean()),
         np.stack([block.mean(axis=0) for block in columns]),
     )
+
+
+def _mapped_slope(problem: VerticalFlights, candidate: Candidate, nuisance: Nuisance) -> float:
+    """Derivative of the mean of U by a nuisance, by a central difference."""
+    low, high = nuisance.around(candidate.at[nuisance.name])
+    below, above = (
+        np.concatenate(_columns(problem, {**candidate.at, nuisance.name: value}))[:, 2].mean()
+        for value in (low, high)
+    )
+    return float(above - below) / (high - low)
 
 
 def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ 3"]]:

@@ -1,4 +1,4 @@
-"""The vertical motion of one or several flights whose actuators lag behind their commands.
+"""The vertical motion of one or several flights: commands that actuators lag behind, or their measured state.
 
 One separable problem: friction, gain and lag are shared by all flights, the intercept belongs to a run.
 """
@@ -13,12 +13,20 @@ from jaxtyping import Float
 
 from eivor.models.equation import Parameter
 from eivor.models.instruments import DrivenSignals, InstrumentRule, NoInstruments
-from eivor.models.lagged_runs import ACTUATOR_LAG, BAND_HZ, DELAY, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    BAND_HZ,
+    DELAY,
+    AxisColumns,
+    LaggedRuns,
+    lag_and_delay,
+    measured_state,
+)
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.signals.actuator import actuator_state
+from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.signals import Signals
 
 
@@ -34,7 +42,7 @@ class VerticalFlight:
     input : str
         Family of channels that drive the vehicle ("rotor_command").
     measured : bool
-        True when that family is the actuators' measured state, which neither lags nor is delayed.
+        True when that family is the actuators' measured state, which does not lag, and may be late or early.
     runs : tuple of slice
         Stretches to use.
     band_hz : tuple of float
@@ -67,8 +75,11 @@ class VerticalFlight:
 
     def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
         """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
-        command = self.signals.family(self.input)
-        state = actuator_state(command, step_s=self.signals.step_s, lag_s=lag_s, delay_s=delay_s)
+        logged, step_s = self.signals.family(self.input), self.signals.step_s
+        if self.measured:
+            state = shifted_by(logged, step_s=step_s, delay_s=delay_s)
+        else:
+            state = actuator_state(logged, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
         mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
 
@@ -111,7 +122,8 @@ class VerticalFlights(SeparableProblem):
     rule : InstrumentRule
         What serves as instruments.
     nuisances : tuple of Nuisance
-        Lag and delay of the actuators; both known to be zero when their state is measured.
+        Lag and delay of the actuators. Default: what is searched for commands, and for a state that is
+        measured no lag and a delay of either sign.
 
     Raises
     ------
@@ -124,13 +136,13 @@ class VerticalFlights(SeparableProblem):
     flights: tuple[VerticalFlight, ...]
     motion: VerticalMotion
     rule: InstrumentRule = field(default_factory=NoInstruments)
-    nuisances: tuple[Nuisance, ...] = field(default_factory=lag_and_delay)
+    nuisances: tuple[Nuisance, ...] = ()
     runs: LaggedRuns = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if all(flight.measured for flight in self.flights):
-            known = tuple(nuisance.known_at(0.0) for nuisance in self.nuisances)
-            object.__setattr__(self, "nuisances", known)
+        if not self.nuisances:
+            measured = all(flight.measured for flight in self.flights)
+            object.__setattr__(self, "nuisances", measured_state() if measured else lag_and_delay())
         columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
         runs = LaggedRuns(
             columns, self.parameters, self.nuisances, self.motion.intercept, self.regressor_noise

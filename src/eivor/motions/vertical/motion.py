@@ -155,7 +155,11 @@ class Vertical(Motion[VerticalFlights]):
         """What U is in this flight."""
         name = flight.input.name
         names = f"the mean of the mapped {name}" if flight.actuators > 1 else name
-        moved = "measured, without lag" if flight.input.measured else "behind a lag τ and a delay d"
+        moved = (
+            "measured; motion follows d later (below zero: their stamps are late)"
+            if flight.input.measured
+            else "behind a lag τ and a delay d"
+        )
         return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}"
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:

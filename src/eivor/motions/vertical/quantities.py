@@ -20,8 +20,7 @@ from eivor.signals.input_map import Mixed
 
 def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
     """Every quantity, in the order of results; none has a verdict yet."""
-    searched = ACTUATOR_LAG.name in estimate.names
-    terms = {c.at["delay"]: balance(problem, c, lag_searched=searched) for c in estimate.candidates}
+    terms = {c.at["delay"]: balance(problem, c) for c in estimate.candidates}
     joint = joint_quantities(estimate)
     return {
         "viscous_friction": joint["viscous_friction"],
@@ -43,9 +42,11 @@ def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]
         "input_gain": K_u,
         "hover_input": problem.motion.input_map.inverse(mapped),
     }
+    lag_s, delay_s = drawn.at[ACTUATOR_LAG.name], drawn.at[DELAY.name]
     if problem.lag.searched:
-        lag_s = drawn.at[ACTUATOR_LAG.name]
-        found |= {ACTUATOR_LAG.name: lag_s, EFFECTIVE_LAG: lag_s + drawn.at[DELAY.name]}
+        found[ACTUATOR_LAG.name] = lag_s
+    if problem.lag.searched or problem.delay.searched:
+        found[EFFECTIVE_LAG] = lag_s + delay_s
     return found
 
 
@@ -57,7 +58,7 @@ def _intercept(problem: VerticalFlights, estimate: Estimate, terms: dict[float, 
     )
     value, gradient = intercept(estimate.best, terms[estimate.best.at["delay"]])
     extra = terms[estimate.best.at["delay"]].residual_variance
-    alone = balance(problem, estimate.best, lag_searched=False)
+    alone = balance(problem, estimate.best, slope=False)
     by_run = tuple(intercepts_by_run(estimate.best, alone).tolist())
     error = _std_error(estimate.best, gradient, extra)
     return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
@@ -81,7 +82,7 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Bala
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Exponents of thrust and of the input map at hover; of thrust it is m K_u U_h / g, see `rule`."""
-    terms = balance(problem, estimate.best, lag_searched=False)
+    terms = balance(problem, estimate.best, slope=False)
     mapped, _ = hover_mapped(estimate.best, terms)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)

@@ -28,7 +28,7 @@ from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 
 FRICTION_SHARE = 0.5
 GAIN_SHARE = 0.1
@@ -165,6 +165,16 @@ def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
 
 
 def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
+    delay = strength.searched.get(DELAY.name)
+    if delay is not None and abs(delay.value) >= 0.999 * delay.highest:
+        return [
+            Reason(
+                Status.WEAK,
+                f"The delay of the measured rotors ran into the end of its grid "
+                f"({delay.highest * 1e3:.0f} ms).",
+                "Check the clock of the rotors' telemetry, or use the commands with --input.",
+            )
+        ]
     lag = strength.searched.get(ACTUATOR_LAG.name)
     if lag is None:
         return []
@@ -279,8 +289,8 @@ def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circ
         reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
-    elif ACTUATOR_LAG.name in strength.first_stage:
-        first_stage = strength.first_stage[ACTUATOR_LAG.name]
+    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys() if not at.direct else ():
+        first_stage = strength.first_stage[name]
         if first_stage < STRONG_FIRST_STAGE:
             sentence = _too_low("lag", first_stage)
             reasons.append(Reason(Status.WEAK, sentence, QUICKER))

@@ -19,10 +19,8 @@ QUANTITIES = {
     "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
     "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
     "actuator_lag": Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    "effective_lag": Wording(
-        "effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3, lowest=0.0
-    ),
+    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
+    "effective_lag": Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
     "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
     "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
 }
