@@ -109,6 +109,7 @@ ACCEPTED = {
     ("recording_from_columns", "input_map"): {"text"},
     ("recording_from_columns", "parameters"): {"none", "mapping"},
     ("Recording", "name"): {"text"},
+    ("Recording", "vehicle"): {"text"},
     ("Recording", "format"): {"text"},
     ("Recording", "channels"): {"mapping"},
     ("Recording", "sha256"): {"text"},
@@ -225,6 +226,7 @@ def doors(folder):
                 "input_map": "",
                 "looked_for": {},
                 "findings": (),
+                "vehicle": "",
             },
         ),
         "Regression": (

@@ -278,10 +278,10 @@ def test_more_than_six_hours_of_samples_are_refused():
 @given(seed=st.integers(0, 999), runs=st.integers(0, 4))
 def test_around_what_is_used_stays_what_it_needs(seed, runs):
     rng = np.random.default_rng(seed)
-    grid = Grid(0.0, 0.01, (range(1000), range(2500, 4000), range(9000, 9500)))
+    grid = Grid(0.0, 0.1, (range(100), range(250, 400), range(900, 950)))
     used = np.zeros(grid.count, dtype=bool)
     for first in rng.integers(0, grid.count, runs):
-        used[first : first + rng.integers(1, 200)] = True
+        used[first : first + rng.integers(1, 20)] = True
     kept = around(used, grid, memory_s=2.0)
     t = grid.time_s
     wanted = [

@@ -133,9 +133,14 @@ def test_flights_that_cannot_share_a_problem_are_refused():
         VerticalFlights(tuple(flights), VerticalMotion(), Uneven())
 
 
-def test_measured_actuators_have_nothing_to_search_for():
+def test_measured_actuators_have_a_delay_of_either_sign_and_no_lag():
     flight = VerticalFlight(flight_signals(), "input", True, (slice(0, 800),))
     problem = VerticalFlights((flight,), VerticalMotion())
-    for nuisance in problem.nuisances:
-        np.testing.assert_array_equal(nuisance.grid, [0.0])
-        assert not nuisance.searched
+    np.testing.assert_array_equal(problem.lag.grid, [0.0])
+    assert problem.delay.refined
+    assert problem.delay.grid[0] < 0.0 < problem.delay.grid[-1]
+    rows = [problem.rows({"actuator_lag": 0.0, "delay": delay}).regressors[:, 1] for delay in (0.02, -0.03)]
+    step = round(0.05 * 100)
+    between = slice(50, 700)
+    moved = np.roll(rows[1], step)[between] - rows[0][between]
+    np.testing.assert_allclose(moved - moved.mean(), 0.0, atol=1e-9)
