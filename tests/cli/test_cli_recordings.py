@@ -55,6 +55,26 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
     assert high - low > 0.3
 
 
+TREFOILS = ("fast_rep14", "fast_rep3", "slow_rep13")
+
+
+def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, recordings: Path) -> None:
+    """Instruments of one of them are weak for all but the gain: its set is bounded, and tells."""
+    intervals = {}
+    for name in TREFOILS:
+        path = recordings / "nanobench" / f"B9_trefoil_{name}.csv"
+        document = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
+        friction = document["parameters"]["viscous_friction"]
+        assert document["verdict"] in {"weak", "identified"}
+        assert 0.15 < friction["value"] < 0.7
+        intervals[name] = friction["interval"]
+        if name == "fast_rep3":
+            assert document["diagnostics"]["first_stage_F_actuator_lag"] < 10.0
+            assert friction["sets"]["anderson_rubin"] == [friction["interval"]]
+    lows, highs = zip(*intervals.values(), strict=True)
+    assert max(lows) < min(highs)
+
+
 def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> None:
     """The motors idle on the ground while the land detector says that the vehicle flies."""
     document = _document(eivor("identify", recordings / "px4" / "ekf_failure.ulg", "--json", "-"))

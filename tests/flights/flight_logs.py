@@ -40,14 +40,14 @@ def flown(
     amplitude: float = 1.0,
     gust: float = 0.0,
     delay_s: float = 0.0,
+    hertz: tuple[float, ...] = (0.15, 0.4, 0.9, 1.7),
 ) -> list[Recording]:
     """Flights along random sums of sines; `amplitude` 0 is a hover."""
     rng = np.random.default_rng(seed)
     samples = round(seconds / STEP_S)
     time = STEP_S * np.arange(samples)
     reference = np.zeros((3, samples, count))
-    for hertz in (0.15, 0.4, 0.9, 1.7):
-        pulsation = 2.0 * np.pi * hertz
+    for pulsation in 2.0 * np.pi * np.array(hertz):
         phase = pulsation * time[:, None] + rng.uniform(0.0, 2.0 * np.pi, count)
         reference += (amplitude / pulsation**1.5) * np.stack(
             [np.sin(phase), pulsation * np.cos(phase), -(pulsation**2) * np.sin(phase)]

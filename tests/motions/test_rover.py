@@ -14,6 +14,10 @@ import eivor as ev
 from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError
+from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.quantity import Unjudged
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.verdict import verdict
 from eivor.motions import loaded_motion, motion_by_name
 from eivor.signals import canonical
 
@@ -80,3 +84,18 @@ def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
     simulate.write(simulate.drive(1), tmp_path / "drive.csv")
     with pytest.raises(ChannelMapError, match="known once it is named"):
         ev.read_log(tmp_path / "drive.csv")
+
+
+@pytest.mark.usefixtures("simulate")
+def test_weak_instruments_refuse_what_has_no_set():
+    from eivor_rover.rule import grounds
+
+    names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag")
+    quantities = {name: Unjudged(1.0, "", 0.02, (0.95, 1.05)) for name in names}
+    at = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False)
+    sets = dict.fromkeys(names[:2], ConfidenceSet(((0.95, 1.05),)))
+    for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
+        found = grounds(quantities, Strength({"drive_gain": F}, 0.5, {}, robust), at)
+        said = {name: verdict(list(reasons)).status.value for name, reasons in found.items()}
+        assert said["rolling_drag"] == said["breakaway_command"] == wanted
+        assert said["drive_gain"] == ("weak" if robust else wanted)

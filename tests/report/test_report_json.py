@@ -26,6 +26,7 @@ QUANTITY: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
 }
+SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
 ROW: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
@@ -54,7 +55,7 @@ SCHEMA: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
     "parameters": {
-        "viscous_friction": QUANTITY,
+        "viscous_friction": SETS,
         "input_gain": QUANTITY,
         "intercept": {**QUANTITY, "by_segment": [NUMBER]},
         "actuator_lag": QUANTITY,
@@ -141,7 +142,17 @@ def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
         "interval": [None, None],
         "verdict": "refused",
         "reasons": [],
+        "sets": None,
     }
+
+
+def test_the_sets_are_lists_of_pieces(fit: FlightEstimate) -> None:
+    document: dict[str, Any] = json_document(fit)
+    friction = document["parameters"]["viscous_friction"]
+    assert set(friction["sets"]) == {"wald", "profile", "anderson_rubin"}
+    for pieces in friction["sets"].values():
+        check(pieces, [PAIR])
+    assert friction["sets"]["wald"] == [friction["interval"]]
 
 
 def test_the_numbers_are_those_of_the_result(fit: FlightEstimate) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
-from eivor.flights.quantity import NAN, Choice, Unjudged
+from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Unjudged
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Nuisance, SeparableProblem
 
@@ -41,6 +41,16 @@ def ratio_quantity(estimate: Estimate, numerator: str | float, denominator: str,
     if isinstance(numerator, str):
         gradient = gradient + estimate.direction(numerator) / below
     return Unjudged(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
+
+
+def reciprocal(of: Unjudged, unit: str) -> Unjudged:
+    """One over a quantity; without bounds where its interval is not to one side of zero."""
+    low, high = of.interval
+    told = low > 0.0 or high < 0.0
+    interval = (1.0 / high, 1.0 / low) if told else NO_INTERVAL
+    if not of.value:
+        return Unjudged(NAN, unit, NAN, interval)
+    return Unjudged(1.0 / of.value, unit, of.std_error / of.value**2, interval)
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:

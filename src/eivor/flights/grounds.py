@@ -7,6 +7,7 @@ import numpy as np
 from eivor.flights.motion import Circumstances, Strength
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG
 
 
 def moved(at: Circumstances) -> str:
@@ -28,6 +29,11 @@ def given_lag_reasons(at: Circumstances) -> list[Reason]:
     ]
 
 
+def untold(name: str, strength: Strength) -> bool:
+    """Whether a set that holds however weak the instruments are has no bounds."""
+    return name in strength.robust and not strength.robust[name].is_bounded
+
+
 def instrument_reasons(
     strength: Strength, at: Circumstances, *, fly: str, log_reference: str, log_planned: str
 ) -> list[Reason]:
@@ -36,7 +42,7 @@ def instrument_reasons(
     Parameters
     ----------
     strength : Strength
-        What they tell.
+        What they tell; weak ones refuse what has no set that holds all the same.
     at : Circumstances
         Where they come from.
     fly : str
@@ -66,18 +72,21 @@ def instrument_reasons(
         ]
     names, strengths = list(strength.first_stage), np.array(list(strength.first_stage.values()))
     reasons = []
-    if not np.all(strengths >= STRONG_FIRST_STAGE):
+    weak = not np.all(strengths >= STRONG_FIRST_STAGE)
+    if weak or strength.robust:
         weakest = int(np.argmin(strengths))
         sentence = (
             f"The instruments tell too little about the {names[weakest].replace('_', ' ')}: "
             f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
+            if weak
+            else "The instruments do not tell how long the lag is at most."
         )
         if at.single_frequency_hz and len(names) > 2:
             sentence += (
                 f" The reference has one frequency ({at.single_frequency_hz:.2g} Hz), which tells two of "
                 f"{len(names)} numbers: two frequencies are needed."
             )
-        reasons.append(Reason(Status.REFUSED, f"{sentence}{moved(at)}", fly))
+        reasons.append(_of_weak(sentence, strength, at, fly))
     if not at.exogenous:
         reasons.append(
             Reason(
@@ -88,3 +97,20 @@ def instrument_reasons(
             )
         )
     return reasons
+
+
+def _of_weak(sentence: str, strength: Strength, at: Circumstances, fly: str) -> Reason:
+    """Ground of weak instruments: weak where sets that hold all the same have bounds, else refused."""
+    if at.given_lag is None and ACTUATOR_LAG.name in strength.searched:
+        fly = f"{fly} Or give the lag, where it is known: --lag MS:STD."
+    for name, found in strength.robust.items():
+        if untold(name, strength):
+            low, high = found.hull
+            left = f"They leave the {name.replace('_', ' ')} anywhere in [{low:.2g}, {high:.2g}]."
+            return Reason(Status.REFUSED, f"{sentence} {left}{moved(at)}", fly)
+    if not strength.robust:
+        return Reason(Status.REFUSED, f"{sentence}{moved(at)}", fly)
+    pieces = max(len(found.intervals) for found in strength.robust.values())
+    spanned = f", here from the first to the last of its {pieces} pieces" if pieces > 1 else ""
+    weak = f"{sentence} The interval is the set that holds however weak they are{spanned}."
+    return Reason(Status.WEAK, weak, fly)

@@ -23,6 +23,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged, Wording
 from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Selection
+from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import SeparableProblem, Values
@@ -103,11 +104,15 @@ class Strength:
         Of the over-identification test.
     searched : mapping of str to Searched
         Nuisance parameters that were searched for.
+    robust : mapping of str to ConfidenceSet
+        Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
+        instruments are weak, or where the sets have no bounds.
     """
 
     first_stage: Mapping[str, float]
     p_value: float
     searched: Mapping[str, Searched] = field(default_factory=dict)
+    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,6 +334,10 @@ class Motion(ABC, Generic[P]):
     def excitation(self, _flights: tuple[PreparedFlight, ...], /) -> str:
         """Say how much the flights moved, in a sentence; empty for nothing."""
         return ""
+
+    def following(self, _quantities: Mapping[str, Unjudged], /) -> Mapping[str, Unjudged]:
+        """Quantities that follow from a headline whose interval is another than that of `quantities`."""
+        return {}
 
     def diagnostics(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, float]:
         """Numbers behind the verdict that this motion alone has."""

@@ -10,8 +10,8 @@ from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import TABLE, by_name
+from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.diagnostics import (
-    FitDiagnostics,
     fit_diagnostics,
     fit_numbers,
     flight_diagnostics,
@@ -28,6 +28,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged
 from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
+from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Recording
 
 #: Method that serves when no instrument is at hand.
@@ -117,7 +118,8 @@ def _identified(
             given = GivenLag(options.lag, told)
         estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
-        fit = Fit(problem, estimate, chosen.rule.label, checks, given)
+        sets = headline_sets(problem, estimate, motion.headline)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets)
         numbers = dict(motion.diagnostics(problem, estimate))
         at = replace(_circumstances(motion, flying, chosen, numbers), given_lag=given)
         return _with_fit(motion, prepared, options, fit, at)
@@ -154,8 +156,8 @@ def _with_fit(
     fit: Fit,
     at: Circumstances,
 ) -> FlightEstimate:
-    unjudged = motion.quantities(fit.problem, fit.estimate)
-    overall, quantities = judged(motion, unjudged, strength(fit.estimate, fit.checks), at)
+    unjudged = with_robust_intervals(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    overall, quantities = judged(motion, unjudged, strength(fit), at)
     return FlightEstimate(
         motion,
         options,
@@ -170,15 +172,35 @@ def _with_fit(
     )
 
 
-def strength(estimate: Estimate, checks: FitDiagnostics) -> Strength:
-    """What the instruments of an estimate tell, in the numbers that reports show."""
-    best = estimate.best
+def headline_sets(
+    problem: SeparableProblem, estimate: Estimate, headline: tuple[str, ...]
+) -> dict[str, ParameterSets]:
+    """Confidence sets of the headline's linear parameters, where the method has them."""
+    linear = {parameter.name for parameter in estimate.best.rows.parameters}
+    found = {name: parameter_sets(problem, estimate, name) for name in headline if name in linear}
+    return {name: sets for name, sets in found.items() if sets is not None}
+
+
+def with_robust_intervals(
+    motion: Motion[Any], unjudged: Mapping[str, Unjudged], fit: Fit
+) -> Mapping[str, Unjudged]:
+    """Quantities, those that weak instruments tell with intervals that hold however weak these are."""
+    if not fit.robust_sets:
+        return unjudged
+    changed = {name: replace(unjudged[name], interval=fit.interval(name)) for name in fit.robust_sets}
+    quantities = {**unjudged, **changed}
+    return {**quantities, **motion.following(quantities)}
+
+
+def strength(fit: Fit) -> Strength:
+    """What the instruments of a fit tell, in the numbers that reports show."""
+    best, checks = fit.estimate.best, fit.checks
     searched = {
         profile.nuisance.name: Searched(best.at[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
     p_value = 1.0 if checks.agreement is None else checks.agreement.p_value
-    return Strength(checks.first_stage, p_value, searched)
+    return Strength(checks.first_stage, p_value, searched, fit.robust_sets)
 
 
 def judged(

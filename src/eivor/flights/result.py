@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +11,15 @@ from jaxtyping import Float
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.separable import SeparableProblem
 from eivor.notebook import html_table
@@ -66,6 +69,8 @@ class Fit:
         What was checked of it.
     given_lag : GivenLag or None
         What was known of the lag from elsewhere, beside what the flight alone says.
+    sets : mapping of str to ParameterSets
+        95 % sets of the motion's headline parameters, where the method has them.
     """
 
     problem: SeparableProblem
@@ -73,6 +78,29 @@ class Fit:
     instruments: str
     checks: FitDiagnostics
     given_lag: GivenLag | None = None
+    sets: Mapping[str, ParameterSets] = field(default_factory=dict)
+
+    @property
+    def weak_instruments(self) -> bool:
+        """Whether a conditional first-stage F is below ten."""
+        return any(not F >= STRONG_FIRST_STAGE for F in self.checks.first_stage.values())
+
+    @property
+    def robust_sets(self) -> dict[str, ConfidenceSet]:
+        """Sets of the parameters that are judged by them: instruments are weak, or the sets have no bounds.
+
+        F is of one place, the estimate; where a set has no bounds, others fit as well.
+        """
+        weak = self.weak_instruments
+        return {name: own.robust for name, own in self.sets.items() if weak or not own.profile.is_bounded}
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """Confidence interval of a parameter: the hull of its robust set where it is judged by that one."""
+        robust = self.robust_sets.get(name)
+        if robust is not None and level != 0.95:
+            sets = parameter_sets(self.problem, self.estimate, name, level)
+            robust = None if sets is None else sets.robust
+        return self.estimate.interval(name, level) if robust is None else robust.hull
 
 
 @dataclass(frozen=True)
@@ -164,9 +192,9 @@ class FlightEstimate:
         EstimationError
             When nothing was estimated.
         """
-        estimate = self._fitted().estimate
-        if name in estimate.names:
-            return self.motion.wording[name].possible(estimate.interval(name, level))
+        fit = self._fitted()
+        if name in fit.estimate.names:
+            return self.motion.wording[name].possible(fit.interval(name, level))
         if name not in self.quantities or level != 0.95:
             raise UsageError(
                 f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)",

@@ -12,6 +12,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.parameter_sets import ParameterSets
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -63,7 +64,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "rate_hz": number(rates.pop()) if len(rates) == 1 else None,
         "verdict": told.verdict.status.value,
         "reasons": list(told.verdict.sentences),
-        "parameters": _quantities(told.quantities, Kind.PARAMETER),
+        "parameters": _with_sets(_quantities(told.quantities, Kind.PARAMETER), result),
         "derived": _quantities(told.quantities, Kind.DERIVED),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
@@ -166,13 +167,29 @@ def _log(flight: PreparedFlight) -> Json:
     }
 
 
-def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, Json]:
+def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, dict[str, Json]]:
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
         told.name: _quantity(told.quantity)
         | ({"by_segment": [number(value) for value in told.quantity.by_run]} if told.wording.by_run else {})
         for told in of_kind(quantities, kind)
     }
+
+
+def _with_sets(parameters: dict[str, dict[str, Json]], result: FlightEstimate) -> dict[str, dict[str, Json]]:
+    """Parameters, those of the headline with their three confidence sets."""
+    sets = {} if result.fit is None else result.fit.sets
+    return {
+        name: fields | ({"sets": _sets(sets.get(name))} if name in result.motion.headline else {})
+        for name, fields in parameters.items()
+    }
+
+
+def _sets(sets: ParameterSets | None) -> Json:
+    if sets is None:
+        return None
+    three = {"wald": sets.wald, "profile": sets.profile, "anderson_rubin": sets.anderson_rubin}
+    return {name: [_pair(piece) for piece in one.intervals] for name, one in three.items()}
 
 
 def _quantity(quantity: Quantity) -> dict[str, Json]:

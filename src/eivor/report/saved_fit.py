@@ -106,7 +106,8 @@ class SavedFit:
         Raises
         ------
         UsageError
-            For an unknown name, a level that is none, or another than .95 for a derived quantity.
+            For an unknown name, a level that is none, or another than .95 for a derived quantity or for a
+            parameter whose interval is that of a set for weak instruments.
         """
         check_level(level)
         if name in self.quantities and level == 0.95:
@@ -118,6 +119,13 @@ class SavedFit:
                 f"({known})",
                 f"'{name}' at level {level}",
                 "Name one of them.",
+            )
+        sets = self.document["parameters"][name].get("sets")
+        if sets and not _is_hull(self.quantities[name].interval, sets["wald"]):
+            raise UsageError(
+                f"level .95 for {name}, whose interval is that of a set for weak instruments",
+                f"level {level}",
+                "Identify the flight again and ask its result: fit.interval(name, level).",
             )
         place = self.names.index(name)
         direction = np.eye(len(self.names))[place]
@@ -210,6 +218,10 @@ def _quantity(one: Mapping[str, Any]) -> Quantity:
         by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
         reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
     )
+
+
+def _is_hull(interval: tuple[float, float], pieces: list[list[float | None]]) -> bool:
+    return interval == (_number(pieces[0][0], -math.inf), _number(pieces[-1][-1], math.inf))
 
 
 def _candidate(one: Mapping[str, Any]) -> SavedCandidate:

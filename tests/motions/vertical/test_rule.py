@@ -7,9 +7,12 @@ import re
 import numpy as np
 import pytest
 
+from eivor.flights.given_lag import GivenLag
 from eivor.flights.motion import Circumstances, Searched, Strength
 from eivor.flights.quantity import Choice, Unjudged
+from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, verdict
+from eivor.models.separable import Prior
 from eivor.motions.vertical.rule import (
     all_grounds,
     friction_reasons,
@@ -25,10 +28,13 @@ def quantity(value: float, half_width: float) -> Unjudged:
     return Unjudged(value, "", 0.5 * half_width, (value - half_width, value + half_width))
 
 
-def numbers(strengths=(50.0, 50.0, 50.0), p_value: float = 0.5, lag_s: float = 0.05, names=NAMES) -> Strength:
-    """What the instruments tell."""
+def numbers(
+    strengths=(50.0, 50.0, 50.0), p_value: float = 0.5, lag_s: float = 0.05, names=NAMES, robust=()
+) -> Strength:
+    """What the instruments tell; with the pieces of a set of the friction."""
     searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
-    return Strength(dict(zip(names, strengths, strict=True)), p_value, searched)
+    sets = {"viscous_friction": ConfidenceSet(robust)} if robust else {}
+    return Strength(dict(zip(names, strengths, strict=True)), p_value, searched, sets)
 
 
 def quantities(**changed: Unjudged) -> dict[str, Unjudged]:
@@ -151,12 +157,62 @@ def test_bounds_themselves_are_accepted(fit, found, at):
 
 
 @pytest.mark.parametrize(
+    ("interval", "gaps", "status", "said"),
+    [
+        ((0.3, 0.5), 0, Status.WEAK, r"F is 3\.0.* holds however weak they are\.$"),
+        ((0.3, 0.5), 1, Status.WEAK, r"they are, here from the first to the last of its 2 pieces\.$"),
+        ((0.1, 0.9), 0, Status.WEAK, "holds however weak they are"),
+        ((-0.1, 0.5), 0, Status.REFUSED, "cannot be told from zero"),
+        ((0.2, np.inf), 0, Status.REFUSED, r"leave the viscous friction anywhere in \[0\.2, inf\]\.$"),
+        ((-np.inf, np.inf), 0, Status.REFUSED, r"anywhere in \[-inf, inf\]\.$"),
+    ],
+)
+def test_weak_instruments_are_judged_by_the_set_that_holds_all_the_same(interval, gaps, status, said):
+    friction = Unjudged(0.4, "1/s", 0.1, interval)
+    low, high = interval
+    pieces = ((low, 0.39), (0.41, high)) if gaps else (interval,)
+    fit = numbers((50.0, 50.0, 3.0), robust=pieces)
+    reasons = friction_reasons(quantities(viscous_friction=friction), fit, circumstances())
+    worst = verdict(reasons)
+    assert worst.status is status
+    assert re.search(said, worst.reasons[0].sentence)
+    assert len(reasons) == (1 if not np.isfinite(interval[1]) or interval == (0.3, 0.5) else 2)
+
+
+def test_a_set_without_bounds_is_refused_however_strong_the_instruments_are():
+    friction = Unjudged(0.4, "1/s", 0.01, (0.2, np.inf))
+    found = quantities(viscous_friction=friction)
+    (reason,) = friction_reasons(found, numbers(robust=(friction.interval,)), circumstances())
+    assert reason.status is Status.REFUSED
+    assert reason.sentence.startswith("The instruments do not tell how long the lag is at most. They leave ")
+    assert "--lag MS:STD" in reason.remedy
+
+
+def test_the_lag_is_asked_for_where_it_would_help():
+    weak = (50.0, 50.0, 3.0)
+    given = GivenLag(Prior(0.05, 0.01), quantity(0.05, 0.1))
+    asked = [
+        "--lag MS:STD" in friction_reasons(quantities(), fit, at)[0].remedy
+        for fit, at in (
+            (numbers(weak), circumstances()),
+            (numbers(weak), circumstances(given_lag=given)),
+            (numbers(weak[1:], names=NAMES[:2]), circumstances()),
+        )
+    ]
+    assert asked == [True, False, False]
+
+
+def test_a_gain_that_is_known_is_not_weak_for_its_instruments():
+    assert gain_reasons(quantity(40.0, 1.0), numbers((50.0, 2.0, 50.0)), circumstances()) == []
+
+
+@pytest.mark.parametrize(
     ("gain", "fit", "at", "status", "said"),
     [
         (quantity(-1.0, 0.1), {}, {}, Status.REFUSED, "not positive"),
         (quantity(40.0, 4.1), {}, {}, Status.WEAK, "+-10.3% wide"),
         (
-            quantity(40.0, 1.0),
+            quantity(40.0, 4.1),
             {"strengths": (50.0, 9.0, 50.0)},
             {},
             Status.WEAK,

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.estimated import reciprocal
 from eivor.flights.grid import on_grid
 from eivor.flights.motion import CardSection, Circumstances, Drawn, Motion, Panel, Strength, Trace
 from eivor.flights.options import FlightOptions
@@ -89,6 +90,10 @@ class Vertical(Motion[VerticalFlights]):
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
         return all_quantities(problem, estimate)
+
+    def following(self, quantities: Mapping[str, Unjudged]) -> Mapping[str, Unjudged]:
+        """The time constant, which is one over the friction, see `Motion.following`."""
+        return {"time_constant": reciprocal(quantities["viscous_friction"], "s")}
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances

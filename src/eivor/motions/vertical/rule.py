@@ -2,12 +2,14 @@
 
 On the viscous friction K, which is the overall verdict:
 
-* refused: no reference varies, a conditional first-stage F is below 10, or K cannot be told from zero
-  (K <= 0, or an interval that reaches zero), or the input gain is not positive;
+* refused: no reference varies, K cannot be told from zero (K <= 0, or an interval that reaches zero), the
+  input gain is not positive, or a conditional first-stage F is below 10 and K has no bounded set that
+  holds however weak the instruments are;
 * provisional: no exogenous reference, so that a direct method had to serve;
-* identified: K's half-width <= K/2, the lag's <= 0.1 s, the lag below the top of its grid, J's p-value
-  >= .001 (in pools of ten or more flights a finding only), the command logged at 45 Hz or more,
-  instruments that contain no feedback, and an intercept that is not clearly beyond 5 m/s^2;
+* identified: every first-stage F 10 or more, K's half-width <= K/2, the lag's <= 0.1 s, the lag below the
+  top of its grid, J's p-value >= .001 (in pools of ten or more flights a finding only), the command logged
+  at 45 Hz or more, instruments that contain no feedback, and an intercept that is not clearly beyond
+  5 m/s^2;
 * weak otherwise.
 
 The gain, the hover input and the lag have verdicts of their own. Gain and hover input are weak where the
@@ -22,7 +24,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved
+from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved, untold
 from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
@@ -87,7 +89,36 @@ def friction_reasons(
         log_reference=LOG_REFERENCE,
         log_planned=LOG_PLANNED,
     )
-    friction = quantities["viscous_friction"]
+    if not untold("viscous_friction", strength):
+        reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
+    reasons.extend(_rough_lag_reasons(quantities, strength))
+    reasons.extend(_unit_reasons(quantities))
+    # J counts a lag that was given as one more equation, and its contradiction is said by itself
+    contradicted = at.given_lag is not None and at.given_lag.contradicted
+    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL and not contradicted:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
+                "moves the vehicle that the model does not have.",
+                "Keep the tilt small, stay off the ground, and check the input map.",
+            )
+        )
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+                "intervals do not hold.",
+                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
+    """Grounds against the viscous friction that its interval gives."""
+    reasons = []
     low, high = friction.interval
     if high < 0.0:
         reasons.append(
@@ -114,28 +145,6 @@ def friction_reasons(
                 f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide; "
                 f"identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
                 "Fly longer, faster climbs and descents, or pool several flights.",
-            )
-        )
-    reasons.extend(_rough_lag_reasons(quantities, strength))
-    reasons.extend(_unit_reasons(quantities))
-    # J counts a lag that was given as one more equation, and its contradiction is said by itself
-    contradicted = at.given_lag is not None and at.given_lag.contradicted
-    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL and not contradicted:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
-                "moves the vehicle that the model does not have.",
-                "Keep the tilt small, stay off the ground, and check the input map.",
-            )
-        )
-    if at.command_rate_hz < COMMAND_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
-                "intervals do not hold.",
-                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
             )
         )
     return reasons
@@ -207,17 +216,18 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
     reasons = []
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
-    else:
-        first_stage = strength.first_stage["input_gain"]
-        if first_stage < STRONG_FIRST_STAGE:
-            sentence = _too_low("input gain", first_stage)
-            reasons.append(Reason(Status.WEAK, sentence, FLY))
     if gain.half_width > GAIN_SHARE * gain.value:
+        sentence = (
+            f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
+            f"for +-{GAIN_SHARE:.0%}."
+        )
+        first_stage = strength.first_stage.get("input_gain", np.nan)
+        if first_stage < STRONG_FIRST_STAGE:
+            sentence += f" {_too_low('input gain', first_stage)}"
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
-                f"for +-{GAIN_SHARE:.0%}.{moved(at)}",
+                f"{sentence}{moved(at)}",
                 "Fly quicker and larger steps, which change the thrust more.",
             )
         )

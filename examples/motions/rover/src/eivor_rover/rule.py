@@ -27,16 +27,31 @@ def grounds(
     if strength.p_value < J_P_VALUE:
         sentence = f"The references disagree (J p-value {strength.p_value:.1g})."
         shared.append(Reason(Status.WEAK, sentence, "Drive on level ground, without slip."))
-    own = {name: (*shared, *_too_wide(name, quantities[name], at)) for name in MUST_BE_POSITIVE}
+    own = {
+        name: (*shared, *_without_set(name, strength), *_too_wide(name, quantities[name], at))
+        for name in MUST_BE_POSITIVE
+    }
     lag = (*shared, *_rough_lag(quantities["effective_lag"]))
     return {
         **own,
         "actuator_lag": lag,
         "delay": lag,
         "effective_lag": lag,
-        "breakaway_command": (*own["dry_friction"], *own["drive_gain"]),
+        "breakaway_command": (
+            *own["dry_friction"],
+            *own["drive_gain"],
+            *_without_set("breakaway_command", strength),
+        ),
         "time_constant": own["rolling_drag"],
     }
+
+
+def _without_set(name: str, strength: Strength) -> list[Reason]:
+    """Ground of weak instruments against what has no set that holds however weak they are."""
+    if not strength.robust or name in strength.robust:  # without any the shared grounds say it
+        return []
+    sentence = f"The {name.replace('_', ' ')} has no interval that holds for instruments so weak."
+    return [Reason(Status.REFUSED, sentence, DRIVE)]
 
 
 def _too_wide(name: str, quantity: Unjudged, at: Circumstances) -> list[Reason]:

@@ -1,0 +1,254 @@
+"""Confidence sets of one linear parameter, nuisances and the other parameters being wherever they fit best.
+
+An interval "estimate plus and minus" supposes that instruments move every column well. Here the criterion
+J = |Q'e|^2 / s^2, s^2 at the same values and what is known of nuisances beforehand added, is least over
+everything else, J(k). Two sets follow:
+
+* profile: J(k) <= least J + t^2, t the quantile of Student's t on eight degrees of freedom, as in the
+  interval by autocorrelation-robust errors;
+* Anderson-Rubin: J(k) <= the quantile of chi-square with a degree of freedom for each equation but those
+  that the other parameters use up. It holds however weak the instruments are (Guggenberger, Kleibergen,
+  Mavroeidis and Chen 2012), may be unbounded or in several pieces, and is empty where no value fits.
+
+For each value of the nuisances both are solutions of a quadratic inequality (`inference/sets/concentrated`),
+and their union is taken over all: over each candidate, and over the stretches of the continuous nuisance in
+which anything fits, their ends found by bisection. Between nodes products are splines, see `products/nodes`.
+
+A grid ends somewhere, a lag does not: where a positive nuisance fits up to the top of its grid, a set has no
+bound on the side that it moves to with that nuisance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import UsageError
+from eivor.estimation.assembler import Instrumental
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.methods import by_name
+from eivor.estimation.products.nodes import Nodes, nodes_of
+from eivor.estimation.weighting.whitening import SpectralWhitening, whitened_by_residuals
+from eivor.inference.quantiles import check_level, chi_square_quantile, t_quantile
+from eivor.inference.sets.concentrated import allowed, least_ratio
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.models.separable import SeparableProblem
+
+#: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
+DEGREES = 8
+#: Places between two nodes at which minima are looked for.
+BETWEEN = 4
+#: Points and rounds of a closer look: each round is finer by half the points.
+POINTS, ROUNDS = 17, 6
+#: Places over each stretch of a nuisance, closer towards its ends.
+PLACES = 65
+
+Places = Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True)
+class ParameterSets:
+    """Three 95 % sets of one parameter, or of another level.
+
+    Parameters
+    ----------
+    wald : ConfidenceSet
+        The estimate plus and minus, a union over the candidates that fit.
+    profile, anderson_rubin : ConfidenceSet
+        See `eivor.estimation.parameter_sets`.
+    """
+
+    wald: ConfidenceSet
+    profile: ConfidenceSet
+    anderson_rubin: ConfidenceSet
+
+    @property
+    def robust(self) -> ConfidenceSet:
+        """The Anderson-Rubin set, but never less than the profile set.
+
+        Both are where one criterion is below a bound, so that one holds the other. A criterion that is
+        high at its least makes the Anderson-Rubin set small, or empty, although nothing is told better.
+        """
+        return ConfidenceSet.union((*self.anderson_rubin.intervals, *self.profile.intervals))
+
+
+@dataclass(frozen=True)
+class CandidateCriterion:
+    """The criterion at one combination of discrete nuisances.
+
+    Parameters
+    ----------
+    nodes : Nodes
+        Of the continuous nuisance; one node for none.
+    equations : ndarray, shape (T, q, m)
+        Q' of residual and regressors, the parameter's own first, at each node.
+    power : ndarray, shape (T, m, m)
+        Their products with each other, over rows less unknowns.
+    misfit : callable
+        From places to the squared distance from what is known beforehand, in standard errors.
+    centre, scale : float
+        The parameter's value where the residual is taken, and what one unit of the forms is.
+    """
+
+    nodes: Nodes
+    equations: Float[np.ndarray, "T q m"]
+    power: Float[np.ndarray, "T m m"]
+    misfit: Callable[[Places], Places]
+    centre: float
+    scale: float
+
+    def _forms(self, places: Places) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
+        box = [places] if self.nodes.axes else []
+        equations = self.nodes.over(self.equations, box)
+        return equations.transpose(0, 2, 1) @ equations, self.nodes.over(self.power, box)
+
+    def least(self, places: Places) -> Places:
+        """Least J at each place."""
+        return least_ratio(*self._forms(places)) + self.misfit(places)
+
+    @cached_property
+    def scanned(self) -> tuple[Places, Places]:
+        """Places between the nodes and all minima among them, in order, and the least J there."""
+        if not self.nodes.axes:
+            places = np.zeros(1)
+            return places, self.least(places)
+        (own,) = self.nodes.places
+        steps = np.arange((own.size - 1) * BETWEEN + 1) / BETWEEN
+        places = np.interp(steps, np.arange(own.size), own)
+        J = self.least(places)
+        padded = np.concatenate([[np.inf], J, [np.inf]])
+        lowest = np.flatnonzero((padded[:-2] >= J) & (padded[2:] >= J))
+        found = [self._minimum(places[max(at - 1, 0)], places[min(at + 1, places.size - 1)]) for at in lowest]
+        places = np.unique(np.concatenate([places, found]))
+        return places, self.least(places)
+
+    def _minimum(self, low: float, high: float) -> float:
+        for _ in range(ROUNDS):
+            places = np.linspace(low, high, POINTS)
+            at = int(np.argmin(self.least(places)))
+            low, high = float(places[max(at - 1, 0)]), float(places[min(at + 1, POINTS - 1)])
+        return 0.5 * (low + high)
+
+    def _end(self, inside: float, outside: float, bound: float) -> float:
+        """Last place with J <= bound on the way from one that has it to one that has not."""
+        for _ in range(ROUNDS):
+            places = np.linspace(inside, outside, POINTS)
+            first_out = int(np.argmax(self.least(places[1:]) > bound)) + 1
+            inside, outside = float(places[first_out - 1]), float(places[first_out])
+        return inside
+
+    def below(self, bound: float) -> list[tuple[float, float]]:
+        """Values of the parameter at which J is at most a bound, as pieces that may overlap."""
+        places, J = self.scanned
+        fits = np.concatenate([[False], bound >= J, [False]])
+        starts, stops = np.flatnonzero(~fits[:-1] & fits[1:]), np.flatnonzero(fits[:-1] & ~fits[1:])
+        found: list[tuple[float, float]] = []
+        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+            low, high = float(places[start]), float(places[stop - 1])
+            if start > 0:
+                low = self._end(low, float(places[start - 1]), bound)
+            if stop < places.size:
+                high = self._end(high, float(places[stop]), bound)
+            turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(PLACES) / (PLACES - 1))
+            within = np.unique(np.concatenate([low + (high - low) * turned, places[start:stop]]))
+            fitting = allowed(*self._forms(within), bound - self.misfit(within))
+            open_ended = stop == places.size and any(axis.nuisance.positive for axis in self.nodes.axes)
+            pieces = fitting.continued() if open_ended else fitting.pieces()
+            found += [(self.centre + a * self.scale, self.centre + b * self.scale) for a, b in pieces]
+        return found
+
+
+def parameter_sets(
+    problem: SeparableProblem, estimate: Estimate, name: str, level: float = 0.95
+) -> ParameterSets | None:
+    """Confidence sets of one linear parameter.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        What was estimated.
+    estimate : Estimate
+        Of it.
+    name : str
+        A linear parameter.
+    level : float
+        Confidence level.
+
+    Returns
+    -------
+    ParameterSets or None
+        None for another method than one by whitened instruments, for a problem of several continuous
+        nuisances, and where columns are collinear or leave nothing of the response.
+
+    Raises
+    ------
+    UsageError
+        When the level is not between 0 and 1, or there is no linear parameter of that name.
+    """
+    check_level(level)
+    parameters = [parameter.name for parameter in estimate.best.rows.parameters]
+    if name not in parameters:
+        raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
+    method, nodes = by_name(estimate.method), nodes_of(problem.nuisances)
+    if not (
+        isinstance(method, LinearMethod)
+        and isinstance(method.assembler, Instrumental)
+        and isinstance(method.row_weighting, SpectralWhitening)
+        and len(nodes.axes) < 2
+    ):
+        return None
+    place = parameters.index(name)
+    criteria = [_criterion(problem, nodes, candidate, place) for candidate in estimate.candidates]
+    try:
+        least = min(float(one.scanned[1].min()) for one in criteria)
+    except np.linalg.LinAlgError:
+        return None
+    best = estimate.best
+    degrees = best.inference.rank + len(best.solved.misfits) - (best.solved.unknowns - 1)
+
+    def below(bound: float) -> ConfidenceSet:
+        return ConfidenceSet.union(piece for one in criteria for piece in one.below(bound))
+
+    return ParameterSets(
+        ConfidenceSet((estimate.interval(name, level),)),
+        below(least + t_quantile(level, DEGREES) ** 2),
+        below(chi_square_quantile(level, max(degrees, 1))),
+    )
+
+
+def _criterion(
+    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, place: int
+) -> CandidateCriterion:
+    weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
+    theta, unknowns = candidate.theta, candidate.solved.unknowns
+    order = [0, place + 1, *(j + 1 for j in range(theta.size) if j != place)]
+    equations, power = [], []
+    for point in nodes.points:
+        rows = weights.rows({**candidate.at, **point})
+        columns = np.column_stack([rows.response - rows.regressors @ theta, rows.regressors])[:, order]
+        equations.append(rows.instruments.T @ columns)
+        power.append(columns.T @ columns / (len(columns) - unknowns))
+    lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
+    sizes = np.where(lengths > 0.0, lengths, 1.0)
+
+    def misfit(places: Places) -> Places:
+        values = [candidate.at] * places.size
+        if nodes.axes:
+            values = [{**candidate.at, **nodes.at(np.array([one]))} for one in places.tolist()]
+        known = [nuisance for nuisance in problem.nuisances if nuisance.searched]
+        return np.array([sum(nuisance.misfit(at) for nuisance in known) for at in values], dtype=np.float64)
+
+    return CandidateCriterion(
+        nodes,
+        np.stack(equations) / sizes,
+        np.stack(power) / np.outer(sizes, sizes),
+        misfit,
+        float(theta[place]),
+        float(sizes[0] / sizes[1]),
+    )
