@@ -4,8 +4,9 @@ A direct method's test functions are its regressors G, corrected by its solver. 
 psi' W A with A the equations' mean sensitivity to the joint vector and W = (L L')^-1.
 
 In orthonormal coordinates they are, with G = Q R, the rows G R^-1; and with L^-1 A = Q R and
-psi' L^-T Q = P S the rows P, whose sensitivity is N S^-T R. Neither G'G nor A' W A is formed. What is known
-beforehand of a nuisance is one row more, of G or of L^-1 A: a pseudo-observation.
+psi' L^-T Q = P S the rows P, whose sensitivity is N S^-T R. Neither G'G nor A' W A is formed. S is a change
+of coordinates and no more: of long records it is the root of as many rows as make it well-conditioned. What
+is known beforehand of a nuisance is one row more, of G or of L^-1 A: a pseudo-observation.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import scipy.linalg
 from jaxtyping import Float
 
 from eivor.estimation.solved import Solved
+from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.instrument_tests import (
     conditional_first_stage,
     orthonormal_basis,
@@ -32,6 +34,9 @@ from eivor.models.regression import Regression, RowBlock
 from eivor.models.rows import SampleRows
 
 Blocks = Callable[[], Iterable[RowBlock]]
+#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
+ENOUGH_ROWS = 65_536
+WELL_CONDITIONED = 1e4
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,7 @@ def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
 
 
 def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
-    """Equation of mean cross-products; its root takes a pass of its own."""
+    """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
     psi_of, theta, factor = solved.assembler.test_functions, solved.solution.theta, solved.factor
     A, known = solved.system.matrix, solved.prior_rows()
     if solved.nuisance_columns.size:
@@ -177,7 +182,7 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     combinations = combinations[:equations]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-    S = _root_of((psi_of(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
+    S = _coordinates_of((psi_of(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
     combinations = over_root(combinations, S)
     combined = solved.constant @ combinations
 
@@ -250,6 +255,27 @@ def _root_of(
     if root is None or root.shape[0] < root.shape[1]:
         raise singular_sensitivity()
     return root
+
+
+def _coordinates_of(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], beside: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "n n"]:
+    """Triangular root in whose coordinates rows are nearly orthonormal: that of enough of them, or of all."""
+    root: Float[np.ndarray, "k n"] | None = triangular_root(beside) if beside.size else None
+    seen = 0
+    for block in blocks:
+        root = triangular_root(block) if root is None else merged_roots(root, block)
+        seen += block.shape[0]
+        if seen >= ENOUGH_ROWS and _condition(root) < WELL_CONDITIONED:
+            break
+    if root is None or root.shape[0] < root.shape[1]:
+        raise singular_sensitivity()
+    return root
+
+
+def _condition(root: Float[np.ndarray, "k n"]) -> float:
+    """Condition number, columns scaled to one length."""
+    return float(np.linalg.cond(root * unit_scale(np.sum(root**2, axis=0))))
 
 
 def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
