@@ -219,7 +219,9 @@ def test_outputs_of_paper_do_not_replace_each_other(
 def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedProcess[str]:
     """Run with a limit on the size of files, as a full disk would have it."""
     code = (
-        "import resource, signal; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        # compiled modules are files as well, and cut short they would stay behind
+        "sys.dont_write_bytecode = True;"
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({bytes_}, resource.RLIM_INFINITY));"
         "from eivor.cli.main import run; run()"
     )

@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import shutil
+import sys
 import time
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, field, replace
@@ -245,8 +246,9 @@ class FullDisk(Executor):
             yield result
 
 
-def test_a_full_disk_keeps_what_was_complete(finished, tmp_path):
+def test_a_full_disk_keeps_what_was_complete(finished, tmp_path, monkeypatch):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a module cut short would stay behind
     try:
         with pytest.raises(InputError, match=r"the system says: File too large\. Trials .* are kept"):
             run_study(small_study(), tmp_path, executor=FullDisk(2))
