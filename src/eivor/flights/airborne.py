@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from eivor.flights.grid import Grid, on_grid
 from eivor.signals.recording import Recording
+from eivor.signals.signals import stretches
 
 #: Input below this share of its flying level is off; below this one motors are at idle.
 OFF_SHARE = 0.25
@@ -128,13 +129,10 @@ def _idle(
     """Samples of motors at idle for so long that nothing flies."""
     level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
     low = input_level < IDLE_SHARE * level
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], low.astype(np.int8), [0]])))
-    first, end = edges[::2], edges[1::2]
-    idle = np.zeros(low.size + 1, dtype=np.int64)
-    long = (end - first) * step_s >= OFF_FOR_S
-    idle[first[long]] += 1
-    idle[end[long]] -= 1
-    return np.asarray(np.cumsum(idle[:-1]) > 0)
+    idle = np.zeros(low.size, dtype=np.bool_)
+    for stretch in stretches(low):
+        idle[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
+    return idle
 
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

@@ -18,6 +18,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.report.card import logging_advice_for, missing_channels
 from eivor.signals.recording import Channel, Finding, Recording
+from eivor.signals.signals import stretches
 
 #: Stretches of time, first and last second of each.
 Stretches = tuple[tuple[float, float], ...]
@@ -243,8 +244,5 @@ def _summary(channel: Channel) -> ChannelSummary:
 
 def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
     """First and last second of each stretch of true samples [s]."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     time = grid.time_s
-    return tuple(
-        (float(time[first]), float(time[end - 1])) for first, end in zip(edges[::2], edges[1::2], strict=True)
-    )
+    return tuple((float(time[one.start]), float(time[one.stop - 1])) for one in stretches(mask))

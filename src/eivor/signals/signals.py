@@ -148,12 +148,13 @@ class Signals:
     def runs(self, at_least_s: float = 0.0) -> list[slice]:
         """Contiguous stretches of valid samples, each at least `at_least_s` long."""
         valid = np.ones(self.sample_count, dtype=np.bool_) if self.valid is None else self.valid
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], valid.astype(np.int8), [0]])))
-        return [
-            slice(int(first), int(last))
-            for first, last in zip(edges[::2], edges[1::2], strict=True)
-            if (last - first) * self.step_s >= at_least_s
-        ]
+        return [run for run in stretches(valid) if (run.stop - run.start) * self.step_s >= at_least_s]
+
+
+def stretches(mask: Bool[np.ndarray, " n"]) -> list[slice]:
+    """Contiguous stretches of true samples, in order. Performs no checks."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [slice(first, stop) for first, stop in zip(*[iter(edges.tolist())] * 2, strict=True)]
 
 
 def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:

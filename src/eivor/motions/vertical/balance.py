@@ -7,6 +7,7 @@ has no bias. The hover input is the input map's inverse of U_h.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,14 +45,14 @@ class Balance:
     by_run: Float[np.ndarray, "runs 3"]
 
 
-def balance(problem: VerticalFlights, candidate: Candidate, *, slope: bool = True) -> Balance:
-    """Terms of the equation of motion, averaged over the runs; on request without the slope, for speed."""
+def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
+    """Terms of the equation of motion, averaged over the runs."""
     columns = _columns(problem, candidate.at)
     stacked = np.concatenate(columns)
     K, K_u = candidate.theta[:2]
     residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2]
     moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
-    mapped_slope = _mapped_slope(problem, candidate, moving[0]) if slope and moving else 0.0
+    mapped_slope = _mapped_slope(problem, candidate, moving[0]) if moving else 0.0
     means = stacked.mean(axis=0)
     return Balance(
         float(means[0]),
@@ -90,6 +91,12 @@ def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.nda
     flights = [np.concatenate(_of_flight(problem, flight, at)) for flight in problem.flights]
     sums = np.array([[len(terms), *terms.sum(axis=0)] for terms in flights])
     return dict(zip(("samples", "derivative", "velocity", "mapped"), sums.T, strict=True))
+
+
+def hover_of_sums(friction: float, gain: float, sums: Mapping[str, float]) -> float:
+    """U_h from the totals of `balance_sums`."""
+    drift = sums["derivative"] + friction * sums["velocity"]
+    return (sums["mapped"] - drift / gain) / sums["samples"]
 
 
 def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:

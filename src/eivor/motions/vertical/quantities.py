@@ -11,7 +11,15 @@ from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantit
 from eivor.flights.motion import Drawn
 from eivor.flights.quantity import NAN, Unjudged
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.motions.vertical.balance import Balance, balance, hover_mapped, intercept, intercepts_by_run
+from eivor.motions.vertical.balance import (
+    Balance,
+    balance,
+    balance_sums,
+    hover_mapped,
+    hover_of_sums,
+    intercept,
+    intercepts_by_run,
+)
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
@@ -25,7 +33,7 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
     return {
         "viscous_friction": joint["viscous_friction"],
         "input_gain": joint["input_gain"],
-        "intercept": _intercept(problem, estimate, terms),
+        "intercept": _intercept(estimate, terms),
         **lag_quantities(problem, estimate),
         "hover_input": _hover(problem, estimate, terms),
         "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
@@ -35,12 +43,10 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
 def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
     """Quantities of a draw of flights; lags only where they were searched for."""
     K, K_u = drawn.parameters["viscous_friction"], drawn.parameters["input_gain"]
-    sums = drawn.sums
-    mapped = (sums["mapped"] - (sums["derivative"] + K * sums["velocity"]) / K_u) / sums["samples"]
     found = {
         "viscous_friction": K,
         "input_gain": K_u,
-        "hover_input": problem.motion.input_map.inverse(mapped),
+        "hover_input": problem.motion.input_map.inverse(hover_of_sums(K, K_u, drawn.sums)),
     }
     lag_s, delay_s = drawn.at[ACTUATOR_LAG.name], drawn.at[DELAY.name]
     if problem.lag.searched:
@@ -50,7 +56,7 @@ def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]
     return found
 
 
-def _intercept(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
+def _intercept(estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
     """Intercept over all runs, and that of each."""
     interval = estimate.interval_of(
         lambda c: intercept(c, terms[c.at["delay"]]),
@@ -58,8 +64,7 @@ def _intercept(problem: VerticalFlights, estimate: Estimate, terms: dict[float, 
     )
     value, gradient = intercept(estimate.best, terms[estimate.best.at["delay"]])
     extra = terms[estimate.best.at["delay"]].residual_variance
-    alone = balance(problem, estimate.best, slope=False)
-    by_run = tuple(intercepts_by_run(estimate.best, alone).tolist())
+    by_run = tuple(intercepts_by_run(estimate.best, terms[estimate.best.at["delay"]]).tolist())
     error = _std_error(estimate.best, gradient, extra)
     return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
 
@@ -82,12 +87,12 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Bala
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Exponents of thrust and of the input map at hover; of thrust it is m K_u U_h / g, see `rule`."""
-    terms = balance(problem, estimate.best, slope=False)
-    mapped, _ = hover_mapped(estimate.best, terms)
+    friction, gain = estimate.best.theta[:2].tolist()
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, estimate.best.at).items()}
+    mapped = hover_of_sums(friction, gain, sums)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)
     of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
-    gain = float(estimate.best.theta[1])
     return {
         THRUST_EXPONENT: of_map * gain * mapped / GRAVITY,
         MAP_EXPONENT: of_map,
