@@ -129,7 +129,7 @@ ACCEPTED = {
     ("covariances.FixedBandwidth", "bandwidth"): NUMBER,
 }
 #: Doors that take seconds; right arguments are given to them elsewhere.
-FLIGHTS = {"bootstrap_flights", "identify_flight"}
+FLIGHTS = {"bootstrap_flights", "identify_flight", "validate"}
 #: Public names that nobody calls: results, what warnings are of, and rooms.
 NOT_DOORS = {
     "AndersonRubinSet",
@@ -140,6 +140,7 @@ NOT_DOORS = {
     "SavedFit",
     "HomoskedasticErrors",
     "SignPerturbedSet",
+    "Validation",
     "WeakInstrumentsWarning",
     "__version__",
     "covariances",
@@ -340,6 +341,10 @@ def doors(folder):
             {"problem": m.rows, "method": m.iv, "rng": m.rng, "level": 0.95, "sums": 100},
         ),
         "simulate": (ev.simulate, {"scenario": m.scenario, "rng": m.rng}),
+        "validate": (
+            ev.validate,
+            {"fit": fit_file, "recording": m.recording, "window": None, "max_tilt_deg": None},
+        ),
         "weighted_total_least_squares": (
             ev.weighted_total_least_squares,
             {"system": LinearSystem(m.X, m.y), "row_covariances": np.tile(np.eye(3), (60, 1, 1))},

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from eivor.motions.identify import identify_flight
     from eivor.motions.vertical.model import VerticalMotion
     from eivor.report.saved_fit import SavedFit, load_fit
+    from eivor.report.validation import Validation, validate
     from eivor.signals.long_memory import estimate_long_memory
     from eivor.signals.noise import FractionalNoise, WhiteNoise
     from eivor.signals.recording import Recording
@@ -73,6 +74,7 @@ _HOMES = {
     "SignPerturbedSet": "eivor.estimation.weak_identification",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
+    "Validation": "eivor.report.validation",
     "VerticalMotion": "eivor.motions.vertical.model",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
@@ -99,6 +101,7 @@ _HOMES = {
     "regression": "eivor.models.regression",
     "sign_perturbed_set": "eivor.estimation.weak_identification",
     "simulate": "eivor.simulation.records.simulate",
+    "validate": "eivor.report.validation",
     "weighted_total_least_squares": "eivor.linalg.weighted_total_least_squares",
 }
 
@@ -125,6 +128,7 @@ __all__ = [
     "SignPerturbedSet",
     "SignalRegression",
     "Signals",
+    "Validation",
     "VerticalMotion",
     "WeakInstrumentsWarning",
     "WhiteNoise",
@@ -152,6 +156,7 @@ __all__ = [
     "regression",
     "sign_perturbed_set",
     "simulate",
+    "validate",
     "weighted_total_least_squares",
 ]
 

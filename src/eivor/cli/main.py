@@ -25,6 +25,8 @@ from eivor.cli.simulate import simulate
 from eivor.cli.study import EXIT_CODES as STUDY_EXIT_CODES
 from eivor.cli.study import study
 from eivor.cli.terminal import complain, printing
+from eivor.cli.validate import EXIT_CODES as VALIDATE_EXIT_CODES
+from eivor.cli.validate import validate
 from eivor.errors import InputError
 
 app = typer.Typer(
@@ -39,6 +41,7 @@ app = typer.Typer(
 for command, exit_codes in (
     (identify, EXIT_CODES),
     (inspect, INSPECT_EXIT_CODES),
+    (validate, VALIDATE_EXIT_CODES),
     (simulate, SIMULATE_EXIT_CODES),
     (study, STUDY_EXIT_CODES),
     (paper, PAPER_EXIT_CODES),

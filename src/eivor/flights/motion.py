@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -200,6 +201,57 @@ class Trace:
     driven: Float[np.ndarray, " samples"]
 
 
+class Horizon(Enum):
+    """How far ahead a prediction looks."""
+
+    ONE_STEP = "one_step"
+    """What is measured at a sample, of everything else that is measured there."""
+    OPEN_LOOP = "open_loop"
+    """The state over a whole run, of its input alone."""
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return {"one_step": "one step ahead", "open_loop": "in open loop"}[self.value]
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A measured quantity over the samples of all runs, run after run, and what given numbers say of it.
+
+    Parameters
+    ----------
+    horizon : Horizon
+        How far ahead it looks.
+    quantity, unit : str
+        What is measured, in words, and its unit as it is shown.
+    measured, predicted : ndarray, shape (samples,)
+        In that unit. What belongs to a run alone, its trim and its start, is fitted in both alike.
+    """
+
+    horizon: Horizon
+    quantity: str
+    unit: str
+    measured: Float[np.ndarray, " samples"]
+    predicted: Float[np.ndarray, " samples"]
+
+
+@dataclass(frozen=True, slots=True)
+class SimpleModel:
+    """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate.
+
+    Parameters
+    ----------
+    words : str
+        What it is.
+    values : mapping of str to float
+        Every linear parameter and every nuisance.
+    """
+
+    words: str
+    values: Mapping[str, float]
+
+
 @dataclass(frozen=True)
 class Panel:
     """A series of a flight to look at when nothing could be estimated.
@@ -365,6 +417,19 @@ class Motion(ABC, Generic[P]):
         """
         searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
         return {**drawn.parameters, **{name: drawn.at[name] for name in searched}}
+
+    # -- predictions of another flight, see `eivor.report.validation` ---------------------------------------
+
+    def simple_models(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, SimpleModel]:
+        """Models that an estimate is held against in another flight, by name; none without predictions."""
+        return {}
+
+    def predictions(self, _problem: P, _values: Values, /) -> tuple[Predicted, ...]:
+        """What parameters and nuisances, by name, say of flights; the farthest horizon comes last.
+
+        By default nothing: the motion cannot be validated.
+        """
+        return ()
 
     # -- for reports --------------------------------------------------------------------------------------
 

@@ -55,6 +55,25 @@ def motion_by_name(name: str) -> Motion[Any]:
     return loaded_motion(name)
 
 
+def motion_of_model(model_name: str) -> Motion[Any]:
+    """Motion that a JSON document names by its `model_name`, Eivor's own first.
+
+    Raises
+    ------
+    UsageError
+        When no motion has that name, or one of another package cannot be loaded.
+    """
+    for name in motion_names():
+        motion = motion_by_name(name)
+        if motion.model_name == model_name:
+            return motion
+    raise UsageError(
+        f"a model of one of the motions {', '.join(motion_names())}",
+        f"'{model_name}'",
+        "Install the package that brings its motion.",
+    )
+
+
 @cache
 def loaded_motion(name: str) -> Motion[Any]:
     """Motion of a name, loaded once."""

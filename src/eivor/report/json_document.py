@@ -142,6 +142,10 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
             "window": _pair(result.options.window),
             "band_hz": _pair(first.band_hz),
         },
+        "beside": {
+            name: {"words": simple.words, "values": {key: number(one) for key, one in simple.values.items()}}
+            for name, simple in result.motion.simple_models(fit.problem, fit.estimate).items()
+        },
     }
 
 

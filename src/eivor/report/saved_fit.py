@@ -14,11 +14,12 @@ from jaxtyping import Float
 
 from eivor.errors import EstimationError, InputError, UsageError
 from eivor.flights.quantity import Quantity
+from eivor.flights.result import FlightEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.quantiles import check_level
 from eivor.inference.verdict import Reason, Status
 from eivor.notebook import html_table
-from eivor.report.json_document import SCHEMA
+from eivor.report.json_document import SCHEMA, json_document, json_text
 
 #: Larger files are no result.
 LARGEST_BYTES = 100_000_000
@@ -64,7 +65,7 @@ class SavedFit:
         Those that fit; empty without an estimate.
     prediction : mapping of str to object
         What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
-        `limits`; empty without an estimate.
+        `limits`, `beside`; empty without an estimate.
     document : mapping of str to object
         The whole document.
     """
@@ -182,6 +183,11 @@ def load_fit(file: str | Path) -> SavedFit:
         return _fit_of(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
+
+
+def saved_fit(result: FlightEstimate) -> SavedFit:
+    """Return what would be read back of a result that is at hand."""
+    return _fit_of(json.loads(json_text(json_document(result))))
 
 
 def _no_document(path: Path, received: str) -> InputError:

@@ -11,7 +11,17 @@ from jaxtyping import Float
 from eivor.estimation.estimate import Estimate
 from eivor.flights.estimated import reciprocal
 from eivor.flights.grid import on_grid
-from eivor.flights.motion import CardSection, Circumstances, Drawn, Motion, Panel, Strength, Trace
+from eivor.flights.motion import (
+    CardSection,
+    Circumstances,
+    Drawn,
+    Motion,
+    Panel,
+    Predicted,
+    SimpleModel,
+    Strength,
+    Trace,
+)
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
@@ -22,6 +32,7 @@ from eivor.models.separable import Values
 from eivor.motions.vertical.balance import balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
+from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
@@ -155,6 +166,14 @@ class Vertical(Motion[VerticalFlights]):
     def resampled(self, problem: VerticalFlights, drawn: Drawn) -> Mapping[str, float]:
         """Friction, gain and hover input; lag and effective lag when they were searched for."""
         return drawn_quantities(problem, drawn)
+
+    def simple_models(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, SimpleModel]:
+        """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
+        return simple_models(problem, estimate)
+
+    def predictions(self, problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
+        """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
+        return predictions(problem, values)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What U is in this flight."""

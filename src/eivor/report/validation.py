@@ -1,0 +1,341 @@
+"""How well a result predicts another flight, beside simpler models of the flights that it came from.
+
+What a prediction one step ahead leaves is shown within the band that results are estimated in: above it
+accelerometers see vibration, which no model of the motion predicts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor import checks
+from eivor.errors import InputError, UsageError
+from eivor.flights.motion import Horizon, Motion, Predicted
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.result import FlightEstimate
+from eivor.models.instruments import NoInstruments
+from eivor.models.spectral import SpectralRun
+from eivor.motions import motion_of_model
+from eivor.notebook import html_table
+from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
+from eivor.signals.recording import Recording
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Name of the fit itself among the models.
+FIT = "fit"
+
+
+@dataclass(frozen=True, slots=True)
+class PredictionError:
+    """What a prediction leaves.
+
+    Parameters
+    ----------
+    rms : float
+        Root mean square of what was measured less what was predicted.
+    explained : float
+        One less its sum of squares over that of what was measured without its mean; below zero for a
+        prediction that is worse than the mean.
+    """
+
+    rms: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class ModelPrediction:
+    """One measured quantity as one model predicts it.
+
+    Parameters
+    ----------
+    model, words : str
+        The model's name, and what it is.
+    horizon : Horizon
+        How far ahead it looks.
+    quantity, unit : str
+        What is predicted.
+    measured, predicted : ndarray, shape (samples,)
+        Run after run.
+    error : PredictionError
+        Over all runs.
+    by_run : tuple of PredictionError
+        In each run.
+    """
+
+    model: str
+    words: str
+    horizon: Horizon
+    quantity: str
+    unit: str
+    measured: Float[np.ndarray, " samples"] = field(repr=False)
+    predicted: Float[np.ndarray, " samples"] = field(repr=False)
+    error: PredictionError
+    by_run: tuple[PredictionError, ...]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A flight as a result of other flights predicts it.
+
+    Parameters
+    ----------
+    fit : SavedFit
+        The result.
+    motion : Motion
+        What it is a result of.
+    flight : PreparedFlight
+        The flight that is predicted.
+    predictions : tuple of ModelPrediction
+        Of every quantity: by the fit, then by each simpler model.
+    """
+
+    fit: SavedFit
+    motion: Motion[Any]
+    flight: PreparedFlight
+    predictions: tuple[ModelPrediction, ...]
+
+    @property
+    def spans_s(self) -> tuple[tuple[float, float], ...]:
+        """First and last second of each run."""
+        time = self.flight.grid.time_s
+        return tuple((float(time[run.start]), float(time[run.stop - 1])) for run in self.flight.runs)
+
+    @property
+    def by_quantity(self) -> tuple[tuple[ModelPrediction, ...], ...]:
+        """Predictions of each quantity, the fit's first."""
+        firsts = [one for one in self.predictions if one.model == FIT]
+        return tuple(
+            tuple(one for one in self.predictions if one.quantity == first.quantity) for first in firsts
+        )
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the fit explains something at the farthest horizon, and no simpler model more."""
+        own, *others = self.by_quantity[-1]
+        return own.error.explained > 0.0 and all(own.error.rms <= other.error.rms for other in others)
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in a sentence."""
+        own, *others = self.by_quantity[-1]
+        far = f"{own.quantity}, {own.horizon.words}, over {_seconds(self.flight)}"
+        share = f"{own.error.explained:.1%}" if own.error.explained > 0.0 else "nothing"
+        told = f"The fit explains {share} of the {far}"
+        better = [one.words for one in others if one.error.rms < own.error.rms]
+        if better:
+            return f"{told}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
+        return f"{told}{', and leaves less than the simpler models' if others else ''}."
+
+    def summary(self) -> str:
+        """Errors of every prediction as plain text."""
+        lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
+        lines += [
+            f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}" for what, by, rms, unit, share in _rows(self)
+        ]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<Validation of {self.flight.recording.name!r}: {self.sentence}>"
+
+    def _repr_html_(self) -> str:
+        columns = ("prediction", "model", "RMS error", "unit", "explained")
+        title = f"{self.motion.words.title}, {self.flight.recording.name}"
+        return html_table(title, columns, _rows(self), self.sentence)
+
+    def to_json(self) -> str:
+        """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
+        from eivor.report.json_document import json_text
+        from eivor.report.json_validation import validation_json
+
+        return json_text(validation_json(self))
+
+    def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
+        """Figure: for each prediction what was measured and predicted, and below it what is left.
+
+        Parameters
+        ----------
+        axes : mapping of str to Axes, or sequence of Axes, optional
+            Where to draw: panels by name, "one_step", "one_step residual", "open_loop", "open_loop
+            residual" for the vertical motion, or all in this order. Default: a figure of its own.
+
+        Raises
+        ------
+        UsageError
+            When `axes` do not fit the panels.
+        """
+        from eivor.report.validation_figure import validation_figure
+
+        return validation_figure(self, axes)
+
+
+def validate(
+    fit: SavedFit | FlightEstimate | str | Path,
+    recording: Recording,
+    *,
+    window: tuple[float, float] | None = None,
+    max_tilt_deg: float | None = None,
+) -> Validation:
+    """Predict another flight by a result, beside simpler models of the flights that the result came from.
+
+    Parameters
+    ----------
+    fit : SavedFit, FlightEstimate, str or Path
+        The result, or the file that ``eivor identify --json`` wrote of it.
+    recording : Recording
+        Another flight of the same vehicle, from `read_log`.
+    window : tuple of float, optional
+        Start and end [s] on that log's clock.
+    max_tilt_deg : float, optional
+        Samples tilted further are left out [deg]. Default: the limit of the fit.
+
+    Returns
+    -------
+    Validation
+        Errors of each prediction, over all runs and in each.
+
+    Raises
+    ------
+    UsageError
+        For arguments of other types, a fit without an estimate, and one of a motion that predicts nothing.
+    InputError
+        When the fit cannot be read, the log lacks a channel, or has no run.
+
+    Notes
+    -----
+    Nothing is fitted to the flight but what belongs to each run: its trim, and where it starts.
+    """
+    result = _saved(fit)
+    checks.kind("recording", recording, Recording, "a Recording", 'Read it: ev.read_log("other.ulg").')
+    if not result.prediction:
+        raise UsageError(
+            "a result with an estimate",
+            f"one without: {' '.join(result.reasons)}",
+            "Validate a flight that tells something.",
+        )
+    motion = motion_of_model(str(result.document["model"]["name"]))
+    flight = _prepared(result, motion, recording, window, max_tilt_deg)
+    problem = motion.problem((flight.shortened,), NoInstruments())
+    found = tuple(
+        _of_model(name, words, predicted, flight)
+        for name, words, values in _models(result)
+        for predicted in motion.predictions(problem, values)
+    )
+    if not found:
+        raise UsageError(
+            "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
+        )
+    return Validation(result, motion, flight, tuple(sorted(found, key=_nearest_first)))
+
+
+def _saved(fit: SavedFit | FlightEstimate | str | Path) -> SavedFit:
+    if isinstance(fit, FlightEstimate):
+        return saved_fit(fit)
+    if isinstance(fit, SavedFit):
+        return fit
+    if isinstance(fit, str | Path):
+        return load_fit(fit)
+    raise UsageError(
+        "a result, or the path of its JSON file", checks.described(fit), 'Such as ev.load_fit("fit.json").'
+    )
+
+
+def _prepared(
+    fit: SavedFit,
+    motion: Motion[Any],
+    recording: Recording,
+    window: tuple[float, float] | None,
+    max_tilt_deg: float | None,
+) -> PreparedFlight:
+    told = fit.prediction
+    options = FlightOptions(
+        window=window,
+        max_tilt_deg=told["limits"]["max_tilt_deg"] if max_tilt_deg is None else max_tilt_deg,
+        input=told["input"],
+        input_map=told["input_map"],
+    )
+    flight = prepare(recording, motion, options)
+    if not flight.runs:
+        raise InputError(
+            f"three seconds {motion.words.where} without a gap, {motion.words.limits}",
+            f"none in {recording.name}",
+            motion.words.loosen,
+        )
+    return flight
+
+
+def _models(fit: SavedFit) -> list[tuple[str, str, dict[str, float]]]:
+    """Name, words and values of the fit and of the simpler models that its document holds."""
+    best = next(candidate for candidate in fit.candidates if candidate.best)
+    at = {str(name): float(value) for name, value in fit.prediction["at"].items()}
+    own = at | dict(zip(fit.names, best.values.tolist(), strict=True))
+    beside = fit.prediction.get("beside", {})
+    simpler = [(name, str(one["words"]), dict(one["values"])) for name, one in beside.items()]
+    return [(FIT, "the fit", own), *simpler]
+
+
+def _of_model(name: str, words: str, told: Predicted, flight: PreparedFlight) -> ModelPrediction:
+    measured, predicted = told.measured, told.predicted
+    lengths = [run.stop - run.start for run in flight.runs]
+    runs = [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
+    if told.horizon is Horizon.ONE_STEP:
+        both = np.column_stack([measured, predicted])
+        measured, predicted = np.concatenate([_in_band(both[run], flight) for run in runs]).T
+    centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
+    left = measured - predicted
+    return ModelPrediction(
+        name,
+        words,
+        told.horizon,
+        told.quantity,
+        told.unit,
+        measured,
+        predicted,
+        _error(left, centred),
+        tuple(_error(left[run], centred[run]) for run in runs),
+    )
+
+
+def _in_band(columns: Float[np.ndarray, "n 2"], flight: PreparedFlight) -> Float[np.ndarray, "n 2"]:
+    run = SpectralRun(0, columns.shape[0], flight.signals.step_s, flight.band_hz)
+    return run.series(run.spectrum(columns))
+
+
+def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> PredictionError:
+    power = float(moved @ moved)
+    explained = 1.0 - float(left @ left) / power if power > 0.0 else float("nan")
+    return PredictionError(float(np.sqrt(np.mean(left**2))), explained)
+
+
+def _nearest_first(one: ModelPrediction) -> int:
+    return list(Horizon).index(one.horizon)
+
+
+def _seconds(flight: PreparedFlight) -> str:
+    runs = len(flight.runs)
+    return f"{flight.used_s:.1f} s" + (f" in {runs} runs" if runs > 1 else "")
+
+
+def _rows(found: Validation) -> list[tuple[str, ...]]:
+    return [
+        (
+            f"{one.quantity}, {one.horizon.words}",
+            one.words,
+            f"{one.error.rms:.3g}",
+            one.unit,
+            f"{one.error.explained:.1%}",
+        )
+        for one in found.predictions
+    ]
