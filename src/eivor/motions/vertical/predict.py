@@ -50,7 +50,7 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[Predicted, ..
 def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " samples"]:
     """Climb rates of every run, of the input alone."""
     friction, gain = values[VISCOUS_FRICTION.name], values[INPUT_GAIN.name]
-    found = []
+    found: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
         driven = gain * flight.mapped_input(problem.motion, values[ACTUATOR_LAG.name], values[DELAY.name])
         step_s = flight.signals.step_s
