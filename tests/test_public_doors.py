@@ -74,6 +74,8 @@ ACCEPTED = {
     ("FlightOptions", "method"): {"text"},
     ("FlightOptions", "compare"): {"flag"},
     ("FlightOptions", "lag"): {"none"},
+    ("Bounds", "low"): ANY_NUMBER,
+    ("Bounds", "high"): ANY_NUMBER,
     ("Prior", "mean"): ANY_NUMBER,
     ("Prior", "std"): NUMBER,
     ("FractionalNoise", "std"): NUMBER,
@@ -273,6 +275,7 @@ def doors(folder):
             },
         ),
         "VerticalMotion": (ev.VerticalMotion, {"input_map": Power(1.0), "intercept": False}),
+        "Bounds": (ev.Bounds, {"low": -2.0, "high": 4.0}),
         "Prior": (ev.Prior, {"mean": 0.07, "std": 0.015}),
         "WhiteNoise": (ev.WhiteNoise, {"std": 1.0}),
         "anderson_rubin_set": (

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from eivor.logs.table.chunks import read_chunks
     from eivor.models.column import Column, lags
     from eivor.models.regression import Regression, regression
-    from eivor.models.separable import Prior
+    from eivor.models.separable import Bounds, Prior
     from eivor.models.signal_regression import SignalRegression
     from eivor.motions import motion_by_name
     from eivor.motions.identify import identify_flight
@@ -66,6 +66,7 @@ _HOMES = {
     "FlightOptions": "eivor.flights.options",
     "FractionalNoise": "eivor.signals.noise",
     "HomoskedasticErrors": "eivor.estimation.error_assumptions",
+    "Bounds": "eivor.models.separable",
     "Prior": "eivor.models.separable",
     "Recording": "eivor.signals.recording",
     "Regression": "eivor.models.regression",
@@ -111,6 +112,7 @@ _MODULES = frozenset({"covariances", "methods"})
 __all__ = [
     "AndersonRubinSet",
     "AutocorrelatedErrors",
+    "Bounds",
     "Column",
     "ConfidenceRegion",
     "ConfidenceSet",

@@ -21,6 +21,17 @@ def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path) -> None:
     assert "given 70 ± 15 ms" in eivor("identify", log, "--lag", "70:15").out
 
 
+def test_bounds_of_a_lag_and_no_lag_are_given(eivor: Caller, log: Path) -> None:
+    document = json.loads(eivor("identify", log, "--lag", "50..90", "--json", "-").out)
+    assert document["provenance"]["options"]["lag"] == {"low": 0.05, "high": 0.09}
+    given = document["given_lag"]
+    assert [given[name] for name in ("mean", "std", "low", "high")] == [None, None, 0.05, 0.09]
+    assert document["derived"]["effective_lag"]["interval"] == [0.05, 0.09]
+    run = eivor("identify", log, "--lag", "none")
+    assert "given neither lag nor delay; the flight alone says" in run.out.replace("\n", " ")
+    assert "they contradict each other" in " ".join(run.out.split())
+
+
 def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0
@@ -32,13 +43,30 @@ def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    "text", ["70", "70:", ":15", "x:15", "70:0", "-70:15", "nan:15", "70:15:3", "70..90"]
+    "text",
+    [
+        "70",
+        "70:",
+        ":15",
+        "x:15",
+        "70:0",
+        "-70:15",
+        "nan:15",
+        "70:15:3",
+        "90..70",
+        "-5..10",
+        "5..",
+        "..5",
+        "5..nan",
+        "5...7..9",
+        "no",
+    ],
 )
 def test_a_lag_that_is_none_is_refused(eivor: Caller, log: Path, text: str) -> None:
     run = eivor("identify", log, f"--lag={text}")
     assert run.code == 2
     assert "a lag MS:STD" in run.err
-    assert "Give 70:15" in run.err
+    assert "Give 70:15 or 50..90" in " ".join(run.err.split())
 
 
 def test_one_of_the_two_is_given(eivor: Caller, log: Path) -> None:

@@ -270,7 +270,7 @@ def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
 def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
     """What is known of two nuisances together tells each candidate of the discrete one another value."""
     discrete = share(grid=np.array([0.3, 0.5]), discrete=True)
-    together = replace(lag(grid=FEW_LAGS, prior=Prior(0.45, 0.004)), prior_with=(CURVE_SHARE.name,))
+    together = replace(lag(grid=FEW_LAGS, prior=Prior(0.45, 0.004)), known_with=(CURVE_SHARE.name,))
     both = ev.identify(problem(together, discrete, noise=0.5), method)
     for candidate in both.candidates:
         fixed = candidate.at[CURVE_SHARE.name]

@@ -148,7 +148,7 @@ def test_what_is_known_beforehand_is_measured_again():
 
 
 def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
-    together = replace(lag(prior=Prior(0.48, 0.002)), prior_with=("curve_share",))
+    together = replace(lag(prior=Prior(0.48, 0.002)), known_with=("curve_share",))
     nuisances = (together, share(grid=np.array([0.35, 0.4]), discrete=True))
     problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
     estimate = ev.identify(problem, reference_iv())

@@ -10,7 +10,7 @@ import pytest
 from flight_logs import LAG_S, changed, flown
 
 import eivor as ev
-from eivor.errors import UsageError
+from eivor.errors import ParameterError, UsageError
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status
@@ -54,6 +54,56 @@ def test_the_report_says_what_the_flight_alone_says(log):
     assert json.loads(ev.identify_flight(log).to_json())["given_lag"] is None
 
 
+def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
+    bounds = ev.Bounds(0.03, 0.08)
+    between = ev.identify_flight(log, lag=bounds)
+    alone = ev.identify_flight(log)
+    known = [ev.identify_flight(log, lag=ev.Bounds(lag_s, lag_s)) for lag_s in (0.03, 0.055, 0.08)]
+    for name in ("viscous_friction", "input_gain", "hover_input", "intercept"):
+        low, high = between.quantities[name].interval
+        intervals = [at_one.quantities[name].interval for at_one in known]
+        assert low <= min(low for low, _ in intervals)
+        assert high >= max(high for _, high in intervals)
+    lag = between.quantities["effective_lag"]
+    assert lag.interval == (0.03, 0.08)
+    assert lag.value == pytest.approx(min(max(alone.quantities["effective_lag"].value, 0.03), 0.08))
+    assert "actuator_lag" not in between.estimate.names
+    assert all(0.03 <= sum(candidate.at.values()) <= 0.08 + 1e-9 for candidate in between.estimate.candidates)
+    # the profile set is a union too, each lag having a least J of its own
+    sets = between.fit.sets["viscous_friction"]
+    ends = [at_one.fit.sets["viscous_friction"].profile.hull for at_one in known]
+    assert sets.profile.hull[0] == pytest.approx(min(low for low, _ in ends), rel=0.02)
+    assert sets.profile.hull[1] == pytest.approx(max(high for _, high in ends), rel=0.02)
+
+
+def test_bounds_are_held_against_what_the_flight_says():
+    good = flown(seconds=15.0)[0]
+    around, beyond = (ev.identify_flight(good, lag=ev.Bounds(*ends)) for ends in ((0.02, 0.2), (0.12, 0.15)))
+    said = dict(checks(around))["lag"]
+    assert said.startswith("given 20 to 200 ms; the flight alone says ")
+    assert "they agree, and the flight alone is closer" in said
+    assert around.fit.given_lag.p_value == 1.0
+    assert beyond.fit.given_lag.contradicted
+    assert beyond.quantities["viscous_friction"].verdict is Status.WEAK
+    assert any("given 120 to 150 ms" in sentence for sentence in beyond.verdict.sentences)
+
+
+def test_neither_lag_nor_delay_is_searched():
+    good = flown(seconds=15.0)[0]
+    none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
+    assert dict(none.estimate.best.at) == {"actuator_lag": 0.0, "delay": 0.0}
+    assert len(none.estimate.candidates) == 1
+    assert none.quantities["effective_lag"].interval == (0.0, 0.0)
+    assert "given neither lag nor delay" in dict(checks(none))["lag"]
+    assert none.fit.given_lag.contradicted
+
+
+def test_the_instruments_agree_or_not_whatever_was_given():
+    good = flown(seconds=15.0)[0]
+    alone, wrong = (ev.identify_flight(good, lag=lag) for lag in (None, ev.Prior(0.15, 0.01)))
+    assert wrong.fit.checks.agreement == alone.fit.checks.agreement
+
+
 def test_what_is_known_the_instruments_need_not_tell(log):
     alone, known, sure = (
         ev.identify_flight(log, lag=prior) for prior in (None, ev.Prior(LAG_S, 0.002), ev.Prior(LAG_S, 1e-6))
@@ -74,7 +124,6 @@ def test_a_contradiction_is_said_and_makes_the_numbers_weak():
     for name in ("viscous_friction", "input_gain", "effective_lag"):
         assert wrong.quantities[name].verdict is Status.WEAK
         assert any("contradicts the flight" in reason.sentence for reason in wrong.quantities[name].reasons)
-    # J, which counts what was given as data, does not say it again
     assert not any("references disagree" in sentence for sentence in wrong.verdict.sentences)
     assert wrong.quantities["hover_input"].verdict is Status.IDENTIFIED
 
@@ -99,10 +148,21 @@ def test_a_measured_state_has_no_lag_to_know(log):
 
 @pytest.mark.parametrize("lag", [70, "70:15", (0.07, 0.015)])
 def test_a_lag_of_another_type_is_refused(log, lag):
-    with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\)"):
+    with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"):
         ev.identify_flight(log, lag=lag)
 
 
 def test_a_lag_below_zero_is_refused():
     with pytest.raises(UsageError, match="a lag above zero"):
         ev.FlightOptions(lag=ev.Prior(-0.02, 0.01))
+
+
+@pytest.mark.parametrize("ends", [(50.0, 90.0), (-0.01, 0.05)])
+def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
+    with pytest.raises(UsageError, match="between 0 and 1 s"):
+        ev.FlightOptions(lag=ev.Bounds(*ends))
+
+
+def test_bounds_in_the_wrong_order_are_refused():
+    with pytest.raises(ParameterError, match="the lower one first"):
+        ev.Bounds(0.09, 0.05)

@@ -93,7 +93,7 @@ def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     (reason,) = [one for one in alone.quantities[K].reasons if one.status is Status.REFUSED]
     assert "one frequency (0.3" in reason.sentence
     assert "leave the viscous friction anywhere in [" in reason.sentence
-    assert reason.remedy.endswith("Or give the lag, where it is known: --lag MS:STD.")
+    assert reason.remedy.endswith("--lag MS:STD or --lag LOW..HIGH.")
     assert json.loads(alone.to_json())["parameters"][K]["sets"]["anderson_rubin"][-1][1] is None
     known = ev.identify_flight(one_frequency, lag=ev.Prior(LAG_S, 0.015))
     sets = known.fit.sets[K]

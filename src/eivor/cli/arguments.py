@@ -8,11 +8,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from eivor.errors import EivorError, UsageError
+
+if TYPE_CHECKING:
+    from eivor.models.separable import Bounds, Prior
 
 #: The word for standard output.
 STANDARD_OUTPUT = "-"
@@ -72,9 +75,9 @@ LagOption = Annotated[
     str,
     typer.Option(
         "--lag",
-        metavar="MS:STD",
+        metavar="MS:STD|LOW..HIGH|none",
         help="Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
-        "deviation of 15 ms.",
+        "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
         show_default=False,
     ),
 ]
@@ -168,26 +171,35 @@ def window(text: str) -> Window:
     return start, end
 
 
-def lag(text: str) -> tuple[float, float]:
-    """Mean and standard deviation [s] of ``MS:STD``.
+def lag(text: str) -> Prior | Bounds:
+    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH`` or ``none``.
 
     Raises
     ------
     UsageError
-        When it is not two numbers above zero.
+        When it is none of them: two numbers above zero, or two that are not below zero, in order.
     """
-    mean_text, _, std_text = text.partition(":")
+    from eivor.flights.given_lag import NO_LAG
+    from eivor.models.separable import Bounds, Prior
+
+    if text.strip().lower() == "none":
+        return NO_LAG
+    between = ".." in text
+    first_text, _, second_text = text.partition(".." if between else ":")
     try:
-        mean, std = float(mean_text), float(std_text)
+        first, second = 1e-3 * float(first_text), 1e-3 * float(second_text)
     except ValueError:
-        mean = std = math.nan
-    if not (math.isfinite(mean) and math.isfinite(std) and mean > 0.0 and std > 0.0):
-        raise UsageError(
-            "a lag MS:STD, mean and standard deviation in milliseconds, both above zero",
-            f"'{text}'",
-            "Give 70:15, for example.",
-        )
-    return 1e-3 * mean, 1e-3 * std
+        first = second = math.nan
+    if between and 0.0 <= first <= second < math.inf:
+        return Bounds(first, second)
+    if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:
+        return Prior(first, second)
+    raise UsageError(
+        "a lag MS:STD, mean and standard deviation in milliseconds, both above zero; or bounds LOW..HIGH; or "
+        "none",
+        f"'{text}'",
+        "Give 70:15 or 50..90, for example.",
+    )
 
 
 def names(text: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from eivor.errors import UsageError
 if TYPE_CHECKING:
     from eivor.flights.motion import Motion
     from eivor.flights.options import FlightOptions
-    from eivor.models.separable import Prior
+    from eivor.models.separable import Bounds, Prior
     from eivor.signals.recording import Recording
 
 
@@ -165,7 +165,7 @@ def flight_options(
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
 
 
-def given_lag(text: str, file: str) -> Prior | None:
+def given_lag(text: str, file: str) -> Prior | Bounds | None:
     """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing.
 
     Raises
@@ -180,7 +180,7 @@ def given_lag(text: str, file: str) -> Prior | None:
     if text and file:
         raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
     if text:
-        return Prior(*arguments.lag(text))
+        return arguments.lag(text)
     if not file:
         return None
     from eivor.flights.estimated import EFFECTIVE_LAG

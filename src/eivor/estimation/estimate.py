@@ -49,12 +49,16 @@ class Estimate:
         One for each combination of discrete nuisances, in the order of their grids.
     reasons : tuple of Reason
         Grounds against the estimate that were met while it was made.
+    bounded : tuple of tuple of str
+        Discrete nuisances whose sum is known between bounds: every value of it counts, and candidates are
+        compared with those of the same value only.
     """
 
     method: str
     joint_parameters: tuple[Parameter, ...]
     candidates: tuple[Candidate, ...]
     reasons: tuple[Reason, ...] = ()
+    bounded: tuple[tuple[str, ...], ...] = ()
 
     @property
     def status(self) -> Status:
@@ -69,16 +73,30 @@ class Estimate:
         return min(self.candidates, key=lambda candidate: candidate.criterion)
 
     def tenable(self, level: float = 0.95) -> tuple[Candidate, ...]:
-        """Candidates whose criterion is within a chi-square quantile of the least one.
+        """Candidates whose criterion is within a chi-square quantile of the least one they compete with.
 
-        With a degree of freedom for each discrete nuisance that has a choice.
+        With a degree of freedom for each discrete nuisance that has a choice, but those that are bounded.
         """
         if len(self.candidates) == 1:
             return self.candidates
         refined = {profile.nuisance.name for profile in self.best.profiles}
         chosen = [name for name in self.best.at if name not in refined and len(self._values_of(name)) > 1]
-        bound = self.best.criterion + chi_square_quantile(level, len(chosen))
-        return tuple(candidate for candidate in self.candidates if candidate.criterion <= bound)
+        allowance = chi_square_quantile(level, max(len(chosen) - len(self.bounded), 1))
+        least = self.least_criterion
+        return tuple(one for one in self.candidates if one.criterion <= least[self.class_of(one)] + allowance)
+
+    def class_of(self, candidate: Candidate) -> tuple[float, ...]:
+        """Value of every sum of nuisances that is bounded: candidates of one class compete."""
+        return tuple(round(sum(candidate.at[name] for name in names), 9) for names in self.bounded)
+
+    @cached_property
+    def least_criterion(self) -> dict[tuple[float, ...], float]:
+        """Least criterion of each class of candidates."""
+        least: dict[tuple[float, ...], float] = {}
+        for one in self.candidates:
+            place = self.class_of(one)
+            least[place] = min(one.criterion, least.get(place, math.inf))
+        return least
 
     def _values_of(self, nuisance: str) -> set[float]:
         return {candidate.at[nuisance] for candidate in self.candidates}

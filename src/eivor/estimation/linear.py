@@ -6,7 +6,6 @@ Nuisances that move columns are searched outside, the linear parameters are solv
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -153,14 +152,10 @@ def check_linear(method: object) -> None:
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
     """Estimate with a candidate for each combination of the discrete nuisances' values."""
-    others = [nuisance for nuisance in problem.nuisances if not nuisance.refined]
-    names = [nuisance.name for nuisance in others]
-    candidates = tuple(
-        _candidate(method, problem, dict(zip(names, values, strict=True)))
-        for values in product(*(nuisance.grid.tolist() for nuisance in others))
-    )
+    candidates = tuple(_candidate(method, problem, fixed) for fixed in problem.combinations())
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
-    return Estimate(method.name, candidates[0].rows.parameters + refined, candidates)
+    bounded = tuple((one.name, *one.known_with) for one in problem.nuisances if one.bounds is not None)
+    return Estimate(method.name, candidates[0].rows.parameters + refined, candidates, bounded=bounded)
 
 
 def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float]) -> Candidate:

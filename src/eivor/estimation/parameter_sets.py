@@ -15,7 +15,8 @@ and their union is taken over all: over each candidate, and over the stretches o
 which anything fits, their ends found by bisection. Between nodes products are splines, see `products/nodes`.
 
 A grid ends somewhere, a lag does not: where a positive nuisance fits up to the top of its grid, a set has no
-bound on the side that it moves to with that nuisance.
+bound on the side that it moves to with that nuisance. Where a nuisance is known between bounds, the profile
+set is the union over all its values, each with a least J of its own.
 """
 
 from __future__ import annotations
@@ -204,21 +205,23 @@ def parameter_sets(
     ):
         return None
     place = parameters.index(name)
+    classes = [estimate.class_of(candidate) for candidate in estimate.candidates]
     criteria = [_criterion(problem, nodes, candidate, place) for candidate in estimate.candidates]
     try:
-        least = min(float(one.scanned[1].min()) for one in criteria)
+        least: dict[tuple[float, ...], float] = {}
+        for kind, one in zip(classes, criteria, strict=True):
+            least[kind] = min(float(one.scanned[1].min()), least.get(kind, np.inf))
     except np.linalg.LinAlgError:
         return None
     best = estimate.best
     degrees = best.inference.rank + len(best.solved.misfits) - (best.solved.unknowns - 1)
 
-    def below(bound: float) -> ConfidenceSet:
-        return ConfidenceSet.union(piece for one in criteria for piece in one.below(bound))
-
+    allowance, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
+    compared = list(zip(classes, criteria, strict=True))
     return ParameterSets(
         ConfidenceSet((estimate.interval(name, level),)),
-        below(least + t_quantile(level, DEGREES) ** 2),
-        below(chi_square_quantile(level, max(degrees, 1))),
+        ConfidenceSet.union(piece for kind, one in compared for piece in one.below(least[kind] + allowance)),
+        ConfidenceSet.union(piece for one in criteria for piece in one.below(highest)),
     )
 
 

@@ -146,7 +146,7 @@ class CandidateFlights:
     def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
         """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
         others = {
-            axis.nuisance.name: sum(self.fixed[other] for other in axis.nuisance.prior_with)
+            axis.nuisance.name: sum(self.fixed[other] for other in axis.nuisance.known_with)
             for axis in self.nodes.axes
         }
         return {

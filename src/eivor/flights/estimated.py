@@ -56,7 +56,8 @@ def reciprocal(of: Unjudged, unit: str) -> Unjudged:
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:
     """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
 
-    A sum that cannot be negative has no interval below zero; that of a measured state's delay may.
+    A sum that cannot be negative has no interval below zero; that of a measured state's delay may. One
+    that is known between bounds has these for its interval.
 
     Parameters
     ----------
@@ -70,13 +71,21 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
     if DELAY.name in joint:
         return {ACTUATOR_LAG.name: lag, DELAY.name: joint[DELAY.name], EFFECTIVE_LAG: joint[DELAY.name]}
     effective = lag
+    named = {nuisance.name: nuisance for nuisance in problem.nuisances}
+    bounds = named[ACTUATOR_LAG.name].bounds
+    if bounds is not None:
+        lags = [candidate.at[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
+        at = estimate.best.at
+        lag = Unjudged(at[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
+        whole = named[ACTUATOR_LAG.name].with_others(at)
+        effective = Unjudged(whole, "s", NAN, (bounds.low, bounds.high))
     if ACTUATOR_LAG.name in estimate.names:
         sum_of = _effective_lag(estimate)
         value, direction = sum_of(estimate.best)
         error = estimate.best.covariance.std_error(direction)
         effective = Unjudged(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
-    delay = next(nuisance for nuisance in problem.nuisances if nuisance.name == DELAY.name)
-    return {ACTUATOR_LAG.name: lag, DELAY.name: chosen(delay, estimate), EFFECTIVE_LAG: effective}
+    delay = chosen(named[DELAY.name], estimate)
+    return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
 
 def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Float
+
 from eivor.errors import UsageError
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, told
 from eivor.inference.quantiles import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.separable import Prior, SeparableProblem
+from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Values
+
+#: Neither lag nor delay.
+NO_LAG = Bounds(0.0, 0.0)
+#: Lags that are tried between bounds, at most so far apart [s], and at most so many.
+TRIED_EVERY_S, MOST_TRIED = 0.005, 13
 
 
 @dataclass(frozen=True)
@@ -18,20 +26,28 @@ class GivenLag:
 
     Parameters
     ----------
-    prior : Prior
+    known : Prior or Bounds
         Of the effective lag, actuator lag plus delay [s].
     alone : Unjudged
         The effective lag that the flight tells without it [s].
     """
 
-    prior: Prior
+    known: Prior | Bounds
     alone: Unjudged
 
     @property
     def p_value(self) -> float:
-        """Of the test that both are of one lag: their difference over its standard error."""
-        apart = (self.alone.value - self.prior.mean) ** 2
-        return chi_square_tail(apart / (self.alone.std_error**2 + self.prior.std**2), 1)
+        """Of the test that both are of one lag: how far they are apart, over the standard error of that.
+
+        A lag of the flight between the bounds that were given is not apart from them.
+        """
+        known, alone = self.known, self.alone
+        if isinstance(known, Prior):
+            apart, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
+        else:
+            apart = alone.value - min(max(alone.value, known.low), known.high)
+            variance = alone.std_error**2
+        return chi_square_tail(apart**2 / variance, 1) if apart else 1.0
 
     @property
     def contradicted(self) -> bool:
@@ -39,28 +55,87 @@ class GivenLag:
         return self.p_value <= BEYOND_DOUBT
 
     @property
+    def closer_alone(self) -> bool:
+        """Whether the flight tells the lag within less than bounds that it agrees with."""
+        known, (low, high) = self.known, self.alone.interval
+        return isinstance(known, Bounds) and known.low < low and high < known.high
+
+    @property
     def outcome(self) -> str:
         """Whether they agree, in a word or two."""
         return told(self.p_value, ("agree", "may contradict each other", "contradict each other"))
 
     @property
+    def given(self) -> str:
+        """What was given, in words."""
+        if isinstance(self.known, Prior):
+            return f"{1e3 * self.known.mean:.3g} ± {1e3 * self.known.std:.2g} ms (one standard deviation)"
+        if self.known == NO_LAG:
+            return "neither lag nor delay"
+        if self.known.low == self.known.high:
+            return f"{1e3 * self.known.low:.3g} ms exactly"
+        return f"{1e3 * self.known.low:.3g} to {1e3 * self.known.high:.3g} ms"
+
+    @property
     def sentence(self) -> str:
         """What was given, what the flight says, and whether they agree."""
         low, high = (1e3 * max(end, 0.0) for end in self.alone.interval)
+        closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
         return (
-            f"given {1e3 * self.prior.mean:.3g} ± {1e3 * self.prior.std:.2g} ms (one standard deviation); "
+            f"given {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
-            f"they {self.outcome}"
+            f"they {self.outcome}{closer if self.closer_alone else ''}"
         )
 
 
-def with_given_lag(problem: SeparableProblem, prior: Prior) -> SeparableProblem:
+def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        With a lag to search.
+    known : Prior or Bounds
+        Of the sum [s].
+    alone : mapping of str to float
+        Lag and delay of the flight without it: between bounds that sum is one of those that are tried.
+    """
+    if known == NO_LAG:
+        return problem.with_nuisances(
+            tuple(
+                one.known_at(0.0) if one.name in (ACTUATOR_LAG.name, DELAY.name) else one
+                for one in problem.nuisances
+            )
+        )
+    return problem.with_nuisances(
+        tuple(
+            _with_known(one, known, alone) if one.name == ACTUATOR_LAG.name else one
+            for one in problem.nuisances
+        )
+    )
+
+
+def _with_known(lag: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+    lag = replace(lag, known_with=(DELAY.name,))
+    if isinstance(known, Prior):
+        return replace(lag, prior=known)
+    return replace(lag, bounds=known, discrete=True, grid=_between(known, lag.with_others(alone)))
+
+
+def _between(bounds: Bounds, own: float) -> Float[np.ndarray, " lags"]:
+    """Lags to try: evenly between the bounds, both included, and the flight's own if it is between."""
+    count = min(int(np.ceil((bounds.high - bounds.low) / TRIED_EVERY_S)) + 1, MOST_TRIED)
+    tried = np.linspace(bounds.low, bounds.high, count)
+    return np.unique([*tried, own]) if bounds.low < own < bounds.high else np.unique(tried)
+
+
+def check_lag_searched(problem: SeparableProblem) -> None:
+    """Refuse what is known of a lag that is not searched for.
 
     Raises
     ------
     UsageError
-        When it has no lag to search.
+        When the problem has no lag to search.
     """
     if not any(one.name == ACTUATOR_LAG.name and one.refined for one in problem.nuisances):
         raise UsageError(
@@ -68,9 +143,3 @@ def with_given_lag(problem: SeparableProblem, prior: Prior) -> SeparableProblem:
             "one whose actuators' state was measured, or a motion without a lag",
             "Leave out what is known of the lag, or name the command with --input.",
         )
-    return problem.with_nuisances(
-        tuple(
-            replace(one, prior=prior, prior_with=(DELAY.name,)) if one.name == ACTUATOR_LAG.name else one
-            for one in problem.nuisances
-        )
-    )

@@ -24,7 +24,7 @@ def given_lag_reasons(at: Circumstances) -> list[Reason]:
         Reason(
             Status.WEAK,
             f"The lag that was given contradicts the flight: {given.sentence}.",
-            "Check what was given: it is the lag and the delay together, in ms, and its standard deviation.",
+            "Check what was given: it is the lag and the delay together, in ms.",
         )
     ]
 
@@ -102,7 +102,7 @@ def instrument_reasons(
 def _of_weak(sentence: str, strength: Strength, at: Circumstances, fly: str) -> Reason:
     """Ground of weak instruments: weak where sets that hold all the same have bounds, else refused."""
     if at.given_lag is None and ACTUATOR_LAG.name in strength.searched:
-        fly = f"{fly} Or give the lag, where it is known: --lag MS:STD."
+        fly = f"{fly} Or give the lag, where it is known: --lag MS:STD or --lag LOW..HIGH."
     for name, found in strength.robust.items():
         if untold(name, strength):
             low, high = found.hull

@@ -8,10 +8,12 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.models.separable import Prior
+from eivor.models.separable import Bounds, Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
 MAX_TILT_DEG = float(np.rad2deg(np.arccos(0.9)))
+#: Longest lag that bounds may reach [s].
+LONGEST_LAG_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +39,15 @@ class FlightOptions:
         A name out of `eivor.methods`.
     compare : bool
         Estimate with every method and list the results side by side.
-    lag : Prior, optional
-        What is known of the effective lag, actuator lag plus delay, from elsewhere: ``ev.Prior(0.070,
-        0.015)`` for 70 ms with a standard error of 15 ms [s].
+    lag : Prior or Bounds, optional
+        What is known of the effective lag, actuator lag plus delay, from elsewhere [s]: ``ev.Prior(0.070,
+        0.015)`` for 70 ms with a standard error of 15 ms, ``ev.Bounds(0.050, 0.090)`` for 50 to 90 ms,
+        ``ev.Bounds(0.0, 0.0)`` for neither lag nor delay.
 
     Raises
     ------
     UsageError
-        When the tilt is not between 0 and 90 degrees, the window is empty, or the lag is not positive.
+        When the tilt is not between 0 and 90 degrees, the window is empty, or the lag is none.
     """
 
     window: tuple[float, float] | None = None
@@ -54,7 +57,7 @@ class FlightOptions:
     instruments: tuple[str, ...] = ()
     method: str = "reference_iv"
     compare: bool = False
-    lag: Prior | None = None
+    lag: Prior | Bounds | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -62,8 +65,14 @@ class FlightOptions:
             raise UsageError(
                 "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
             )
-        if self.lag is not None and not self.lag.mean > 0.0:
+        if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
+        if isinstance(self.lag, Bounds) and not 0.0 <= self.lag.low <= self.lag.high <= LONGEST_LAG_S:
+            raise UsageError(
+                f"bounds of the lag between 0 and {LONGEST_LAG_S:g} s",
+                f"{self.lag.low:g} and {self.lag.high:g} s",
+                "Give them in seconds: ev.Bounds(0.050, 0.090).",
+            )
         if self.window is not None and not self.window[0] < self.window[1]:
             raise UsageError(
                 "a window START:END with START before END",
@@ -78,7 +87,8 @@ class FlightOptions:
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
         checks.flag("compare", self.compare)
         if self.lag is not None:
-            checks.kind("lag", self.lag, Prior, "a Prior", "Give ev.Prior(0.070, 0.015), in seconds.")
+            remedy = "Give ev.Prior(0.070, 0.015) or ev.Bounds(0.050, 0.090), in seconds."
+            checks.kind("lag", self.lag, (Prior, Bounds), "a Prior, or Bounds,", remedy)
         if self.window is not None:
             check_window(self.window)
 

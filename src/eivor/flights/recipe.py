@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from eivor.errors import EstimationError, UsageError
+from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import TABLE, by_name
@@ -18,7 +19,7 @@ from eivor.flights.diagnostics import (
     flight_findings,
 )
 from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
-from eivor.flights.given_lag import GivenLag, with_given_lag
+from eivor.flights.given_lag import GivenLag, check_lag_searched, with_given_lag
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
@@ -111,13 +112,17 @@ def _identified(
         method = by_name(FALLBACK)
     try:
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        given = None
+        alone, given = identify(problem, method), None
+        estimate = alone
         if options.lag is not None:
-            alone, problem = problem, with_given_lag(problem, options.lag)
-            told = lag_quantities(alone, identify(alone, method))[EFFECTIVE_LAG]
-            given = GivenLag(options.lag, told)
-        estimate = identify(problem, method)
+            check_lag_searched(problem)
+            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG])
+            problem = with_given_lag(problem, options.lag, alone.best.at)
+            estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
+        if given is not None:
+            # what was given is compared with the flight by itself, and is nothing that instruments say
+            checks = replace(checks, agreement=diagnose(alone).over_identification)
         sets = headline_sets(problem, estimate, motion.headline)
         fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets)
         numbers = dict(motion.diagnostics(problem, estimate))

@@ -8,8 +8,9 @@ Pereyra 1973).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, cast
 
 import numpy as np
@@ -23,6 +24,9 @@ from eivor.models.spectral import SpectralRegression
 
 #: The value of every nuisance, by name.
 Values = Mapping[str, float]
+
+#: A value that is this little below zero is zero, but for rounding.
+ROUNDING = 1e-12
 
 #: Half-step of numerical derivatives, as a share of the value or of the grid's span.
 DIFFERENCE = 1e-3
@@ -61,6 +65,37 @@ class Prior:
         return ((value - self.mean) / self.std) ** 2
 
 
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Between what a nuisance is known to be, and nothing else of it.
+
+    Whatever is estimated holds for every value between: its interval is the union over them.
+
+    Parameters
+    ----------
+    low, high : float
+        Least and largest value, in the nuisance's unit; one value twice when it is known.
+
+    Raises
+    ------
+    ParameterError
+        When the least is above the largest, or one is not finite.
+    UsageError
+        When one of them is no number.
+    """
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        checks.number("low", self.low)
+        checks.number("high", self.high)
+        if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
+            raise ParameterError(
+                "finite bounds, the lower one first", f"{self.low} and {self.high}", "Give both."
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class Nuisance:
     """A parameter that moves columns, and where it is looked for.
@@ -77,9 +112,12 @@ class Nuisance:
         covariance.
     prior : Prior, optional
         What is known of it beforehand.
-    prior_with : tuple of str
+    bounds : Bounds, optional
+        Between what it is known to be, of a discrete one: every value of its grid then counts in intervals,
+        however well it fits.
+    known_with : tuple of str
         Discrete nuisances that are added to this one in what is known: a prior of lag and delay together is
-        one of their sum.
+        one of their sum, and with bounds the grid is one of their sum.
     tolerance : float
         Accuracy of the refinement, in the parameter's unit.
 
@@ -93,7 +131,8 @@ class Nuisance:
     grid: Float[np.ndarray, " values"]
     discrete: bool = False
     prior: Prior | None = None
-    prior_with: tuple[str, ...] = ()
+    bounds: Bounds | None = None
+    known_with: tuple[str, ...] = ()
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
@@ -139,8 +178,8 @@ class Nuisance:
         return self.prior.misfit(self.with_others(at))
 
     def with_others(self, at: Values) -> float:
-        """Sum of its value and of those that its prior is about as well."""
-        return at[self.name] + sum(at[other] for other in self.prior_with)
+        """Sum of its value and of those that what is known is about as well."""
+        return at[self.name] + sum(at[other] for other in self.known_with)
 
     @property
     def positive(self) -> bool:
@@ -149,7 +188,7 @@ class Nuisance:
 
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""
-        return replace(self, grid=np.array([value]), prior=None, prior_with=())
+        return replace(self, grid=np.array([value]), prior=None, bounds=None, known_with=())
 
     def around(self, value: float) -> tuple[float, float]:
         """Values below and above one, for a numerical derivative.
@@ -187,6 +226,21 @@ class SeparableProblem(ABC):
     @abstractmethod
     def bins(self, at: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
+
+    def combinations(self) -> Iterator[dict[str, float]]:
+        """Every combination of the values of nuisances that are not refined, in the order of their grids.
+
+        A grid of a sum leaves its own nuisance what the others do not take, if that is not below zero.
+        """
+        others = [nuisance for nuisance in self.nuisances if not nuisance.refined]
+        names = [nuisance.name for nuisance in others]
+        for values in product(*(nuisance.grid.tolist() for nuisance in others)):
+            at = dict(zip(names, values, strict=True))
+            bounded = [nuisance for nuisance in others if nuisance.bounds is not None]
+            for nuisance in bounded:
+                at[nuisance.name] -= sum(at[other] for other in nuisance.known_with)
+            if all(at[nuisance.name] >= -ROUNDING for nuisance in bounded):
+                yield at | {nuisance.name: max(at[nuisance.name], 0.0) for nuisance in bounded}
 
     @property
     def first_values(self) -> dict[str, float]:

@@ -13,7 +13,7 @@ from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.recipe import identified
 from eivor.flights.result import FlightEstimate
-from eivor.models.separable import Prior
+from eivor.models.separable import Bounds, Prior
 from eivor.motions import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
 
@@ -31,7 +31,7 @@ class Choices(TypedDict, total=False):
     instruments: tuple[str, ...]
     method: str
     compare: bool
-    lag: Prior | None
+    lag: Prior | Bounds | None
 
 
 def identify_flight(

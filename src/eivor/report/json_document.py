@@ -18,6 +18,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, Quantity
 from eivor.flights.result import Fit, FlightEstimate
+from eivor.models.separable import Bounds, Prior
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
 from eivor.signals.recording import Finding
 
@@ -221,8 +222,7 @@ def _given_lag(given: GivenLag | None) -> Json:
     if given is None:
         return None
     return {
-        "mean": number(given.prior.mean),
-        "std": number(given.prior.std),
+        **_known(given.known),
         "alone": number(given.alone.value),
         "alone_interval": _pair(given.alone.interval),
         "p_value": number(given.p_value),
@@ -235,3 +235,9 @@ def _options(options: FlightOptions) -> Json:
     plain["instruments"] = list(options.instruments)
     plain["lag"] = None if options.lag is None else asdict(options.lag)
     return plain
+
+
+def _known(known: Prior | Bounds) -> dict[str, Json]:
+    """Mean and standard deviation, or bounds; null for what was not given."""
+    names = ("mean", "std", "low", "high")
+    return {name: number(getattr(known, name, None)) for name in names}

@@ -26,7 +26,9 @@ TICKS = (1, 2, 5)
 def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
     """Say why there is no nuisance whose values could be compared."""
     axes.set_title("How well each lag fits", fontsize=9)
-    axes.text(0.5, 0.5, result.motion.words.no_lag, ha="center", va="center", transform=axes.transAxes)
+    given = None if result.fit is None else result.fit.given_lag
+    why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
+    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
     axes.set_axis_off()
 
 

@@ -25,10 +25,13 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
 from eivor.signals.input_map import Mixed
 
+#: Values of all nuisances, which tell a candidate from the others.
+Place = tuple[float, ...]
+
 
 def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
     """Every quantity, in the order of results; none has a verdict yet."""
-    terms = {c.at["delay"]: balance(problem, c) for c in estimate.candidates}
+    terms = {_place(c): balance(problem, c) for c in estimate.candidates}
     joint = joint_quantities(estimate)
     return {
         "viscous_friction": joint["viscous_friction"],
@@ -56,27 +59,27 @@ def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]
     return found
 
 
-def _intercept(estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
+def _intercept(estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
     """Intercept over all runs, and that of each."""
     interval = estimate.interval_of(
-        lambda c: intercept(c, terms[c.at["delay"]]),
-        extra_variance=lambda c: terms[c.at["delay"]].residual_variance,
+        lambda c: intercept(c, terms[_place(c)]),
+        extra_variance=lambda c: terms[_place(c)].residual_variance,
     )
-    value, gradient = intercept(estimate.best, terms[estimate.best.at["delay"]])
-    extra = terms[estimate.best.at["delay"]].residual_variance
-    by_run = tuple(intercepts_by_run(estimate.best, terms[estimate.best.at["delay"]]).tolist())
+    value, gradient = intercept(estimate.best, terms[_place(estimate.best)])
+    extra = terms[_place(estimate.best)].residual_variance
+    by_run = tuple(intercepts_by_run(estimate.best, terms[_place(estimate.best)]).tolist())
     error = _std_error(estimate.best, gradient, extra)
     return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
 
 
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[float, Balance]) -> Unjudged:
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
     """Hover input: the interval of U_h through the input map's inverse."""
 
     def extra(candidate: Candidate) -> float:
-        return terms[candidate.at["delay"]].residual_variance / float(candidate.theta[1]) ** 2
+        return terms[_place(candidate)].residual_variance / float(candidate.theta[1]) ** 2
 
-    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[c.at["delay"]]), extra_variance=extra)
-    mapped, gradient = hover_mapped(estimate.best, terms[estimate.best.at["delay"]])
+    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[_place(c)]), extra_variance=extra)
+    mapped, gradient = hover_mapped(estimate.best, terms[_place(estimate.best)])
     inverse = problem.motion.input_map.inverse
     value = inverse(mapped)
     slope = problem.motion.input_map.slope(value)
@@ -98,6 +101,10 @@ def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
         MAP_EXPONENT: of_map,
         IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
     }
+
+
+def _place(candidate: Candidate) -> Place:
+    return tuple(candidate.at.values())
 
 
 def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:

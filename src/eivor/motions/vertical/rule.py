@@ -93,9 +93,7 @@ def friction_reasons(
         reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
     reasons.extend(_rough_lag_reasons(quantities, strength))
     reasons.extend(_unit_reasons(quantities))
-    # J counts a lag that was given as one more equation, and its contradiction is said by itself
-    contradicted = at.given_lag is not None and at.given_lag.contradicted
-    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL and not contradicted:
+    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL:
         reasons.append(
             Reason(
                 Status.WEAK,
