@@ -110,6 +110,7 @@ ACCEPTED = {
     ("recording_from_columns", "name"): {"text"},
     ("recording_from_columns", "input_map"): {"text"},
     ("recording_from_columns", "parameters"): {"none", "mapping"},
+    ("recording_from_columns", "estimated"): {"list"},
     ("Recording", "name"): {"text"},
     ("Recording", "vehicle"): {"text"},
     ("Recording", "format"): {"text"},
@@ -328,6 +329,7 @@ def doors(folder):
                 "frame": Frame.Z_UP,
                 "input_map": "",
                 "parameters": None,
+                "estimated": (),
             },
         ),
         "regression": (

@@ -73,6 +73,10 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert fit.method == "reference_iv"
     assert fit.instruments == "reference_position_z, reference_velocity_z"
     assert fit.window_s == pytest.approx((0.0, 29.99))
+    # the interval of the hover input, which is that of one flight's conditions, is a percent wide
+    (floor,) = fit.quantities["hover_input"].allowances
+    assert fit.quantities["hover_input"].half_width == pytest.approx(0.005 * HOVER, rel=0.01)
+    assert "this flight's conditions" in floor.sentence
     (of_run,) = fit.quantities["intercept"].by_run
     assert of_run == pytest.approx(fit.quantities["intercept"].value, abs=1e-9)
     assert "identified" in fit.summary()
@@ -95,6 +99,17 @@ def test_names_and_levels_of_intervals(fit):
         fit.interval("hover_input", 0.9)
     with pytest.raises(UsageError, match="received 'mass' at level"):
         fit.interval("mass")
+
+
+def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
+    channels = log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=True)}
+    found = identify_flight(replace(log, channels=channels))
+    friction, measured = found.quantities["viscous_friction"], coarse_fit.quantities["viscous_friction"]
+    (reserve,) = friction.allowances
+    assert (reserve.below, reserve.above) == (0.03, 0.03)
+    assert reserve.sentence.startswith("Velocity from an estimator: ")
+    assert friction.interval == measured.interval  # it is the verdict's
+    assert measured.allowances == ()
 
 
 # -- what cannot be told ----------------------------------------------------------------------------------

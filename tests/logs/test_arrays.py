@@ -58,16 +58,20 @@ def same(one, other):
         twin = other.channels[name]
         np.testing.assert_array_equal(channel.time_s, twin.time_s)
         np.testing.assert_array_equal(channel.values, twin.values)
-        assert (channel.unit, channel.held, channel.source, channel.quality) == (
+        assert (channel.unit, channel.held, channel.source, channel.quality, channel.estimated) == (
             twin.unit,
             twin.held,
             twin.source,
             twin.quality,
+            twin.estimated,
         )
 
 
 def test_parquet_reads_back_the_same(tmp_path):
-    r = recording_from_columns(COLUMNS, frame=Frame.NED, input_map="square", parameters={"a": 0.1})
+    r = recording_from_columns(
+        COLUMNS, frame=Frame.NED, input_map="square", parameters={"a": 0.1}, estimated=("velocity_z",)
+    )
+    assert [name for name, channel in r.channels.items() if channel.estimated] == ["velocity_z"]
     write_recording(r, tmp_path / "r.parquet")
     back = read_log(tmp_path / "r.parquet")
     assert back.name == "r.parquet"
@@ -87,6 +91,10 @@ def test_what_cannot_be_written(tmp_path):
         write_recording(
             recording_from_columns(COLUMNS, frame=Frame.NED, input_map="square"), tmp_path / "r.csv"
         )
+    with pytest.raises(UsageError, match="that an estimator made velocity_z"):
+        write_recording(recording_from_columns(COLUMNS, estimated=("velocity_z",)), tmp_path / "r.csv")
+    with pytest.raises(UsageError, match=r"channels out of time, .*received 'vz'"):
+        recording_from_columns(COLUMNS, estimated=("vz",))
     with pytest.raises(UsageError, match="ends in"):
         write_recording(recording_from_columns(COLUMNS), tmp_path / "r.txt")
     channels = {n: Channel(n, np.arange(2.0) + k, np.zeros(2), "") for k, n in enumerate(("input", "landed"))}

@@ -49,6 +49,7 @@ valid = [0, 65535]
 saturates = "upper"
 [channels.velocity_z]
 column = "v down"
+source = "estimator"
 unit = "cm/s"
 sign = -1
 scale = 2
@@ -77,13 +78,25 @@ optional = true
     np.testing.assert_allclose(r.channels["input"].values[0], 10.001)
     assert {"overflow", "saturation"} <= {f.name for f in r.findings}
     assert "landed" not in r.channels
+    assert [name for name, channel in r.channels.items() if channel.estimated] == ["velocity_z"]
     with pytest.raises(Exception, match="absent"):
         r.channel("landed")
+
+
+def test_a_map_says_where_every_channel_comes_from(table):
+    own = '[channels.velocity_z]\ncolumn = "v down"\nsource = "sensor"\n'
+    r = read(table, 'source = "estimator"\n' + HEAD + PWM + own)
+    assert {name: channel.estimated for name, channel in r.channels.items()} == {
+        "input": True,
+        "velocity_z": False,
+    }
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        ('source = "filter"\n' + HEAD + PWM, "sensor.*estimator.*at source of m.toml"),
+        (HEAD + PWM + "source = 1\n", "at channels.input.source of m.toml"),
         ("name = ", "a channel map in TOML"),
         ("[" * 5000, "a channel map in TOML"),
         (

@@ -37,6 +37,11 @@ def test_new_topic_names(tmp_path):
     assert "reference_acceleration_z" not in r.channels
     assert "never_valid" in names(r)
     assert r.channels["attitude_w"].values.size == 200  # padding is cut
+    made = {name for name, channel in r.channels.items() if channel.estimated}
+    assert made == {
+        name for name in r.channels if r.channels[name].source.startswith("vehicle_local_position.")
+    }
+    assert "velocity_z" in made
     with pytest.raises(Exception, match=r"battery_status\.voltage_v \[SDLOG_PROFILE bit 0\]"):
         r.channel("battery_voltage")
 

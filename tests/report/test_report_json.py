@@ -25,6 +25,9 @@ QUANTITY: dict[str, Any] = {
     "interval": PAIR,
     "verdict": VERDICTS,
     "reasons": [str],
+    "systematic": [
+        {"counts": {"added", "at least", "reserved"}, "below": NUMBER, "above": NUMBER, "sentence": str}
+    ],
 }
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
 ROW: dict[str, Any] = {
@@ -142,6 +145,7 @@ def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
         "interval": [None, None],
         "verdict": "refused",
         "reasons": [],
+        "systematic": [],
         "sets": None,
     }
 

@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.airborne import Active, airborne_by_log
+from eivor.flights.allowance import Allowance
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import MEMORY_S, Grid
 from eivor.flights.options import FlightOptions
@@ -386,6 +387,17 @@ class Motion(ABC, Generic[P]):
     def excitation(self, _flights: tuple[PreparedFlight, ...], /) -> str:
         """Say how much the flights moved, in a sentence; empty for nothing."""
         return ""
+
+    def allowances(
+        self,
+        _problem: P,
+        _estimate: Estimate,
+        _flights: tuple[PreparedFlight, ...],
+        _quantities: Mapping[str, Unjudged],
+        /,
+    ) -> Mapping[str, tuple[Allowance, ...]]:
+        """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""
+        return {}
 
     def following(self, _quantities: Mapping[str, Unjudged], /) -> Mapping[str, Unjudged]:
         """Quantities that follow from a headline whose interval is another than that of `quantities`."""

@@ -73,6 +73,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         (*log.findings, *selected.findings),
         grid,
         motion.memory_s,
+        selected.estimated,
     )
 
 

@@ -52,6 +52,8 @@ class PreparedFlight:
         Times of the samples.
     memory_s : float
         Time before a sample that decides the state of the actuators [s].
+    estimated : tuple of str
+        Roles of the selection whose channel comes from an estimator.
     """
 
     recording: Recording
@@ -67,6 +69,7 @@ class PreparedFlight:
     findings: tuple[Finding, ...]
     grid: Grid
     memory_s: float
+    estimated: tuple[str, ...] = ()
 
     @cached_property
     def shortened(self) -> PreparedFlight:

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import Enum
 
+from eivor.flights.allowance import Allowance, reserved, widened
 from eivor.inference.verdict import Reason, Status, Verdict
 
 NAN = float("nan")
@@ -98,6 +99,8 @@ class Unjudged:
         Its value in each run, for what belongs to a run.
     lowest : float
         What it cannot be below in this problem, beside what its wording says of every one.
+    allowances : tuple of Allowance
+        Systematic parts; the interval has those that belong to it.
     """
 
     value: float
@@ -107,11 +110,17 @@ class Unjudged:
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
     lowest: float = -math.inf
+    allowances: tuple[Allowance, ...] = ()
 
     @property
     def half_width(self) -> float:
         """Half the interval's width."""
         return 0.5 * (self.interval[1] - self.interval[0])
+
+    @property
+    def reserved(self) -> float:
+        """What a verdict is to allow for beyond the interval."""
+        return reserved(self.allowances)
 
     def judged(self, found: Verdict, wording: Wording) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
@@ -124,6 +133,7 @@ class Unjudged:
             self.choice,
             self.by_run,
             found.reasons,
+            self.allowances,
         )
 
 
@@ -133,7 +143,7 @@ class Quantity:
 
     Parameters
     ----------
-    value, unit, std_error, interval, choice, by_run
+    value, unit, std_error, interval, choice, by_run, allowances
         See `Unjudged`; the interval is cut where the quantity cannot be.
     verdict : Status
         How far it may be trusted.
@@ -149,8 +159,13 @@ class Quantity:
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
     reasons: tuple[Reason, ...] = ()
+    allowances: tuple[Allowance, ...] = ()
 
     @property
     def half_width(self) -> float:
         """Half the interval's width."""
         return 0.5 * (self.interval[1] - self.interval[0])
+
+    def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
+        """Another interval of the same, such as one of another level, with the systematic parts in it."""
+        return widened(interval, self.value, self.allowances)

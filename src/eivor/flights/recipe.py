@@ -12,6 +12,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import TABLE, by_name
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
+from eivor.flights.allowance import Allowance, widened
 from eivor.flights.diagnostics import (
     fit_diagnostics,
     fit_numbers,
@@ -162,6 +163,10 @@ def _with_fit(
     at: Circumstances,
 ) -> FlightEstimate:
     unjudged = with_robust_intervals(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    flying = tuple(flight for flight in prepared if flight.runs)
+    unjudged = with_allowances(
+        motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged)
+    )
     overall, quantities = judged(motion, unjudged, strength(fit), at)
     return FlightEstimate(
         motion,
@@ -194,6 +199,19 @@ def with_robust_intervals(
         return unjudged
     changed = {name: replace(unjudged[name], interval=fit.interval(name)) for name in fit.robust_sets}
     quantities = {**unjudged, **changed}
+    return {**quantities, **motion.following(quantities)}
+
+
+def with_allowances(
+    motion: Motion[Any], unjudged: Mapping[str, Unjudged], allowances: Mapping[str, tuple[Allowance, ...]]
+) -> Mapping[str, Unjudged]:
+    """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
+    quantities = dict(unjudged)
+    for name, parts in allowances.items():
+        one = unjudged[name]
+        quantities[name] = replace(one, interval=widened(one.interval, one.value, parts), allowances=parts)
+    if all(quantities[name].interval == unjudged[name].interval for name in motion.headline):
+        return quantities
     return {**quantities, **motion.following(quantities)}
 
 

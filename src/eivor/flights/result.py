@@ -194,7 +194,8 @@ class FlightEstimate:
         """
         fit = self._fitted()
         if name in fit.estimate.names:
-            return self.motion.wording[name].possible(fit.interval(name, level))
+            quantity = self.quantities[name]
+            return self.motion.wording[name].possible(quantity.widened(fit.interval(name, level)))
         if name not in self.quantities or level != 0.95:
             raise UsageError(
                 f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)",

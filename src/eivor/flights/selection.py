@@ -102,6 +102,12 @@ class Selection:
         return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
 
     @property
+    def estimated(self) -> tuple[str, ...]:
+        """Roles of what was measured whose channel comes from an estimator."""
+        measured = {**self.states, **self.responses}
+        return tuple(role for role, channel in measured.items() if channel is not None and channel.estimated)
+
+    @property
     def rates_hz(self) -> dict[str, float]:
         """Mean logging rate of the slowest command, and by role of what was measured; 0 when absent [Hz]."""
         measured = {**self.states, **self.responses}

@@ -34,6 +34,7 @@ def recording_from_columns(
     frame: Frame = Frame.Z_UP,
     input_map: str = "",
     parameters: Mapping[str, float] | None = None,
+    estimated: tuple[str, ...] = (),
 ) -> Recording:
     """Return a recording of columns with canonical names.
 
@@ -50,11 +51,14 @@ def recording_from_columns(
         Name of the vehicle's input map, if it is known.
     parameters : mapping of str to float, optional
         Vehicle parameters, by names of your own.
+    estimated : tuple of str
+        Channels that an estimator makes of other measurements, such as the velocity of a Kalman filter.
 
     Raises
     ------
     UsageError
-        When `time` is missing, a name is not canonical, or an argument is of another type.
+        When `time` is missing, a name is not canonical, `estimated` names a channel that is not among the
+        columns, or an argument is of another type.
     ShapeError
         When a column is not one-dimensional, or has another length than `time`.
     DataError
@@ -98,5 +102,16 @@ def recording_from_columns(
                 f"'{key}' of shape {array.shape}",
                 "Give one value a row.",
             )
-    recording = mapped_recording(chosen, chosen.rules, Columns(arrays), name=name, log_format="frame")
+    _check_among(estimated, names)
+    rules = tuple(replace(rule, estimated=rule.name in estimated) for rule in chosen.rules)
+    recording = mapped_recording(chosen, rules, Columns(arrays), name=name, log_format="frame")
     return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))
+
+
+def _check_among(estimated: tuple[str, ...], names: list[str]) -> None:
+    """Refuse what does not name columns."""
+    remedy = 'Give ("velocity_z",), for example.'
+    checks.items("estimated", estimated, str, "names of channels", remedy)
+    unknown = [one for one in estimated if one not in names]
+    if unknown:
+        raise UsageError(f"channels out of {', '.join(names)}", f"{unknown[0]!r}", "Correct the name.")

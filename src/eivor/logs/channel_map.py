@@ -6,6 +6,7 @@ A map states::
     description = "..."             # optional
     frame = "z_up"                  # or "ned"; z_up by default
     input_map = "square"            # optional: linear, square, power:EXPONENT, mixed:SHARE
+    source = "sensor"               # or "estimator": where the channels come from; "sensor" by default
 
     [time]
     column = "t"
@@ -23,6 +24,7 @@ A map states::
     scale = 1.0                     # optional
     held = false                    # optional; commands and setpoints are held by default
     optional = false                # optional: true when some tables lack the column
+    source = "estimator"            # optional: where this channel comes from; the map's by default
 
     [channels.cos_tilt]
     quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
@@ -48,6 +50,8 @@ from eivor.signals.input_map import input_map
 from eivor.signals.recording import Frame
 from eivor.toml_table import TomlTable, read_toml, toml_table
 
+ESTIMATOR = "estimator"
+SOURCES = ("sensor", ESTIMATOR)
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -81,6 +85,8 @@ class ChannelRule:
         Columns of roll and pitch, when the channel is computed from these.
     angle_unit : str
         Their unit, "rad" or "deg".
+    estimated : bool
+        True when an estimator makes the values.
     """
 
     name: str
@@ -90,6 +96,7 @@ class ChannelRule:
     optional: bool = False
     angles: tuple[str, ...] = ()
     angle_unit: str = ""
+    estimated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,8 +197,9 @@ def _channel_map(top: TomlTable) -> ChannelMap:
     time_column = time.text("column")
     time_unit = time.choice("unit", tuple(TIME_UNITS), "s")
     time.finish()
+    source = top.choice("source", SOURCES, SOURCES[0])
     ranges = {key: _range(section) for key, section in top.named_sections("columns").items()}
-    rules = tuple(_rule(key, section) for key, section in top.named_sections("channels").items())
+    rules = tuple(_rule(key, section, source) for key, section in top.named_sections("channels").items())
     if not rules:
         raise top.wrong("channels", "at least one channel", "none", "Add a table [channels.velocity_z].")
     map_of_input = _input_map(top)
@@ -218,7 +226,7 @@ def _range(section: TomlTable) -> ValidRange:
     return ValidRange(*bounds, saturates)
 
 
-def _rule(name: str, section: TomlTable) -> ChannelRule:
+def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
     channel = canonical_channel(name)
     if channel is None:
         known = canonical_channels()
@@ -258,6 +266,7 @@ def _rule(name: str, section: TomlTable) -> ChannelRule:
         section.flag("optional", default=False),
         expression.columns if ways[0] == "roll_pitch" else (),
         unit if ways[0] == "roll_pitch" else "",
+        section.choice("source", SOURCES, source) == ESTIMATOR,
     )
     section.finish()
     return rule

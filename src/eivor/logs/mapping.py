@@ -281,4 +281,5 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         held=rule.held,
         overflowed=sum(column.overflowed for column in used),
         saturated=sum(column.saturated for column in used),
+        estimated=rule.estimated,
     )

@@ -53,6 +53,8 @@ def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     where = () if card or not told.card else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*told.remedies, *where))
     yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
+    parts = (Fact(words, sentence) for words, sentence in told.systematic)
+    yield from section("Systematic parts", Facts, parts)
     if told.flights:
         reasons = _row_reasons(told)
         yield Section("Flights one by one", (_row_table(told.flights, "log"), *reasons))

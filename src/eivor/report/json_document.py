@@ -205,6 +205,15 @@ def _quantity(quantity: Quantity) -> dict[str, Json]:
         "interval": _pair(quantity.interval),
         "verdict": quantity.verdict.value,
         "reasons": [reason.sentence for reason in quantity.reasons],
+        "systematic": [
+            {
+                "counts": one.counts.value,
+                "below": number(one.below),
+                "above": number(one.above),
+                "sentence": one.sentence,
+            }
+            for one in quantity.allowances
+        ],
     }
 
 

@@ -58,6 +58,7 @@ def _channel(summary: ChannelSummary) -> Json:
         "samples": int(channel.values.size),
         "rate_hz": number(channel.rate_hz),
         "held": channel.held,
+        "estimated": channel.estimated,
         "range": [number(summary.lowest), number(summary.highest)],
         "gaps": [[number(start), number(end)] for start, end in summary.gaps],
         "duplicated_stamps": quality.duplicated_stamps,

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.errors import EstimationError, InputError, UsageError
+from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
@@ -122,7 +123,8 @@ class SavedFit:
                 "Name one of them.",
             )
         sets = self.document["parameters"][name].get("sets")
-        if sets and not _is_hull(self.quantities[name].interval, sets["wald"]):
+        quantity = self.quantities[name]
+        if sets and quantity.interval != quantity.widened(_hull(sets["wald"])):
             raise UsageError(
                 f"level .95 for {name}, whose interval is that of a set for weak instruments",
                 f"level {level}",
@@ -135,7 +137,7 @@ class SavedFit:
             for candidate in self.candidates
             for sign in (-1.0, 1.0)
         ]
-        return min(ends), max(ends)
+        return quantity.widened((min(ends), max(ends)))
 
     def _repr_html_(self) -> str:
         rows = [
@@ -223,11 +225,16 @@ def _quantity(one: Mapping[str, Any]) -> Quantity:
         verdict=status,
         by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
         reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
+        allowances=tuple(_allowance(part) for part in one.get("systematic", ())),
     )
 
 
-def _is_hull(interval: tuple[float, float], pieces: list[list[float | None]]) -> bool:
-    return interval == (_number(pieces[0][0], -math.inf), _number(pieces[-1][-1], math.inf))
+def _allowance(one: Mapping[str, Any]) -> Allowance:
+    return Allowance(Counts(one["counts"]), float(one["below"]), float(one["above"]), str(one["sentence"]))
+
+
+def _hull(pieces: list[list[float | None]]) -> tuple[float, float]:
+    return _number(pieces[0][0], -math.inf), _number(pieces[-1][-1], math.inf)
 
 
 def _candidate(one: Mapping[str, Any]) -> SavedCandidate:

@@ -149,6 +149,16 @@ class ToldFlight:
         )
 
     @property
+    def systematic(self) -> tuple[tuple[str, str], ...]:
+        """Systematic parts of intervals: the quantity in words, and what for."""
+        return tuple(
+            (told.wording.words, one.sentence)
+            for told in self.reported
+            if told.quantity.verdict is not Status.REFUSED
+            for one in told.quantity.allowances
+        )
+
+    @property
     def remedies(self) -> tuple[str, ...]:
         """What would change it, each remedy once."""
         reasons = (*self.reasons, *(reason for _, reason in self.further))

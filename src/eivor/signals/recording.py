@@ -80,6 +80,8 @@ class Channel:
         True when the value holds until the next stamp (commands, setpoints, states).
     quality : ChannelQuality
         What the reader set right.
+    estimated : bool
+        True when an estimator made the value of other measurements: its own dynamics are in it.
 
     Raises
     ------
@@ -96,6 +98,7 @@ class Channel:
     source: str = ""
     held: bool = False
     quality: ChannelQuality = field(default_factory=ChannelQuality)
+    estimated: bool = False
 
     def __post_init__(self) -> None:
         if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
@@ -144,6 +147,7 @@ def clean_channel(
     held: bool = False,
     overflowed: int = 0,
     saturated: int = 0,
+    estimated: bool = False,
 ) -> Channel:
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
@@ -183,7 +187,7 @@ def clean_channel(
     )
     if not first.all():
         time, series = time[first], series[first]
-    return Channel(name, time, series, unit, source, held, quality)
+    return Channel(name, time, series, unit, source, held, quality, estimated)
 
 
 @dataclass(frozen=True, slots=True)

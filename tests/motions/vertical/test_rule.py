@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.motion import Circumstances, Searched, Strength
 from eivor.flights.quantity import Choice, Unjudged
@@ -22,6 +24,11 @@ from eivor.motions.vertical.rule import (
 )
 
 NAMES = ("viscous_friction", "input_gain", "actuator_lag")
+
+
+def reserving(of: Unjudged, part: float) -> Unjudged:
+    """A quantity with a systematic part that the verdict alone counts."""
+    return replace(of, allowances=(Allowance(Counts.RESERVED, part, part, ""),))
 
 
 def quantity(value: float, half_width: float) -> Unjudged:
@@ -64,6 +71,8 @@ def circumstances(**changed) -> Circumstances:
 def test_a_good_flight_has_no_ground_against_it():
     at = circumstances()
     assert friction_reasons(quantities(), numbers(), at) == []
+    kept = quantities(viscous_friction=reserving(quantity(0.4, 0.169), 0.03))
+    assert friction_reasons(kept, numbers(), at) == []
     assert gain_reasons(quantities()["input_gain"], numbers(), at) == []
     assert hover_reasons(quantities()["hover_input"], at) == []
     assert lag_reasons(quantities(), numbers(), at) == []
@@ -95,7 +104,21 @@ def test_a_good_flight_has_no_ground_against_it():
             r"has one frequency \(0.32 Hz\), which tells two of 3 numbers",
         ),
         ({}, {"viscous_friction": quantity(0.4, 0.4)}, {}, Status.REFUSED, "cannot be told from zero"),
-        ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide"),
+        ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide;"),
+        (
+            {},
+            {"viscous_friction": reserving(quantity(0.4, 0.171), 0.03)},
+            {},
+            Status.WEAK,
+            r"\+-42\.8% wide, and the estimator behind velocity or acceleration may add 0\.03 1/s;",
+        ),
+        (
+            {},
+            {"viscous_friction": reserving(replace(quantity(0.1, 0.0), interval=(0.029, 0.065)), 0.03)},
+            {},
+            Status.WEAK,
+            r"begins at 0\.029 1/s, and up to 0\.03 1/s cannot be told from an estimator's own",
+        ),
         (
             {"strengths": (9.9, 50.0, 50.0)},
             {},

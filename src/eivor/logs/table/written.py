@@ -86,6 +86,7 @@ def _check_csv(recording: Recording) -> None:
     lost += [
         f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
     ]
+    lost += [f"that an estimator made {c.name}" for c in recording.channels.values() if c.estimated]
     if lost:
         raise UsageError(
             "a recording that a CSV can keep",
@@ -105,6 +106,7 @@ def _metadata(recording: Recording) -> str:
                 c.name: {
                     "source": c.source,
                     "held": c.held,
+                    "estimated": c.estimated,
                     "overflowed": c.quality.overflowed,
                     "saturated": c.quality.saturated,
                 }
@@ -151,10 +153,19 @@ def _restored(channel: Channel, content: object) -> Channel:
         overflowed=_count(content.get("overflowed", 0)),
         saturated=_count(content.get("saturated", 0)),
     )
-    held = content.get("held", channel.held)
-    if not isinstance(held, bool):
-        raise TypeError("held")
-    return replace(channel, source=_text(content.get("source", channel.source)), held=held, quality=quality)
+    return replace(
+        channel,
+        source=_text(content.get("source", channel.source)),
+        held=_flag(content.get("held", channel.held)),
+        quality=quality,
+        estimated=_flag(content.get("estimated", channel.estimated)),
+    )
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError("flag")
+    return value
 
 
 def _text(value: object) -> str:

@@ -274,7 +274,7 @@ def _add(
         reading.never_valid.append(source.label)
     if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
         return
-    channel = _channel(name, clocks[source.topic], values, source.label)
+    channel = replace(_channel(name, clocks[source.topic], values, source.label), estimated=source.estimated)
     if channel.time_s.size == 0:
         return
     if source.is_setpoint:

@@ -10,6 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+#: What PX4's estimator makes of its sensors.
+ESTIMATOR_TOPIC = "vehicle_local_position"
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -37,6 +40,11 @@ class Source:
     is_setpoint: bool = False
 
     @property
+    def estimated(self) -> bool:
+        """Whether the estimator makes the values."""
+        return self.topic == ESTIMATOR_TOPIC
+
+    @property
     def label(self) -> str:
         """The source in the log's own words."""
         minus = "-" if self.sign < 0 else ""
@@ -44,7 +52,7 @@ class Source:
 
 
 def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[Source, ...]:
-    return (Source("vehicle_local_position", field, valid_field=valid, zero_is_absent=zero_is_absent),)
+    return (Source(ESTIMATOR_TOPIC, field, valid_field=valid, zero_is_absent=zero_is_absent),)
 
 
 def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[Source, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.allowance import Allowance
 from eivor.flights.estimated import reciprocal
 from eivor.flights.grid import on_grid
 from eivor.flights.motion import (
@@ -29,6 +30,7 @@ from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
+from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
@@ -101,6 +103,17 @@ class Vertical(Motion[VerticalFlights]):
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
         return all_quantities(problem, estimate)
+
+    def allowances(
+        self,
+        _problem: VerticalFlights,
+        _estimate: Estimate,
+        flights: tuple[PreparedFlight, ...],
+        quantities: Mapping[str, Unjudged],
+        /,
+    ) -> Mapping[str, tuple[Allowance, ...]]:
+        """Systematic parts, see `eivor.motions.vertical.allowances`."""
+        return all_allowances(flights, quantities)
 
     def following(self, quantities: Mapping[str, Unjudged]) -> Mapping[str, Unjudged]:
         """The time constant, which is one over the friction, see `Motion.following`."""

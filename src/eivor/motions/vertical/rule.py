@@ -6,7 +6,8 @@ On the viscous friction K, which is the overall verdict:
   input gain is not positive, or a conditional first-stage F is below 10 and K has no bounded set that
   holds however weak the instruments are;
 * provisional: no exogenous reference, so that a direct method had to serve;
-* identified: every first-stage F 10 or more, K's half-width <= K/2, the lag's <= 0.1 s, the lag below the
+* identified: every first-stage F 10 or more, K's half-width <= K/2 with what is reserved for an estimator
+  (and a lower end above that), the lag's <= 0.1 s, the lag below the
   top of its grid, J's p-value >= .001 (in pools of ten or more flights a finding only), the command logged
   at 45 Hz or more, instruments that contain no feedback, and an intercept that is not clearly beyond
   5 m/s^2;
@@ -136,16 +137,32 @@ def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
                 FLY,
             )
         )
-    elif friction.half_width > FRICTION_SHARE * friction.value:
+    elif friction.half_width + friction.reserved > FRICTION_SHARE * friction.value:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide; "
-                f"identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
+                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide"
+                f"{_reserve(friction)}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
                 "Fly longer, faster climbs and descents, or pool several flights.",
             )
         )
+    elif low <= friction.reserved and friction.reserved > 0.0:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The viscous friction's interval begins at {low:.2g} 1/s, and up to "
+                f"{friction.reserved:.2g} 1/s cannot be told from an estimator's own dynamics.",
+                "Fly longer, faster climbs and descents, or log a velocity that is measured.",
+            )
+        )
     return reasons
+
+
+def _reserve(friction: Unjudged) -> str:
+    """What identified asks for beside the interval, with words before it; empty for nothing."""
+    if not friction.reserved:
+        return ""
+    return f", and the estimator behind velocity or acceleration may add {friction.reserved:.2g} 1/s"
 
 
 def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -86,9 +88,7 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     force = _told(log, "specific_force_z", findings)
     logged = _told(log, "acceleration_z", findings)
     if force is None and logged is not None:
-        force = Channel(
-            "specific_force_z", logged.time_s, logged.values + GRAVITY, "m/s^2", logged.source, logged.held
-        )
+        force = replace(logged, name="specific_force_z", values=logged.values + GRAVITY)
     body = [log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"]
     if force is None or force.rate_hz < SLOW_ACCELERATION_HZ:
         rotated = _rotated(body, row)

@@ -1,0 +1,66 @@
+"""Systematic parts of intervals: what a flight's own scatter cannot show, each with its sentence.
+
+An interval is made of what scatters within a flight. A clock that is late all the time, an estimator whose
+dynamics look like the vehicle's, or air that no flight has twice do not scatter. A motion knows of them, and
+says for each quantity how much is to be allowed for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import Enum
+
+Interval = tuple[float, float]
+
+
+class Counts(Enum):
+    """How a systematic part counts."""
+
+    ADDED = "added"
+    """It comes on top of what scatters: the interval is longer by it at both ends."""
+    AT_LEAST = "at least"
+    """The interval reaches at least so far to both sides: no model of the vehicle is truer than that."""
+    RESERVED = "reserved"
+    """The interval is that of the effective value and stays; the verdict keeps the part in reserve."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """What one systematic cause may do to a quantity.
+
+    Parameters
+    ----------
+    counts : Counts
+        How it counts.
+    below, above : float
+        How far the quantity may lie below and above what the data say, in its unit; not negative.
+    sentence : str
+        What it is for.
+    """
+
+    counts: Counts
+    below: float
+    above: float
+    sentence: str
+
+
+def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -> Interval:
+    """Interval of a quantity with every allowance in it; one whose value is no number stays as it is."""
+    low, high = interval
+    if not math.isfinite(value):
+        return interval
+    known = tuple(allowances)
+    for one in known:
+        if one.counts is Counts.ADDED:
+            low, high = low - one.below, high + one.above
+    for one in known:
+        if one.counts is Counts.AT_LEAST:
+            low, high = min(low, value - one.below), max(high, value + one.above)
+    return low, high
+
+
+def reserved(allowances: Iterable[Allowance]) -> float:
+    """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
+    return sum(max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED)

@@ -1,0 +1,60 @@
+"""Systematic parts of the intervals of vertical motion, which a flight's own scatter cannot show.
+
+* The hover input is that of one flight: its wind, its height, its speed over ground, the trim of its rotors.
+  No second flight has the same to better than half a percent.
+* An estimator that learns an accelerometer's bias with the time constant T gives an acceleration that lacks
+  V / T, which adds 1 / T to the viscous friction, and one that fuses velocity late adds as much. Seen in
+  vehicles without friction: .02 to .03 1/s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from eivor.flights.allowance import Allowance, Counts
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Unjudged
+
+#: No interval of the hover input reaches less far than this share of it.
+HOVER_FLOOR = 0.005
+#: Friction that an estimator's own dynamics may look like [1/s].
+ESTIMATOR_FRICTION = 0.03
+
+
+def all_allowances(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged]
+) -> dict[str, tuple[Allowance, ...]]:
+    """Systematic parts by quantity."""
+    return {
+        name: tuple(parts)
+        for name, parts in {
+            "viscous_friction": _of_estimators(flights),
+            "hover_input": _at_these_conditions(quantities["hover_input"].value),
+        }.items()
+        if parts
+    }
+
+
+def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
+    """What an estimator behind velocity or acceleration may add to the friction."""
+    roles = sorted({role for flight in flights for role in flight.estimated})
+    if not roles:
+        return []
+    sentence = (
+        f"{' and '.join(roles).capitalize()} from an estimator: its own dynamics can look like a "
+        f"friction of up to {ESTIMATOR_FRICTION:g} 1/s; identified keeps as much in reserve."
+    )
+    return [Allowance(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)]
+
+
+def _at_these_conditions(hover: float) -> list[Allowance]:
+    """What another flight's conditions may change of the hover input."""
+    if not (math.isfinite(hover) and hover > 0.0):
+        return []
+    floor = HOVER_FLOOR * hover
+    sentence = (
+        f"It is that of this flight's conditions (wind, height, speed, battery): the interval is at least "
+        f"±{HOVER_FLOOR:.1%} wide."
+    )
+    return [Allowance(Counts.AT_LEAST, floor, floor, sentence)]
