@@ -1,40 +1,30 @@
 """The grid of a flight study: read from its published file, checked, and laid out flight by flight.
 
 The file is data (its own comments say what each key means). This module turns it into specifications:
-every combination of a class's fixed values, with what is left open drawn from streams that belong to the
-flight's seed and the drawn quantity's name, so that no draw depends on another.
+every combination of a class's fixed values, with what is left open drawn, see `validation.drawn`.
 """
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
 
-import numpy as np
-
 from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
 from eivor.simulation.flights.trajectories import TrajectoryKind
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 from eivor.toml_table import TomlTable, read_toml, toml_table
+from validation.drawn import Draw, Value, draws, lists
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 
 FlightSpec = VerticalFlightSpec | RotorpyFlightSpec
-Value = float | str
 
 #: What a class may be scored as.
 KINDS = ("excited", "climbs", "hover", "hover-steps")
 SIMULATORS = ("vertical", "rotorpy")
-RANGES = ("uniform", "log_uniform")
-DRAWS = (*RANGES, "choice")
-#: Distinguishes the streams of drawn parameters from those that the simulators spawn.
-DRAW_KEY = 99
-#: Drawn numbers are rounded to so many significant digits, which a table can show in full.
-DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +107,7 @@ def flight_grid(text: str) -> FlightGrid:
 
 def _grid(table: TomlTable) -> FlightGrid:
     name, duration, calm_up_to = table.text("name"), table.number("duration"), table.number("calm_up_to")
-    drawn = {simulator: _draws(table, simulator) for simulator in SIMULATORS}
+    drawn = {simulator: draws(table, simulator) for simulator in SIMULATORS}
     cases: list[FlightCase] = []
     for entry in table.sections("class"):
         cases.extend(_class_cases(entry, drawn, duration, calm_up_to))
@@ -135,12 +125,12 @@ def _grid(table: TomlTable) -> FlightGrid:
 
 
 def _class_cases(
-    entry: TomlTable, drawn: Mapping[str, dict[str, _Draw]], duration: float, calm_up_to: float
+    entry: TomlTable, drawn: Mapping[str, dict[str, Draw]], duration: float, calm_up_to: float
 ) -> list[FlightCase]:
     name, kind = entry.text("name"), entry.choice("kind", KINDS)
     simulator = entry.choice("simulator", SIMULATORS)
-    every = _lists(entry.section("every"))
-    draws = drawn[simulator] | _draws(entry, "draw")
+    every = lists(entry.section("every"))
+    open_draws = drawn[simulator] | draws(entry, "draw")
     seed, replicates, small_every = (
         entry.whole("seed"),
         entry.whole("replicates"),
@@ -150,63 +140,14 @@ def _class_cases(
     combinations = [dict(zip(every, values, strict=True)) for values in product(*every.values())] * replicates
     cases = []
     for number, fixed in enumerate(combinations):
-        open_values = {key: draw.value(seed + number, key) for key, draw in draws.items() if key not in fixed}
+        open_values = {
+            key: draw.value(seed + number, key) for key, draw in open_draws.items() if key not in fixed
+        }
         spec = _spec(entry, simulator, fixed | open_values, seed + number, duration)
         calm = kind == "excited" and spec.gust_rms <= calm_up_to
         small = small_every > 0 and number % small_every == 0
         cases.append(FlightCase(f"{name} {number:03d}", name, simulator, kind, calm, small, spec))
     return cases
-
-
-@dataclass(frozen=True, slots=True)
-class _Draw:
-    """How a quantity is drawn: a range, or a set."""
-
-    rule: str
-    values: tuple[Value, ...]
-
-    def value(self, seed: int, name: str) -> Value:
-        """Value for the flight of that seed."""
-        stream = np.random.SeedSequence(seed, spawn_key=(DRAW_KEY, zlib.crc32(name.encode())))
-        rng = np.random.Generator(np.random.PCG64(stream))
-        if self.rule == "choice":
-            return self.values[int(rng.integers(len(self.values)))]
-        low, high = (float(end) for end in self.values)
-        if self.rule == "log_uniform":
-            low, high = np.log(low), np.log(high)
-        drawn = rng.uniform(low, high)
-        return float(f"{np.exp(drawn) if self.rule == 'log_uniform' else drawn:.{DIGITS}g}")
-
-
-def _draws(outer: TomlTable, key: str) -> dict[str, _Draw]:
-    """What is drawn, by name; nothing without the key."""
-    if not outer.has(key):
-        return {}
-    table = outer.section(key)
-    found: dict[str, _Draw] = {}
-    for rule in DRAWS:
-        part = table.section(rule) if table.has(rule) else table.part({}, rule)
-        for name, values in _lists(part).items():
-            found[name] = _Draw(rule, values)
-            ends = part.numbers(name) if rule in RANGES else (0.0, 1.0)
-            if len(ends) != 2 or ends[0] >= ends[1]:
-                raise part.wrong(name, "a range of two numbers, the smaller first,", f"{list(ends)}")
-    table.finish()
-    return found
-
-
-def _lists(table: TomlTable) -> dict[str, tuple[Value, ...]]:
-    """Lists of numbers, or of words, by name."""
-    return {key: _words_or_numbers(table, key) for key in table.values}
-
-
-def _words_or_numbers(table: TomlTable, key: str) -> tuple[Value, ...]:
-    given = table.values[key]
-    words = isinstance(given, list) and bool(given) and isinstance(given[0], str)
-    values = table.texts(key) if words else table.numbers(key)
-    if not values:
-        raise table.wrong(key, "one value or more", "none")
-    return values
 
 
 def _spec(

@@ -1,0 +1,182 @@
+"""The simulator of logs as they are: its physics against other routes, its loggers against their promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.actuator import actuator_state
+from eivor.simulation.flights.sensor_noise import SensorNoise
+from validation.real_logs.course import altitude
+from validation.real_logs.estimator import estimated
+from validation.real_logs.flights import LoggedFlight, logged_flights
+from validation.real_logs.spec import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
+
+QUIET = LoggerSpec(noise=SensorNoise.none())
+
+
+def flown(vehicle: VehicleSpec, logger: LoggerSpec = QUIET, **flight) -> LoggedFlight:
+    chosen = {"duration": 4.0, "reference": Reference.CHIRP, "seed": 7} | flight
+    (found,) = logged_flights([FlightSpec(vehicle, logger, **chosen)])
+    return found
+
+
+def effective(flight: LoggedFlight) -> dict[str, float]:
+    time = flight.flown.truth.time_s
+    return flight.flown.effective(time, np.ones(time.size, dtype=bool))
+
+
+def test_motion_obeys_its_equation():
+    truth = (flight := flown(VehicleSpec(gust_rms=0.5, horizontal_friction=0.4)).flown).truth
+    thrust = GRAVITY / 0.5**2 * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
+    np.testing.assert_allclose(truth.specific_force_z, thrust - 0.4 * truth.air_velocity_z, atol=1e-9)
+    gained = np.diff(flight.velocity) / STEP_S
+    middle = 0.5 * (truth.specific_force_z[1:] + truth.specific_force_z[:-1]) - GRAVITY
+    assert np.abs(gained - middle).max() < 0.06 * np.abs(middle).max()
+    assert abs((gained - middle).mean()) < 1e-3
+
+
+def test_rotor_follows_its_command_with_lag_and_delay():
+    flight = flown(VehicleSpec(actuator_lag=0.05, delay=0.02)).flown
+    expected = actuator_state(flight.command, step_s=STEP_S, lag_s=0.05, delay_s=0.02)
+    np.testing.assert_allclose(flight.truth.rotor_state[600:], expected[600:], atol=1e-11)
+
+
+def test_a_motor_that_slows_down_slowly_is_late_downwards_only():
+    flight = flown(VehicleSpec(actuator_lag=0.05, slower_down=2.0)).flown
+    state, command = flight.truth.rotor_state[:, 0], flight.command[:, 0]
+    up = command[:-1] > state[:-1]
+    share = np.diff(state) / (command[:-1] - state[:-1])
+    np.testing.assert_allclose(share[up], -np.expm1(-STEP_S / 0.05))
+    np.testing.assert_allclose(share[~up & (command[:-1] < state[:-1])], -np.expm1(-STEP_S / 0.1))
+
+
+def test_controllers_hold_their_commands_at_their_own_rates():
+    specs = [FlightSpec(VehicleSpec(controller_hz=rate), QUIET, duration=4.0) for rate in (50.0, 250.0)]
+    slow, quick = (flight.flown.command[:, 0] for flight in logged_flights(specs))
+    assert np.flatnonzero(np.diff(slow)).size <= 4 * 50
+    assert np.all((np.flatnonzero(np.diff(slow)) + 1) % 10 == 0)
+    assert 4 * 200 < np.flatnonzero(np.diff(quick)).size <= 4 * 250
+
+
+def test_a_flight_is_the_same_whatever_flies_beside_it():
+    specs = [
+        FlightSpec(VehicleSpec(delay=delay), duration=3.0, seed=seed) for delay, seed in ((0.0, 1), (0.03, 2))
+    ]
+    both, alone = logged_flights(specs), logged_flights(specs[1:])
+    for name, channel in alone[0].recording.channels.items():
+        np.testing.assert_allclose(both[1].recording.channels[name].values, channel.values, rtol=1e-9)
+
+
+def test_effective_values_are_nominal_where_the_model_holds():
+    found = effective(flown(VehicleSpec(actuator_lag=0.03, delay=0.01, updraft=1.0, horizontal_friction=0.4)))
+    assert found["viscous_friction"] == pytest.approx(0.4, abs=1e-6)
+    assert found["input_gain"] == pytest.approx(GRAVITY / 0.25, rel=1e-6)
+    assert found["effective_lag"] == pytest.approx(0.04)
+    # An updraft of 1 m/s carries K of the weight, and half of its share is the share of the command.
+    assert found["hover_input"] == pytest.approx(0.5 * (1.0 - 0.4 / GRAVITY) ** 0.5, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "name", "expected"),
+    [
+        (VehicleSpec(thrust_power=1.0), "input_gain", GRAVITY / 0.25),
+        (VehicleSpec(thrust_share=0.5), "hover_input", 0.5),
+        (VehicleSpec(voltage_sag=0.1), "input_gain", 0.903 * GRAVITY / 0.25),
+    ],
+)
+def test_effective_values_are_those_of_the_true_thrust(vehicle, name, expected):
+    assert effective(flown(vehicle))[name] == pytest.approx(expected, rel=0.01)
+
+
+def test_drag_and_ground_change_the_effective_values():
+    assert effective(flown(VehicleSpec(quadratic_drag=0.1)))["viscous_friction"] > 0.5
+    near = effective(flown(VehicleSpec(rotor_radius=0.4, least_height=0.4)))
+    assert near["hover_input"] < 0.4995
+
+
+def test_accelerometer_attitude_and_tilt_error_agree():
+    from scipy.spatial.transform import Rotation
+
+    vehicle = VehicleSpec(horizontal_speed=5.0)
+    for error in (0.0, 0.05):
+        flight = flown(vehicle, replace(QUIET, tilt_error=error))
+        log, truth = flight.recording.channels, flight.flown.truth
+        time = log["specific_force_body_z"].time_s
+        body = np.stack([log[f"specific_force_body_{axis}"].values for axis in "xyz"], axis=1)
+        told = np.stack(
+            [np.interp(time, log["attitude_w"].time_s, log[f"attitude_{axis}"].values) for axis in "xyzw"],
+            axis=1,
+        )
+        world = Rotation.from_quat(told).apply(body)
+        along = np.interp(time, truth.time_s, np.gradient(flight.flown.horizontal, STEP_S))
+        up = np.interp(time, truth.time_s, truth.specific_force_z)
+        np.testing.assert_allclose(
+            world[5:-5, 2], (up * np.cos(error) - along * np.sin(error))[5:-5], atol=0.02
+        )
+
+
+def test_clocks_are_out_of_step_and_stamps_are_true_or_not():
+    regular = flown(VehicleSpec(controller_hz=250.0), replace(QUIET, velocity_hz=50.0, command_hz=50.0))
+    stamps = {name: channel.time_s for name, channel in regular.recording.channels.items()}
+    assert np.allclose(np.diff(stamps["velocity_z"]), 0.02)
+    assert np.allclose(np.diff(stamps["rotor_command_1"]), 0.02)
+    assert stamps["velocity_z"][0] % 0.01 != pytest.approx(
+        stamps["specific_force_body_z"][0] % 0.01, abs=1e-5
+    )
+    for kind in (Jitter.STAMPS, Jitter.INSTANTS):
+        flight = flown(VehicleSpec(), replace(QUIET, jitter=kind, jitter_s=0.002))
+        channel = flight.recording.channels["velocity_z"]
+        assert np.std(np.diff(channel.time_s)) > 0.002
+        true = np.interp(channel.time_s, flight.flown.truth.time_s, flight.flown.velocity)
+        error = np.abs(channel.values - true).max()
+        assert (error < 1e-9) == (kind is Jitter.INSTANTS)
+
+
+def test_commands_are_logged_as_they_were_given():
+    flight = flown(VehicleSpec(controller_hz=250.0), replace(QUIET, command_hz=50.0))
+    channel = flight.recording.channels["rotor_command_1"]
+    step = np.rint(channel.time_s / STEP_S).astype(int)
+    assert np.all(step % 2 == 0)
+    np.testing.assert_array_equal(channel.values, flight.flown.command[step, 0])
+
+
+def test_gaps_and_samples_written_twice():
+    flight = flown(VehicleSpec(), replace(QUIET, dropouts=60.0, duplicates=0.05), duration=10.0)
+    channels = flight.recording.channels
+    assert channels["velocity_z"].quality.duplicated_stamps > 10
+    assert channels["velocity_z"].gaps()
+    assert channels["rotor_command_1"].gaps()
+
+
+def test_sensors_are_late_filtered_and_scaled():
+    for late in ({"velocity_delay": 0.03}, {"velocity_filter": 0.03}):
+        flight = flown(VehicleSpec(), replace(QUIET, velocity_scale=1.05, **late))
+        channel = flight.recording.channels["velocity_z"]
+        inner = channel.time_s > 0.5
+        shifted = np.interp(channel.time_s - 0.03, flight.flown.truth.time_s, flight.flown.velocity)
+        error = (channel.values - 1.05 * shifted)[inner]
+        assert np.abs(error).max() < 0.01 * np.abs(shifted).max()
+
+
+def test_voltage_falls_where_it_is_logged():
+    flight = flown(VehicleSpec(voltage_sag=0.1), replace(QUIET, voltage_logged=True))
+    voltage = flight.recording.channels["battery_voltage"].values
+    assert voltage[-1] / voltage[0] == pytest.approx(0.9, abs=0.01)
+
+
+def test_estimator_learns_a_bias_in_its_time():
+    time = 0.01 * np.arange(20000)
+    _, acceleration = estimated(time, np.full(time.size, 0.3), np.zeros(time.size), bias_time=40.0)
+    # The bias is learnt by 1 - 1/e after T, and the velocity's own settling time of a third of a second.
+    assert acceleration[4030] / 0.3 == pytest.approx(np.exp(-1.0), abs=0.02)
+
+
+def test_ramps_turn_back_and_jump():
+    spec = FlightSpec(reference=Reference.RAMPS, duration=40.0)
+    reference = altitude(spec, np.random.default_rng(1))
+    assert np.abs(reference.position).max() < 8.0
+    assert np.abs(np.diff(reference.velocity)).max() > 0.5

@@ -1,0 +1,212 @@
+"""The study of logs as they are: its grid, its rows in a folder, what it requires, and its command."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from eivor.errors import InputError
+from eivor.studies.generated_page import marks
+from validation.flight_recipe.trials import QUANTITIES
+from validation.real_logs import study
+from validation.real_logs.grid import grid_from, published_grid
+from validation.real_logs.named import NAMES
+from validation.real_logs.page import PART
+from validation.real_logs.requirements import far_off, requirements
+from validation.real_logs.table import StudyFolder, read_study_table
+from validation.real_logs.trials import family_tasks, interleaved
+
+GRID = published_grid()
+
+
+def test_grid_is_as_large_as_promised():
+    assert sum(family.count * family.pool for family in GRID.families) >= 2000
+    for family in GRID.families:
+        least = {"yes": 150, "short": 150, "no": 25}[family.holds]
+        assert family.count >= least or family.flight(0).multirotor
+        assert not family.named or 0.5 < family.share < 1.0
+    assert {family.named for family in GRID.families} >= set(NAMES)
+    assert sum(family.flight(0).duration == 300.0 for family in GRID.families) == 1
+    given = [family for family in GRID.families if family.given == "truth"]
+    assert sum(family.count for family in given) >= 300
+    (no_drag,) = [family for family in GRID.families if family.refused]
+    assert no_drag.count >= 100
+    assert no_drag.flight(3).vehicle.viscous_friction == 0.0
+
+
+def test_flights_of_a_pool_share_the_vehicle_and_not_the_wind():
+    (family,) = [family for family in GRID.families if len(family.frequencies) == 2]
+    specs = [family.flight(number) for number in range(12)]
+    first, second = specs[:6], specs[6:]
+    assert len({(spec.vehicle.actuator_lag, spec.vehicle.hover_input) for spec in first}) == 1
+    assert first[0].vehicle.actuator_lag != second[0].vehicle.actuator_lag
+    assert len({spec.vehicle.viscous_friction for spec in first}) == 6
+    assert {spec.frequency for spec in first} == set(family.frequencies)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("flights = 170", "flights = 170.5", "a whole number at family[2].flights"),
+        ("seed = 1200000", "seed = 1100001", "families with names and seeds of their own"),
+        ("thrust_power = 1.0", "thrust_might = 1.0", "keys of a flight; received thrust_might"),
+        ('holds = "short"', 'holds = "perhaps"', "one of yes, short, no"),
+    ],
+)
+def test_damaged_grid_is_refused(before, after, expected):
+    assert before in GRID.text
+    with pytest.raises(InputError) as caught:
+        grid_from(GRID.text.replace(before, after, 1))
+    assert expected in str(caught.value)
+
+
+def test_a_run_cut_short_has_flown_the_same_share_of_each_family():
+    tasks = interleaved(GRID.families)
+    assert len(tasks) == sum(len(family_tasks(family)) for family in GRID.families)
+    half = tasks[: len(tasks) // 2]
+    for family in GRID.families:
+        done = sum(task.last - task.first for task in half if task.family == family.name)
+        assert (
+            abs(done / family.count - 0.5) <= 0.5 * max(t.last - t.first for t in family_tasks(family)) / 12
+        )
+
+
+def rows(count: int, family: str, **columns) -> pl.DataFrame:
+    """Rows of accepted flights whose intervals hold the truth."""
+    found: dict[str, object] = {
+        "class": [family] * count,
+        "number": np.arange(count),
+        "verdict": ["identified"] * count,
+    }
+    for name in QUANTITIES:
+        found |= {f"truth.{name}": 1.0, f"recipe.{name}.value": 1.0, f"verdict.{name}": "identified"}
+        found |= {f"recipe.{name}.low": 0.9, f"recipe.{name}.high": 1.1}
+    found |= {f"named.{name}": False for name in NAMES} | columns
+    found |= {"recipe.first_stage_F": 100.0, "recipe.p_value": 0.5}
+    return pl.DataFrame(
+        {
+            name: found[name] if isinstance(found[name], list | np.ndarray) else [found[name]] * count
+            for name in found
+        }
+    )
+
+
+def unmet(table: pl.DataFrame) -> list[str]:
+    return [item.what for item in requirements(table, GRID) if not item.met]
+
+
+def test_coverage_and_bias_are_required_of_families_that_the_model_holds():
+    name = "gusts of .5 to 1 m/s"
+    truth = np.where(np.arange(200) % 20 == 0, 1.15, 1.0)
+    table = rows(200, name, **{f"truth.{quantity}": truth for quantity in QUANTITIES})
+    assert unmet(table) == [f"{name}: mean error of the lag"]
+    right = table.with_columns(pl.col("truth.effective_lag") * 0 + 1.0)
+    right = right.with_columns(
+        pl.Series("truth.effective_lag", np.where(np.arange(200) % 40 == 0, 1.02, 1.0))
+    )
+    assert f"{name}: mean error of the lag" not in unmet(right)
+    worse = rows(200, name, **{"truth.viscous_friction": np.where(np.arange(200) % 5 == 0, 1.15, 1.0)})
+    assert f"{name}: coverage of K" in unmet(worse)
+    assert f"{name}: accepted flights" in unmet(worse.head(100))
+
+
+def test_what_must_be_said_is_counted():
+    name = "velocity scaled by 1.05"
+    said = rows(10, name, **{"named.scale": [True] * 8 + [False] * 2})
+    assert unmet(said.with_columns()) == unmet(rows(0, name)) or f"{name}: named: scale" not in unmet(said)
+    silent = rows(10, name, **{"named.scale": [True] * 7 + [False] * 3})
+    assert f"{name}: named: scale" in unmet(silent)
+
+
+def test_an_interval_far_off_counts_only_where_it_is_called_identified():
+    table = rows(10, "300 s", **{"truth.input_gain": [1.25] + [1.15] * 9})
+    assert (far_off(table).hits, far_off(table).count) == (1, 10)
+    weak = table.with_columns(pl.lit("weak").alias("verdict.input_gain"))
+    assert far_off(weak).hits == 0
+
+
+def test_no_drag_is_never_identified():
+    name = "no drag, velocity of an estimator"
+    assert unmet(rows(3, name))[0] == f"{name}: identified"
+    refused = rows(3, name, verdict=["weak", "refused", "weak"])
+    assert f"{name}: identified" not in unmet(refused)
+
+
+def test_pools_are_judged_by_their_lag():
+    name = "pools with two reference frequencies"
+    narrow = {"recipe.effective_lag.low": 0.98, "recipe.effective_lag.high": 1.015}
+    assert f"{name}: half-width of the lag in the median" not in unmet(rows(12, name, **narrow))
+    assert f"{name}: half-width of the lag in the median" in unmet(rows(12, name))
+
+
+def test_rows_are_kept_and_a_run_goes_on(tmp_path, monkeypatch):
+    """The rows of two tasks in a folder; a damaged one is done again, and the table is the same again."""
+    families = tuple(replace(family, count=1) for family in GRID.families[:2])
+    folder = StudyFolder(tmp_path / "study", replace(GRID, families=families))
+    made = []
+
+    def trial(task):
+        made.append(task.family)
+        return tuple(rows(1, task.family).to_dicts())
+
+    monkeypatch.setattr(study, "rows_of", trial)
+    study.run(folder, 1)
+    before = folder.gathered()
+    assert made == [family.name for family in families]
+    victim = sorted((tmp_path / "study").iterdir())[1]
+    victim.write_bytes(victim.read_bytes()[:-9])
+    study.run(folder, 1)
+    assert made[2:] == [families[1].name]
+    assert folder.gathered().rows.equals(before.rows)
+    assert before.origin["flights"] == "2 of 2"
+    before.write(tmp_path / "all.parquet")
+    read = read_study_table(tmp_path / "all.parquet")
+    assert read.rows["class"].to_list() == made[:2]
+    assert read.origin == before.origin
+    (tmp_path / "all.parquet").write_bytes(b"other")
+    with pytest.raises(InputError, match="a table of the study"):
+        read_study_table(tmp_path / "all.parquet")
+
+
+def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch):
+    """One short flight from its specification to the tables."""
+    (short,) = [family for family in GRID.families if family.holds == "short"]
+    grid = replace(GRID, families=(replace(short, count=1),))
+    monkeypatch.setattr(study, "published_grid", lambda: grid)
+    begin, end = marks(PART)
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n{begin}\n{end}\n", encoding="utf-8")
+    chosen = ["--folder", str(tmp_path / "rows"), "--workers", "1", "--page", str(page)]
+    assert study.main(chosen) == 3
+    printed = capsys.readouterr().out
+    assert "| 15 s | 1 | " in printed
+    assert "| 15 s: accepted flights | at least 150 |" in printed
+    assert printed.strip() in page.read_text(encoding="utf-8")
+    (row,) = StudyFolder(tmp_path / "rows", grid).gathered().rows.to_dicts()
+    vehicle = short.flight(0).vehicle
+    assert row["truth.effective_lag"] == pytest.approx(vehicle.actuator_lag + vehicle.delay)
+    assert row["truth.viscous_friction"] == pytest.approx(vehicle.viscous_friction, rel=0.01)
+    monkeypatch.setattr(study, "rows_of", None)
+    assert study.main([*chosen, "--tables"]) == 3
+    assert capsys.readouterr().out == printed
+    assert study.main(["--folder", str(tmp_path / "none"), "--tables"]) == 2
+
+
+@pytest.mark.calibration
+def test_small_size(tmp_path):
+    """A few flights of the families of clocks: accepted, and few intervals miss."""
+    grid = study.part_of(GRID, 0.06, "r")
+    families = tuple(
+        family
+        for family in grid.families
+        if family.holds == "yes" and family.flight(0).duration < 100.0 and not family.flight(0).multirotor
+    )
+    folder = StudyFolder(tmp_path, replace(grid, families=families[:3]))
+    study.run(folder, 1)
+    table = folder.gathered().rows
+    assert table.height >= 20
+    assert (table["verdict"] == "identified").mean() > 0.6
+    assert far_off(table).value < 0.2

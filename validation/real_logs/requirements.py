@@ -1,0 +1,192 @@
+"""What logs as they are must give, family by family, and whether a run of the study says that they do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import polars as pl
+
+from eivor.inference.verdict import Status
+from eivor.studies.share import Share
+from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score
+from validation.flight_recipe.requirements import COVERAGE_BOUNDS, COVERED, share_text
+from validation.flight_recipe.requirements import NAMES as SYMBOLS
+from validation.flight_recipe.trials import RECIPE
+from validation.real_logs.grid import Family, Grid
+from validation.requirement import Requirement
+
+#: Coverage of all accepted flights of families that the model holds, together; and of short flights.
+POOLED_BOUNDS = (0.93, 0.97)
+LEAST_SHORT = 0.90
+#: Fewest accepted flights of a family that the model holds.
+LEAST_ACCEPTED = 150
+#: Largest mean error of the lag where commands are logged at 100 Hz or more [s].
+LARGEST_LAG_BIAS = 0.001
+#: Share of accepted flights that may have an interval which misses by more than its own half-width.
+MOST_FAR_OFF = 0.05
+#: Of flights in gusts whose lag is given: identified, and identified or weak with friction above zero.
+LEAST_IDENTIFIED, LEAST_TOLD = 0.80, 0.95
+#: Largest median half-width of the lag [s] of pools with two frequencies.
+POOL_LAG_HALF_WIDTH = 0.020
+
+FRICTION, LAG = "viscous_friction", "effective_lag"
+
+
+def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
+    """Judge a run of the study, family by family.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        Rows of a `StudyTable`.
+    grid : Grid
+        Which families there are, and what each must give.
+    """
+    found: list[Requirement] = []
+    for family in grid.families:
+        here = rows.filter(pl.col("class") == family.name)
+        if here.height:
+            found.extend(_of_family(family, here))
+    held = [family.name for family in grid.families if family.holds == "yes"]
+    together = rows.filter(pl.col("class").is_in(held))
+    found.extend(_pooled(together, quantity) for quantity in COVERED)
+    return tuple(found)
+
+
+def judged(rows: pl.DataFrame, quantity: str) -> pl.DataFrame:
+    """Accepted flights whose quantity is identified too."""
+    return accepted(rows).filter(pl.col(f"verdict.{quantity}") == Status.IDENTIFIED.value)
+
+
+def far_off(rows: pl.DataFrame) -> Share:
+    """Accepted flights with an identified interval that misses by more than its own half-width."""
+    kept = accepted(rows)
+    missed = np.zeros(kept.height, dtype=np.bool_)
+    for quantity in COVERED:
+        low, high = (kept[f"{RECIPE}.{quantity}.{end}"].to_numpy() for end in ("low", "high"))
+        off = np.abs(kept[f"truth.{quantity}"].to_numpy() - 0.5 * (low + high)) > high - low
+        missed |= off & (kept[f"verdict.{quantity}"].to_numpy() == Status.IDENTIFIED.value)
+    return Share(int(missed.sum()), kept.height, LEVEL)
+
+
+def said(rows: pl.DataFrame, name: str) -> Share:
+    """Flights of which something was said."""
+    return Share(int(rows[f"named.{name}"].sum()), rows.height, LEVEL)
+
+
+def _of_family(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
+    if family.pool > 1:
+        yield from _of_pools(family, rows)
+        return
+    if family.holds != "no":
+        if not family.given:
+            yield _enough(family, accepted_share(rows))
+        yield from (_coverage(family, rows, quantity) for quantity in COVERED)
+    if family.lag_bias:
+        yield _small_bias(family, judged(rows, LAG))
+    if family.named:
+        share = said(flown(rows), family.named)
+        yield _at_least(family, f"named: {family.named}", share, family.share)
+    if family.given == "truth":
+        yield _at_least(family, "identified", accepted_share(rows), LEAST_IDENTIFIED)
+        yield _at_least(family, "identified or weak, friction above zero", _told(rows), LEAST_TOLD)
+    if family.refused:
+        share = accepted_share(rows)
+        yield Requirement(
+            f"{family.name}: identified", "none", f"{share.hits} of {share.count}", share.hits == 0
+        )
+    elif not family.given:
+        share = far_off(rows)
+        yield Requirement(
+            f"{family.name}: accepted, an interval misses by more than its half-width",
+            f"at most {MOST_FAR_OFF}",
+            share_text(share),
+            not share.count or share.value <= MOST_FAR_OFF,
+        )
+
+
+def _of_pools(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
+    yield _coverage_of_any(family, rows, FRICTION)
+    if len(family.frequencies) == 1:
+        yield _coverage_of_any(family, _one_each(family, rows), LAG)
+        share = said(_one_each(family, rows), family.named)
+        yield _at_least(family, f"named: {family.named}", share, family.share)
+        return
+    pools = _one_each(family, rows)
+    widths = 0.5 * (pools[f"{RECIPE}.{LAG}.high"] - pools[f"{RECIPE}.{LAG}.low"]).to_numpy()
+    median = float(np.median(widths))
+    yield Requirement(
+        f"{family.name}: half-width of the lag in the median",
+        f"at most {POOL_LAG_HALF_WIDTH * 1e3:.0f} ms",
+        f"{median * 1e3:.1f} ms of {widths.size} pools",
+        median <= POOL_LAG_HALF_WIDTH,
+    )
+
+
+def _one_each(family: Family, rows: pl.DataFrame) -> pl.DataFrame:
+    """One row of each pool."""
+    return rows.filter(pl.col("number") % family.pool == 0)
+
+
+def _enough(family: Family, share: Share) -> Requirement:
+    least = LEAST_ACCEPTED if not family.flight(0).multirotor else 1
+    return Requirement(
+        f"{family.name}: accepted flights",
+        f"at least {least}",
+        f"{share.hits} of {share.count}",
+        share.hits >= least,
+    )
+
+
+def _coverage(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
+    return _covered(family, judged(rows, quantity), quantity)
+
+
+def _coverage_of_any(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
+    """Coverage whatever the verdict."""
+    return _covered(family, rows, quantity)
+
+
+def _covered(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
+    found = score(rows, quantity).coverage
+    least, most = found.interval
+    low, high = COVERAGE_BOUNDS
+    what = f"{family.name}: coverage of {SYMBOLS[quantity]}"
+    if family.holds == "short":
+        return Requirement(what, f"at least {LEAST_SHORT}", share_text(found), found.value >= LEAST_SHORT)
+    met = least <= high and most >= low
+    return Requirement(what, f"99 % interval meets [{low}, {high}]", share_text(found), met)
+
+
+def _pooled(rows: pl.DataFrame, quantity: str) -> Requirement:
+    found = score(judged(rows, quantity), quantity).coverage
+    low, high = POOLED_BOUNDS
+    return Requirement(
+        f"all families that the model holds: coverage of {SYMBOLS[quantity]}",
+        f"{low} to {high}",
+        share_text(found),
+        low <= found.value <= high,
+    )
+
+
+def _small_bias(family: Family, rows: pl.DataFrame) -> Requirement:
+    bias = score(rows, LAG).bias
+    return Requirement(
+        f"{family.name}: mean error of the lag",
+        f"at most {LARGEST_LAG_BIAS * 1e3:.0f} ms either way",
+        f"{bias * 1e3:+.2f} ms",
+        abs(bias) <= LARGEST_LAG_BIAS,
+    )
+
+
+def _told(rows: pl.DataFrame) -> Share:
+    """Flights that are identified or weak, with a friction whose interval is above zero."""
+    all_flown = flown(rows)
+    status = pl.col("verdict").is_in([Status.IDENTIFIED.value, Status.WEAK.value])
+    hits = all_flown.filter(status & (pl.col(f"{RECIPE}.{FRICTION}.low") > 0.0)).height
+    return Share(hits, all_flown.height, LEVEL)
+
+
+def _at_least(family: Family, what: str, share: Share, least: float) -> Requirement:
+    return Requirement(f"{family.name}: {what}", f"at least {least}", share_text(share), share.value >= least)

@@ -1,0 +1,220 @@
+"""What sensors make of a flight, and the log that is written of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.actuator import actuator_state
+from eivor.signals.recording import Channel, Frame, Recording
+from eivor.simulation.flights.sensor_noise import SensorErrors, sensor_errors
+from validation.real_logs.clocks import Clock, Writer, command_clock, topic_clock, writer
+from validation.real_logs.estimator import estimated
+from validation.real_logs.flown import Flown
+from validation.real_logs.own_flights import stream
+from validation.real_logs.spec import STEP_S, FlightSpec
+
+SOURCE = "simulated sensor"
+#: Voltage of the full battery, and the rate at which it is logged.
+FULL_VOLTAGE, VOLTAGE_HZ = 16.0, 10.0
+
+
+@dataclass(frozen=True)
+class Topics:
+    """Clocks of a log, and the errors of its sensors at their samples.
+
+    Parameters
+    ----------
+    clocks : mapping of str to Clock
+        Of command, reference, velocity, acceleration, attitude.
+    slow, quick : SensorErrors
+        Errors of position and velocity, and of the accelerometer.
+    attitude : ndarray, shape (n, 3)
+        Small rotations of the attitude [rad].
+    """
+
+    clocks: Mapping[str, Clock]
+    slow: SensorErrors
+    quick: SensorErrors
+    attitude: Float[np.ndarray, "n 3"]
+
+    def seen(self, spec: FlightSpec) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Errors of position and velocity that the controller sees, at every step of the simulation."""
+        time = STEP_S * np.arange(spec.steps)
+        latest = np.searchsorted(self.clocks["velocity"].instants, time, side="right") - 1
+        at = np.maximum(latest, 0)
+        return self.slow.position[at, 2], self.slow.velocity[at, 2]
+
+
+def topics(spec: FlightSpec) -> Topics:
+    """Clocks and errors of a flight's log; they are known before it flies, for its controller sees them."""
+    logger = spec.logger
+    rates = {
+        "reference": logger.reference_hz,
+        "velocity": logger.velocity_hz,
+        "acceleration": logger.acceleration_hz,
+        "attitude": logger.attitude_hz,
+    }
+    clocks = {name: topic_clock(spec, rate, stream(spec, f"clock {name}")) for name, rate in rates.items()}
+    clocks["command"] = command_clock(spec, stream(spec, "clock command"))
+
+    def errors(name: str) -> SensorErrors:
+        count = clocks[name].instants.size
+        return sensor_errors(logger.noise, count=count, axes=3, rng=stream(spec, f"errors {name}"))
+
+    return Topics(clocks, errors("velocity"), errors("acceleration"), errors("attitude").attitude)
+
+
+def log_of(spec: FlightSpec, flown: Flown, told: Topics) -> Recording:
+    """Log of a flight.
+
+    Parameters
+    ----------
+    spec : FlightSpec
+        With the logger and the sensors.
+    flown : Flown
+        What happened.
+    told : Topics
+        Clocks and errors of its log.
+    """
+    written = writer(spec, stream(spec, "writer"))
+    channels = [*_commands(flown, told, written), *_references(flown, told, written)]
+    if spec.logger.bias_time > 0.0:
+        channels += _estimates(spec, flown, told, written)
+    else:
+        channels += [*_velocities(spec, flown, told, written), *_forces(spec, flown, told, written)]
+    channels += _attitude(spec, flown, told, written)
+    if spec.logger.voltage_logged:
+        channels.append(_voltage(spec, written))
+    return Recording(
+        name=f"flight {spec.seed}",
+        format="simulation",
+        channels={channel.name: channel for channel in channels},
+        frame=Frame.Z_UP,
+        input_map="square",
+    )
+
+
+def _commands(flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    clock = told.clocks["command"]
+    # A command is in force from its instant on; a rounding error must not make it the one before.
+    held = np.searchsorted(flown.truth.time_s, clock.instants + 1e-9, side="right") - 1
+    return [
+        written.channel(f"rotor_command_{number + 1}", clock, values[held], SOURCE)
+        for number, values in enumerate(flown.command.T)
+    ]
+
+
+def _references(flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    clock, time = told.clocks["reference"], flown.truth.time_s
+    held = np.searchsorted(time, clock.instants + 1e-9, side="right") - 1
+    parts = ("position", "velocity", "acceleration")
+    return [
+        written.channel(
+            f"reference_{part}_z", clock, np.asarray(getattr(flown.reference, part))[held], SOURCE
+        )
+        for part in parts
+    ]
+
+
+def _velocities(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    clock, logger, errors = told.clocks["velocity"], spec.logger, told.slow
+    late = {"delay": logger.velocity_delay, "filtered": logger.velocity_filter}
+    scale = logger.velocity_scale
+    up = scale * _read(flown, flown.velocity, clock.instants, **late) + errors.velocity[:, 2]
+    height = _read(flown, flown.position, clock.instants, **late) + errors.position[:, 2]
+    channels = [
+        written.channel("position_z", clock, height, SOURCE),
+        written.channel("velocity_z", clock, up, SOURCE),
+    ]
+    if flown.horizontal is None:
+        return channels
+    along = scale * _read(flown, flown.horizontal, clock.instants, **late) + errors.velocity[:, 0]
+    return [
+        *channels,
+        written.channel("velocity_x", clock, along, SOURCE),
+        written.channel("velocity_y", clock, errors.velocity[:, 1], SOURCE),
+    ]
+
+
+def _forces(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    clock = told.clocks["acceleration"]
+    return [
+        written.channel(f"specific_force_body_{axis}", clock, values, SOURCE)
+        for axis, values in zip("xyz", _accelerometer(spec, flown, told).T, strict=True)
+    ]
+
+
+def _accelerometer(spec: FlightSpec, flown: Flown, told: Topics) -> Float[np.ndarray, "n 3"]:
+    """What the accelerometer reads at its instants [m/s^2]."""
+    clock, logger = told.clocks["acceleration"], spec.logger
+    late = {"delay": logger.acceleration_delay, "filtered": logger.acceleration_filter}
+    read = np.stack([_read(flown, axis, clock.instants, **late) for axis in flown.force_body.T], axis=1)
+    return logger.acceleration_scale * read + told.quick.acceleration + [0.0, 0.0, logger.accelerometer_bias]
+
+
+def _attitude(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    from scipy.spatial.transform import Rotation
+
+    clock = told.clocks["attitude"]
+    parts = np.stack(
+        [np.interp(clock.instants, flown.truth.time_s, part) for part in flown.attitude.T], axis=1
+    )
+    true = Rotation.from_quat(parts[:, [1, 2, 3, 0]])
+    wrong = Rotation.from_rotvec([0.0, spec.logger.tilt_error, 0.0])
+    measured = (wrong * true * Rotation.from_rotvec(told.attitude)).as_quat()
+    return [
+        written.channel(f"attitude_{axis}", clock, values, SOURCE)
+        for axis, values in zip("xyzw", measured.T, strict=True)
+    ]
+
+
+def _estimates(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+    """Height, velocity and acceleration as an estimator of the vehicle's state makes them."""
+    clock, logger = told.clocks["velocity"], spec.logger
+    force = told_vertical_force(spec, flown, told)
+    fused = _read(flown, flown.velocity, clock.instants, delay=logger.fused_late) + told.slow.velocity[:, 2]
+    velocity, acceleration = estimated(clock.instants, force - GRAVITY, fused, bias_time=logger.bias_time)
+    height = _read(flown, flown.position, clock.instants) + told.slow.position[:, 2]
+    source = "estimator"
+    return [
+        written.channel("position_z", clock, height, source),
+        written.channel("velocity_z", clock, velocity, source),
+        written.channel("acceleration_z", clock, acceleration, source),
+    ]
+
+
+def told_vertical_force(spec: FlightSpec, flown: Flown, told: Topics) -> Float[np.ndarray, " n"]:
+    """Vertical specific force that the accelerometer gives the estimator, at the velocity's instants."""
+    instants = told.clocks["velocity"].instants
+    true = _read(flown, flown.truth.specific_force_z, instants)
+    noise = told.quick.acceleration[:, 2]
+    at = np.minimum(np.searchsorted(told.clocks["acceleration"].instants, instants), noise.size - 1)
+    return true + noise[at] + spec.logger.accelerometer_bias
+
+
+def _voltage(spec: FlightSpec, written: Writer) -> Channel:
+    clock = topic_clock(spec, VOLTAGE_HZ, stream(spec, "clock voltage"))
+    left = 1.0 - spec.vehicle.voltage_sag * clock.instants / spec.duration
+    noise = 0.02 * stream(spec, "errors voltage").standard_normal(left.size)
+    return written.channel("battery_voltage", clock, FULL_VOLTAGE * left + noise, SOURCE)
+
+
+def _read(
+    flown: Flown,
+    values: Float[np.ndarray, " n"],
+    instants: Float[np.ndarray, " m"],
+    *,
+    delay: float = 0.0,
+    filtered: float = 0.0,
+) -> Float[np.ndarray, " m"]:
+    """Values at instants, through a low-pass filter and late by a delay [s]."""
+    time = flown.truth.time_s
+    if filtered > 0.0:
+        step = float(time[1] - time[0])
+        values = actuator_state(values[:, None], step_s=step, lag_s=filtered, delay_s=0.0)[:, 0]
+    return np.interp(instants - delay, time, values)
