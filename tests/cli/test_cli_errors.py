@@ -152,6 +152,7 @@ def test_debug_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
         _failing(ZeroDivisionError("seven"))()
 
 
+@pytest.mark.thorough
 def test_an_interrupt_leaves_with_130() -> None:
     code = (
         "import os, signal, sys\n"
@@ -223,6 +224,7 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
 
 
+@pytest.mark.thorough
 def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     path = tmp_path / HOSTILE
     flight.head(1500).write_csv(tmp_path / "x.csv")
@@ -242,6 +244,7 @@ def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
     assert run.err.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_a_name_that_is_no_text(flight: polars.DataFrame, tmp_path: Path) -> None:
     path = os.path.join(os.fsencode(tmp_path), b"\xff.csv")  # noqa: PTH118 - bytes are the point
     source = tmp_path / "x.csv"

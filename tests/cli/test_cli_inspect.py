@@ -65,6 +65,7 @@ def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path
     assert "1 gap up to 3" in eivor("inspect", path).out
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -85,6 +86,7 @@ def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tu
     assert (foretold["verdict"], foretold["reasons"]) == (said["verdict"], said["reasons"])
 
 
+@pytest.mark.thorough
 def test_several_logs_are_told_one_by_one_and_together(eivor: Caller, log: Path) -> None:
     run = eivor("inspect", f"{log}@0:14", f"{log}@14:29")
     assert run.code == 0

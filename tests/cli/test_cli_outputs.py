@@ -175,6 +175,7 @@ def test_study_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> Non
     assert not Path("study-study").exists()
 
 
+@pytest.mark.thorough
 def test_study_keeps_its_trials(eivor: Caller, study: Path) -> None:
     assert eivor("study", study, "--workers", 1, "--figures").code == 0
     files = [path for path in Path("study-study").rglob("*") if path.is_file()]
@@ -234,6 +235,7 @@ def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedP
     )
 
 
+@pytest.mark.thorough
 def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_path: Path) -> None:
     """The earlier JSON and figure stay whole, nothing is left beside them, and the table is printed."""
     for name in ("fit.json", "fit.svg"):
@@ -251,6 +253,7 @@ def test_a_file_that_does_not_fit_leaves_the_earlier_one_and_the_numbers(tmp_pat
     }
 
 
+@pytest.mark.thorough
 def test_files_are_written_when_nobody_reads_the_report(tmp_path: Path) -> None:
     command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' inspect --example --json x.json"
     run = subprocess.run(  # noqa: S602 - a pipe is the point
@@ -265,6 +268,7 @@ def test_files_are_written_when_nobody_reads_the_report(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "x.json").read_text(encoding="utf-8"))["schema"] == "eivor.inspect/1"
 
 
+@pytest.mark.thorough
 def test_a_log_that_does_not_fit_leaves_the_earlier_one(tmp_path: Path) -> None:
     for name in ("log.csv", "log.parquet"):
         (tmp_path / name).write_text("good\n", encoding="utf-8")
@@ -275,6 +279,7 @@ def test_a_log_that_does_not_fit_leaves_the_earlier_one(tmp_path: Path) -> None:
     assert len([path for path in tmp_path.iterdir() if path.is_file()]) == 2
 
 
+@pytest.mark.thorough
 def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> None:
     folder = study.parent
     for name, arguments in (

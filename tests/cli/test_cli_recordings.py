@@ -58,6 +58,7 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
 TREFOILS = ("fast_rep14", "fast_rep3", "slow_rep13")
 
 
+@pytest.mark.thorough
 def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, recordings: Path) -> None:
     """Instruments of one of them are weak for all but the gain: its set is bounded, and tells."""
     intervals = {}
@@ -108,6 +109,7 @@ def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name
     assert _not_confidently_wrong(document)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # single flights are identified with these checks
 def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
     logs = [recordings / "nanobench" / f"{name}.csv" for name in CLEAN]

@@ -132,6 +132,7 @@ def test_a_slow_log_with_its_weight_is_told(eivor, tmp_path):
     assert eivor("simulate", "flight.toml", "-o", "quick.parquet", "--hover").err == ""
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize("ending", ["parquet", "csv"])
 def test_shipped_flight_is_identified(eivor, tmp_path, ending):

@@ -12,6 +12,8 @@ import pytest
 
 from eivor.cli.plain_text import plain_text
 
+pytestmark = pytest.mark.thorough
+
 Caller = Callable[..., Any]
 
 

@@ -87,6 +87,7 @@ def test_json(eivor, file, tmp_path):
     assert "together" in again.out
 
 
+@pytest.mark.thorough
 def test_figures_lie_beside_the_trials(eivor, file):
     run = eivor("study", file, "--workers", 1, "--figures")
     assert (run.code, run.err) == (0, "")
@@ -164,6 +165,7 @@ def test_help_is_quick(shell):
     assert "--dask" in run.out
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("workers", [1, 2])
 def test_interrupted_on_a_terminal(file, tmp_path, workers):
     """Ctrl-C reaches every process of the terminal; complete shards stay and the same command goes on."""

@@ -71,6 +71,7 @@ METHODS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("name", METHODS)

@@ -118,6 +118,7 @@ def test_a_replicate_written_out():
     assert found.criterion == pytest.approx(left @ W @ left / variance, rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("nuisances", [(lag(), share()), (lag(), SHARES)], ids=["two", "one and a discrete"])
 def test_replicates_are_what_the_method_makes_of_the_drawn_flights(nuisances):
     """The method renews its whitening in each: a tenth or two of a standard error, no more."""

@@ -134,6 +134,7 @@ def test_partialling_out_equals_concentrating_out(housing):
     assert whole.interval("pcturban").hull == pytest.approx(found.interval("pcturban").hull, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_an_intercept_costs_nothing():
     """With the intercept partialled out the response may be shifted as one likes."""
     signals = simulated("rich", 800, [34])
@@ -155,6 +156,7 @@ def test_an_intercept_costs_nothing():
     assert moved[1] == pytest.approx(tuple(end + 9.8 for end in moved[0]), rel=1e-5)
 
 
+@pytest.mark.thorough
 def test_sign_perturbed_set_of_a_record_with_an_exact_input():
     scenario = dataclasses.replace(shipped_scenario("white"), samples=300)
     record = ev.simulate(scenario, np.random.default_rng(35))

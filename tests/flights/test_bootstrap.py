@@ -24,6 +24,8 @@ from eivor.signals.recording import Recording
 from eivor.simulation.flights.vertical_flight import actual_state_recording, simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
+pytestmark = pytest.mark.thorough
+
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 
 

@@ -130,6 +130,7 @@ def test_channels_with_hardly_a_value_stand_on_nothing_much(held, rate_hz, kept)
     assert good.sum() == (200 if held else 1)
 
 
+@pytest.mark.thorough
 @given(
     rate_hz=st.sampled_from([30.0, 97.0, 400.0]),
     gaps=st.integers(0, 4),

@@ -381,6 +381,7 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     assert pool.diagnostics["flights"] == 4.0
 
 
+@pytest.mark.thorough
 def test_clusters_come_in_from_ten_flights_on(fleet, three):
     parts = three.estimate.best.covariance.parts
     assert [part.name for part in parts] == ["equal_weighted_cosines", "classical"]

@@ -87,6 +87,7 @@ def seeds(tmp_path_factory):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "trials"), [("t.csv", 150), ("t.ulg", 150), ("t.parquet", 15), ("plain.parquet", 15)]
 )
@@ -96,6 +97,7 @@ def test_synthetic_files(tmp_path, seeds, name, trials):
         survives(tmp_path / "damaged", damaged(seeds[name], rng))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "cuts"), [("t.csv", 150), ("t.ulg", 150), ("t.parquet", 10)])
 def test_every_length(tmp_path, seeds, name, cuts):
     blob = seeds[name]
@@ -136,6 +138,7 @@ def test_any_text_below_a_header(tmp_path, text):
 NOTES = st.text(alphabet=st.sampled_from("ab1.;,|\t\"\n\r 'é"), max_size=8)
 
 
+@pytest.mark.thorough
 @settings(QUICK, max_examples=150)
 @given(st.lists(NOTES, min_size=1, max_size=12), st.sampled_from(",;\t|"), st.sampled_from(["\n", "\r\n"]))
 def test_notes_of_any_kind_change_no_number(tmp_path, notes, delimiter, end):
@@ -179,6 +182,7 @@ def test_any_text_as_an_expression(text):
     assert expression.evaluate(values).shape == (3,)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # the checks of a million calls take most of the time
 @pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"D", b"\x01\x00D"])
 def test_long_runs_of_nonsense_take_bounded_time(tmp_path, filler):

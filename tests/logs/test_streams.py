@@ -91,6 +91,7 @@ def test_pipes_that_were_opened_for_this_process(temporary):
         os.close(reading)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such paths there")
 @pytest.mark.parametrize("path", ["-", "/dev/stdin"])
 def test_the_command_line(tmp_path, path):

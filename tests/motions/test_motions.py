@@ -81,6 +81,7 @@ def test_words_of_quantities_are_found_and_unknown_ones_have_none():
     assert wording_of("theta_1") is None
 
 
+@pytest.mark.thorough
 def test_a_package_brings_a_motion(added, table, recording_of_example):
     added(climb=f"{HERE}:Climb")
     assert motion_names() == ("vertical", "climb")

@@ -6,6 +6,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -23,6 +24,7 @@ def squares(path: Path) -> np.ndarray:
     return whole.reshape(height, SQUARE, width, SQUARE).mean(axis=(1, 3))
 
 
+@pytest.mark.thorough
 def test_the_picture_is_what_is_drawn(tmp_path):
     runpy.run_path(str(SCRIPT))["main"](tmp_path)
     drawn, shown = squares(tmp_path / "example.png"), squares(PICTURE)

@@ -215,6 +215,7 @@ def _as_a_user() -> Iterator[None]:
         yield
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SEVERAL)
 def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
     names, draw = SEVERAL[name]

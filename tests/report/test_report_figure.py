@@ -102,6 +102,7 @@ def test_without_estimate_the_flight_itself_is_drawn(still: FlightEstimate) -> N
     assert _inside(figure)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["least_squares", "total_least_squares", "extended_iv"])
 def test_every_method_can_be_drawn(recording: Recording, method: str) -> None:
     result = identify_flight(recording, FlightOptions(window=(0.0, 20.0), method=method))
@@ -121,6 +122,7 @@ def test_measured_rotors_have_a_profile_of_their_delay(recording: Recording) -> 
     assert _inside(figure)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, ending: str) -> None:
     flight = fit.prepared[0]
@@ -132,6 +134,7 @@ def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, e
     assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
 
 
+@pytest.mark.thorough
 def test_the_same_result_gives_the_same_bytes(fit: FlightEstimate, tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
         save_figure(flight_figure(fit), tmp_path / name)

@@ -56,6 +56,7 @@ def test_fft_agrees_with_direct_summation_to_ten_digits(order, count):
     assert np.abs(found - direct).max() <= 1e-10 * np.abs(direct).max()
 
 
+@pytest.mark.thorough
 def test_a_million_samples_take_as_long_as_a_few_transforms():
     """About four; direct summation takes as long as a hundred thousand. One is 0.04 s."""
     values = np.random.default_rng(3).standard_normal(999_983)  # a prime: the FFT's worst case

@@ -72,6 +72,7 @@ def test_noise_to_declare():
     assert found.noise() == FractionalNoise(found.std, -0.5)
 
 
+@pytest.mark.thorough
 def test_a_million_samples_take_as_long_as_a_few_transforms():
     """About six, of 0.04 s each."""
     rng = np.random.default_rng(0)

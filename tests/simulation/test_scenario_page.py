@@ -33,6 +33,7 @@ def test_every_kind_has_a_row():
         assert set(kinds) <= set(rows)
 
 
+@pytest.mark.thorough
 def test_examples_are_read_and_simulated(tmp_path):
     about_hover, flight = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
     path = tmp_path / "mine.toml"

@@ -85,6 +85,7 @@ def test_weak_instruments_are_told(two_readings):
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
 
 
+@pytest.mark.thorough
 def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("eivor.report.paper_figures.save_figure", lambda _, path: path.touch())
     run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))
@@ -93,6 +94,7 @@ def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
     assert written == {f"figure-{number}.{ending}" for number in range(2, 9) for ending in ("svg", "png")}
 
 
+@pytest.mark.thorough
 def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
     page = (
         "Before.\n"

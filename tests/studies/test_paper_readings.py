@@ -285,6 +285,7 @@ def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
 # -- the whole study ---------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_results_do_not_depend_on_the_number_of_processes():
     chosen = (reading("two-lags"),)
     one, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))

@@ -44,6 +44,7 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return content(folder)
 
 
+@pytest.mark.thorough
 def test_local_processes(expected, tmp_path):
     progress: list[tuple[int, int]] = []
     run_study(
@@ -69,6 +70,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("executor", ["InProcess()", "LocalProcesses(2)"])
 def test_killed_and_resumed(expected, tmp_path, executor):
     """SIGKILL in the middle, then the rest: no trial twice, none lost, no worker left behind."""
@@ -106,6 +108,7 @@ def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s:
         time.sleep(0.005)
 
 
+@pytest.mark.thorough
 def test_a_lost_worker_is_told(tmp_path, monkeypatch):
     """The executor's own worker process is killed; what was complete stays."""
     study = small_study(RUNS)
@@ -230,6 +233,7 @@ def address_in(scheduler_file: Path) -> str:
     return found
 
 
+@pytest.mark.thorough
 def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
     """Two workers, one of which is killed in the middle."""
     folder = tmp_path / "study"

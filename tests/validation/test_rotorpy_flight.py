@@ -58,6 +58,7 @@ def everywhere(truth: FlightTruth) -> np.ndarray:
 # ---------------------------------------------------------------------------------------- physics
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "friction", "lag"),
     [(Vehicle.CRAZYFLIE, 0.180, 0.072), (Vehicle.HUMMINGBIRD, 0.871, 0.005), (Vehicle.MEDIUM, 0.399, 0.04)],
@@ -215,6 +216,7 @@ def test_kind_of_noise_leaves_the_trajectory_alone():
     assert not np.array_equal(commands(fly(NOISY)), commands(fly(other)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", list(NoiseKind))
 def test_noise_has_its_level_and_memory(kind):
     # In still air the air velocity is the velocity, so the logged noise can be taken out again.
@@ -233,6 +235,7 @@ def test_noise_has_its_level_and_memory(kind):
     assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(noise.size)
 
 
+@pytest.mark.thorough
 def test_wind_has_its_strength_and_correlation():
     flight = fly(RotorpyFlightSpec(Vehicle.CRAZYFLIE, gust_rms=0.5, gust_correlation=0.1, duration=8.0))
     wind = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
