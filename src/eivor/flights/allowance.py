@@ -63,4 +63,4 @@ def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -
 
 def reserved(allowances: Iterable[Allowance]) -> float:
     """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
-    return sum(max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED)
+    return sum((max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED), 0.0)

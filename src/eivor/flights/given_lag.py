@@ -18,6 +18,8 @@ from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Va
 NO_LAG = Bounds(0.0, 0.0)
 #: Lags that are tried between bounds, at most so far apart [s], and at most so many.
 TRIED_EVERY_S, MOST_TRIED = 0.005, 13
+#: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
+EVEN_STD = 3.0**-0.5
 
 
 @dataclass(frozen=True)
@@ -30,10 +32,23 @@ class GivenLag:
         Of the effective lag, actuator lag plus delay [s].
     alone : Unjudged
         The effective lag that the flight tells without it [s].
+    slack_s : float
+        What the flight's command may be late or early by throughout, and its lag by as much [s].
     """
 
     known: Prior | Bounds
     alone: Unjudged
+    slack_s: float = 0.0
+
+    @property
+    def for_the_log(self) -> Prior | Bounds:
+        """What is known of the lag that makes up for the command's lateness, too."""
+        known, slack = self.known, self.slack_s
+        if not slack or known == NO_LAG:
+            return known
+        if isinstance(known, Prior):
+            return replace(known, std=float(np.hypot(known.std, slack * EVEN_STD)))
+        return Bounds(max(known.low - slack, 0.0), known.high + slack)
 
     @property
     def p_value(self) -> float:
@@ -47,6 +62,7 @@ class GivenLag:
         else:
             apart = alone.value - min(max(alone.value, known.low), known.high)
             variance = alone.std_error**2
+        variance += (self.slack_s * EVEN_STD) ** 2
         return chi_square_tail(apart**2 / variance, 1) if apart else 1.0
 
     @property
@@ -79,7 +95,8 @@ class GivenLag:
     @property
     def sentence(self) -> str:
         """What was given, what the flight says, and whether they agree."""
-        low, high = (1e3 * max(end, 0.0) for end in self.alone.interval)
+        low, high = self.alone.interval
+        low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
         closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
         return (
             f"given {self.given}; "

@@ -7,12 +7,14 @@ impossible raises.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.errors import MissingChannelError
+from eivor.flights.command_clock import CommandClock, as_issued, command_clock
 from eivor.flights.frames import upward
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid
 from eivor.flights.motion import Motion
@@ -22,7 +24,7 @@ from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, named_reference, references
 from eivor.flights.selection import Limit, Selection
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import Channel, Recording, interval_within
+from eivor.signals.recording import Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals
 
 #: Runs shorter than this are left out [s].
@@ -47,7 +49,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         _refuse_empty(log, channel)
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, motion.memory_s)
-    channels, good = _gridded(selected, grid)
+    clocks = _clocks(log, selected)
+    channels, good = _gridded(selected, grid, clocks)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
     usable = good & active.mask & _within(channels, selected.limits, grid.count)
@@ -65,15 +68,16 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.input,
         options.input_map or log.input_map or selected.input.input_map,
         tuple(runs),
-        selected.band_hz,
+        _band(selected, clocks),
         candidates,
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings),
+        (*log.findings, *selected.findings, *_clock_findings(clocks)),
         grid,
         motion.memory_s,
         selected.estimated,
+        command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
     )
 
 
@@ -86,16 +90,40 @@ def _refuse_empty(log: Recording, channel: Channel) -> None:
         )
 
 
+def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
+    """When each held command was logged and issued."""
+    names = {command.name for command in selected.commands}
+    others = [channel for name, channel in log.channels.items() if name not in names]
+    return {one.name: command_clock(one, others) for one in selected.commands if one.held}
+
+
+def _clock_findings(clocks: Mapping[str, CommandClock]) -> list[Finding]:
+    """What is done about commands that the log does not hold; once for those that are logged alike."""
+    told = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
+    return [Finding("command_clock", sentence) for sentence in told]
+
+
+def _band(selected: Selection, clocks: Mapping[str, CommandClock]) -> tuple[float, float]:
+    """Band of the selection, as far as the command is known."""
+    band = selected.band_hz
+    for clock in clocks.values():
+        band = clock.band_hz(band)
+    return band
+
+
 def _gridded(
-    selected: Selection, grid: Grid
+    selected: Selection, grid: Grid, clocks: Mapping[str, CommandClock]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
     """Values of every channel on the grid, and where all of them stand on data."""
-    commands = {command.name for command in selected.commands}
+    commands = {
+        one.name: as_issued(one, clocks[one.name]) if one.name in clocks else one for one in selected.commands
+    }
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     good = np.ones(grid.count, dtype=np.bool_)
     for channel in selected.channels:
-        bring = command_on_grid if channel.name in commands else on_grid
-        channels[channel.name], stands = bring(channel, grid)
+        command = commands.get(channel.name)
+        found = on_grid(channel, grid) if command is None else command_on_grid(command, grid)
+        channels[channel.name], stands = found
         good &= stands
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))

@@ -54,6 +54,8 @@ class PreparedFlight:
         Time before a sample that decides the state of the actuators [s].
     estimated : tuple of str
         Roles of the selection whose channel comes from an estimator.
+    command_slack_s : float
+        What the command may be late or early by throughout, see `CommandClock` [s].
     """
 
     recording: Recording
@@ -70,6 +72,7 @@ class PreparedFlight:
     grid: Grid
     memory_s: float
     estimated: tuple[str, ...] = ()
+    command_slack_s: float = 0.0
 
     @cached_property
     def shortened(self) -> PreparedFlight:

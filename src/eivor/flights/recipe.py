@@ -117,8 +117,9 @@ def _identified(
         estimate = alone
         if options.lag is not None:
             check_lag_searched(problem)
-            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG])
-            problem = with_given_lag(problem, options.lag, alone.best.at)
+            slack_s = max(flight.command_slack_s for flight in flying)
+            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s)
+            problem = with_given_lag(problem, given.for_the_log, alone.best.at)
             estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         if given is not None:

@@ -5,6 +5,8 @@
 * An estimator that learns an accelerometer's bias with the time constant T gives an acceleration that lacks
   V / T, which adds 1 / T to the viscous friction, and one that fuses velocity late adds as much. Seen in
   vehicles without friction: .02 to .03 1/s.
+* Where a log does not tell how often its command was issued, the lag is known up to a quarter of the log's
+  step: a command that is late throughout is a shorter lag, and moves neither friction nor gain.
 """
 
 from __future__ import annotations
@@ -30,6 +32,8 @@ def all_allowances(
         name: tuple(parts)
         for name, parts in {
             "viscous_friction": _of_estimators(flights),
+            "actuator_lag": _of_the_clock(flights),
+            "effective_lag": _of_the_clock(flights),
             "hover_input": _at_these_conditions(quantities["hover_input"].value),
         }.items()
         if parts
@@ -58,3 +62,15 @@ def _at_these_conditions(hover: float) -> list[Allowance]:
         f"±{HOVER_FLOOR:.1%} wide."
     )
     return [Allowance(Counts.AT_LEAST, floor, floor, sentence)]
+
+
+def _of_the_clock(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
+    """What commands that may have been issued between those that are logged leave open of the lag."""
+    slack = max(flight.command_slack_s for flight in flights)
+    if not slack:
+        return []
+    sentence = (
+        "The log does not tell how often its command was issued: the lag may be "
+        f"{1e3 * slack:.2g} ms longer or shorter than the data say."
+    )
+    return [Allowance(Counts.ADDED, slack, slack, sentence)]

@@ -1,0 +1,179 @@
+"""How often a command was issued, as far as its stamps tell, and what was in force between its stamps.
+
+A controller issues a command every h_c seconds, and it stays in force until the next. A log that keeps only
+some of them, one every h_l seconds, holds each for too long: taken as it stands, the command is late by
+(h_l - h_c) / 2, and the lag that is found is shorter by as much. What was issued between two stamps is best
+known from both: the line between them, held for h_c at a time.
+
+Stamps of such a log are those of a controller that runs at even steps, so they lie whole numbers of these
+apart: the largest step of which all are multiples is h_c. Where the stamps are as even as a controller's own,
+nothing tells h_c; it lies between nothing and h_l.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.signals.recording import Channel
+
+#: A distance of stamps within this share of another is taken as the same.
+SAME = 0.025
+#: Mean cosine of the angles that distances make on the circle of a step; 1 when all are multiples of it.
+#: Chance gives 0 with a standard deviation of 1 over the root of twice their number; so many are asked for.
+CLOSE = 0.6
+BEYOND_CHANCE = 3.2
+#: A larger step that fits the distances as well as this is preferred.
+AS_WELL = 0.02
+#: So small a share of distances that are no multiples of the usual one are a logger's slips.
+ODD_SHARE = 0.002
+#: No controller of a vehicle's height runs at shorter steps [s].
+SHORTEST_STEP_S = 0.001
+#: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
+ROUNDED_S = 0.001
+#: A command that was logged at steps up to this is taken as logged whenever it was issued, unless other
+#: channels are logged more often [s].
+QUICK_STEP_S = 0.0105
+#: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
+#: jump of the reference between two stamps moves the command by what no line between stamps has.
+BAND_SHARE = 1.0 / 40.0
+#: Another channel is logged more often when its step is shorter than this share of the command's.
+MORE_OFTEN = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class CommandClock:
+    """When a command was logged and when it was issued.
+
+    Parameters
+    ----------
+    logged_s : float
+        Median distance of its stamps h_l [s].
+    issued_s : float
+        Time between two commands h_c that is assumed [s]: `logged_s` for a log that holds every command.
+    told : bool
+        The log tells it; else it lies between zero and `logged_s`, and half of that is assumed.
+    """
+
+    logged_s: float
+    issued_s: float
+    told: bool = True
+
+    @property
+    def thinned(self) -> bool:
+        """Commands were issued, or may have been, that the log does not hold."""
+        return self.issued_s < self.logged_s
+
+    @property
+    def slack_s(self) -> float:
+        """What the command may be late or early by, since the log does not tell when it was issued [s]."""
+        return 0.0 if self.told else 0.25 * self.logged_s
+
+    def band_hz(self, band_hz: tuple[float, float]) -> tuple[float, float]:
+        """Part of a band in which the line between stamps is as good as the commands [Hz]."""
+        low, high = band_hz
+        return (low, min(high, BAND_SHARE / self.logged_s)) if self.thinned else band_hz
+
+    @property
+    def sentence(self) -> str:
+        """What is done about commands that the log may not hold."""
+        logged, issued = 1e3 * self.logged_s, 1e3 * self.issued_s
+        if self.told:
+            return (
+                f"The command is logged every {logged:.3g} ms and was issued every {issued:.3g} ms, as its "
+                "stamps tell: those between are taken from the line between two stamps."
+            )
+        return (
+            f"The command is logged every {logged:.3g} ms, and the log does not tell whether more were "
+            f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter."
+        )
+
+
+def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
+    """Read a held command's clock off its stamps, and the rates of other channels.
+
+    Parameters
+    ----------
+    command : Channel
+        With two samples or more.
+    others : sequence of Channel
+        What else was logged of the flight.
+    """
+    steps = np.diff(command.time_s)
+    logged = float(np.median(steps))
+    finer = finer_step(command.time_s)
+    if finer is not None:
+        return CommandClock(logged, finer)
+    quickest = min(
+        (float(np.median(np.diff(one.time_s))) for one in others if one.time_s.size > 1), default=np.inf
+    )
+    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
+        return CommandClock(logged, logged)
+    return CommandClock(logged, 0.5 * logged, told=False)
+
+
+def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
+    """Largest step of which distances of stamps are multiples, and not the usual distance; None without.
+
+    Notes
+    -----
+    The usual distance is a multiple of it, so that only its parts are tried: h = usual / k. Distances d lie
+    on the circle of a step at the angles 2 pi d / h, which are zero where it is theirs, and jitter about zero
+    where stamps do. Only those that are no multiples of the usual distance tell that the step is finer.
+    """
+    distances = np.diff(time_s)
+    if not distances.size:
+        return None
+    usual = float(np.median(distances))
+    for _ in range(3):  # to the middle of those around it
+        usual = float(distances[np.abs(distances - usual) <= SAME * usual].mean())
+    fewest = ODD_SHARE * distances.size
+    fits: dict[float, float] = {}
+    for parts in range(2, int(usual / SHORTEST_STEP_S) + 1):
+        turns = distances * (parts / usual)
+        near = np.cos(2.0 * np.pi * turns)
+        odd = near[np.rint(turns) % parts != 0]
+        if odd.size > fewest and near.mean() >= CLOSE:
+            fit = float(odd.mean())
+            if fit >= max(CLOSE, BEYOND_CHANCE / np.sqrt(2.0 * odd.size)):
+                fits[usual / parts] = fit
+    best = max(fits.values(), default=0.0)
+    step = next((step for step, fit in fits.items() if fit >= best - AS_WELL), None)
+    return None if step is None or _rounded(time_s, step) else step
+
+
+def _rounded(time_s: Float[np.ndarray, " n"], step: float) -> bool:
+    """Whether stamps are multiples of a step for being rounded to it: to a power of ten, and from zero on."""
+    tenth = 10.0 ** round(float(np.log10(step)))
+    if tenth > ROUNDED_S or abs(step / tenth - 1.0) > 1e-3:
+        return False
+    away = time_s / tenth
+    return bool(np.abs(away - np.rint(away)).max() <= 1e-3)
+
+
+def as_issued(command: Channel, clock: CommandClock) -> Channel:
+    """Return the command with what was issued between its stamps: the line between them, held h_c at a time.
+
+    Gaps, and what lies beside missing values, stay as they are.
+    """
+    time, values = command.time_s, command.values
+    distances = np.diff(time)
+    parts = np.maximum(np.rint(distances / clock.issued_s), 1.0).astype(np.int64)
+    known = np.isfinite(values)
+    parts[~(known[1:] & known[:-1])] = 1
+    for start, end in command.gaps():
+        parts[np.searchsorted(time, start) : np.searchsorted(time, end)] = 1
+    if (parts == 1).all():
+        return command
+    begins = np.repeat(np.arange(distances.size), parts)
+    share = (np.arange(begins.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[begins]
+    between = time[begins] + share * distances[begins]
+    rise = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
+    return replace(
+        command,
+        time_s=np.append(between, time[-1]),
+        values=np.append(values[begins] + share * rise[begins], values[-1]),
+    )

@@ -1,0 +1,172 @@
+"""Commands that are logged more slowly than issued: what stamps tell, and what is put between them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_logs import changed, flown, prepare_vertical
+
+from eivor.flights.command_clock import CommandClock, as_issued, command_clock, finer_step
+from eivor.flights.given_lag import GivenLag
+from eivor.flights.grid import Grid, command_on_grid
+from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import Unjudged
+from eivor.models.separable import Bounds, Prior
+from eivor.signals.recording import Channel
+
+
+def logged(issued_s: float, rate_hz: float, *, jitter_s: float = 0.0, seconds: float = 60.0):
+    """Stamps of the commands in force at the instants of a slower logger, with a jitter of their own."""
+    issued = np.arange(0.0, seconds, issued_s)
+    instants = np.arange(0.0, seconds, 1.0 / rate_hz)
+    kept = issued[np.unique(np.searchsorted(issued, instants + 1e-9, side="right") - 1)]
+    return np.sort(kept + jitter_s * np.random.default_rng(1).standard_normal(kept.size))
+
+
+def command(time_s, values=None, name: str = "input") -> Channel:
+    return Channel(name, time_s, np.cos(time_s) if values is None else values, "", held=True)
+
+
+@pytest.mark.parametrize(
+    ("issued_s", "rate_hz", "jitter_s"),
+    [
+        (0.004, 47.3, 0.0),
+        (0.004, 47.3, 3e-4),
+        (0.010, 30.0, 3e-4),
+        (0.004, 100.0, 1e-4),
+        (0.0025, 48.0, 1e-4),
+        (0.00125, 49.0, 2e-5),
+    ],
+)
+def test_stamps_of_a_thinned_log_tell_the_step_of_its_controller(issued_s, rate_hz, jitter_s):
+    assert finer_step(logged(issued_s, rate_hz, jitter_s=jitter_s)) == pytest.approx(issued_s, rel=0.05)
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 2e-5, 3e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("rate_hz", [25.0, 50.0, 100.0, 250.0])
+def test_even_stamps_tell_no_finer_step_however_they_jitter(rate_hz, jitter_s):
+    assert finer_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s)) is None
+
+
+def test_uneven_stamps_tell_none():
+    rng = np.random.default_rng(2)
+    assert finer_step(np.cumsum(rng.uniform(0.015, 0.025, 2000))) is None
+
+
+def test_lost_samples_tell_none():
+    time = np.arange(0.0, 60.0, 0.02)
+    assert finer_step(time[np.random.default_rng(3).random(time.size) > 0.1]) is None
+
+
+def test_stamps_that_were_rounded_to_milliseconds_tell_none():
+    # distances of 21 and 22 ms; those of a controller of 4 ms are not powers of ten
+    assert finer_step(np.round(np.arange(0.0, 60.0, 1.0 / 47.3), 3)) is None
+    assert finer_step(np.round(logged(0.004, 47.3), 3)) == pytest.approx(0.004)
+
+
+def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
+    even = command(np.arange(0.0, 20.0, 0.01))
+    assert not command_clock(even, []).thinned
+    quicker = Channel("velocity_z", np.arange(0.0, 20.0, 0.004), np.zeros(5000), "m/s")
+    assert command_clock(even, [even, quicker]).slack_s == pytest.approx(0.0025)
+
+
+def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
+    clock = command_clock(command(np.arange(0.0, 20.0, 0.02)), [])
+    assert clock.thinned
+    assert clock.slack_s == pytest.approx(0.005)
+    assert clock.band_hz((0.04, 5.0)) == (0.04, pytest.approx(1.25))
+    assert "may be 5 ms longer or shorter" in clock.sentence
+
+
+def test_a_clock_that_is_told_leaves_no_slack():
+    clock = command_clock(command(logged(0.004, 47.3)), [])
+    assert clock.told
+    assert clock.thinned
+    assert clock.slack_s == 0.0
+    assert "issued every 4 ms" in clock.sentence
+
+
+def test_commands_between_stamps_lie_on_the_line_between_them():
+    found = as_issued(
+        command(np.array([0.0, 0.02, 0.032]), np.array([1.0, 2.0, 5.0])), CommandClock(0.02, 0.004)
+    )
+    np.testing.assert_allclose(found.time_s, 0.004 * np.arange(9))
+    np.testing.assert_allclose(found.values, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 3.0, 4.0, 5.0])
+
+
+def test_a_log_of_every_command_stays_as_it_is():
+    even = command(np.arange(0.0, 20.0, 0.01))
+    assert as_issued(even, command_clock(even, [])) is even
+
+
+def test_nothing_is_put_into_gaps_or_beside_missing_values():
+    time = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(3.0, 4.0, 0.02)])
+    values = np.ones(time.size)
+    values[10] = np.nan
+    found = as_issued(command(time, values), CommandClock(0.02, 0.01))
+    assert not ((found.time_s > 0.99) & (found.time_s < 3.0)).any()
+    assert np.isnan(found.values).sum() == 1
+    assert not ((found.time_s > time[9]) & (found.time_s < time[10])).any()
+    assert not ((found.time_s > time[10]) & (found.time_s < time[11])).any()
+
+
+def thinned(log, every: int):
+    """Log of one command out of several."""
+    whole = log.channels["rotor_command_1"]
+    return changed(
+        log, rotor_command_1=replace(whole, time_s=whole.time_s[::every], values=whole.values[::every])
+    )
+
+
+def lateness(rate_hz: float, clock: CommandClock) -> float:
+    """Time by which a command of a controller of 4 ms is late on the grid once its log is thinned [s]."""
+    issued = 0.004 * np.arange(15000)
+    kept = logged(0.004, rate_hz)
+    grid = Grid(1.0, 0.01, (range(5500),))
+    whole, thin = (
+        command_on_grid(one, grid)[0] for one in (command(issued), as_issued(command(kept), clock))
+    )
+    slope = -np.sin(grid.time_s)
+    return float((whole - thin) @ slope / (slope @ slope))
+
+
+def test_a_thinned_command_is_neither_late_nor_early():
+    told = command_clock(command(logged(0.004, 47.3)), [])
+    assert lateness(47.3, told) == pytest.approx(0.0, abs=2e-5)
+    # held from stamp to stamp it is late by half of what the log's step is longer than the controller's
+    assert lateness(47.3, CommandClock(0.0211, 0.0211)) == pytest.approx(0.0086, abs=2e-4)
+
+
+def test_without_a_told_clock_the_command_is_late_by_less_than_the_slack():
+    even = command_clock(command(logged(0.004, 50.0)), [])
+    assert lateness(50.0, even) == pytest.approx(0.003, abs=2e-5)
+    assert even.slack_s == pytest.approx(0.005)
+
+
+def test_what_the_log_does_not_tell_is_said_with_the_lag():
+    log = thinned(flown(seconds=20.0, seed=4)[0], 3)
+    prepared = prepare_vertical(log, FlightOptions())
+    assert prepared.command_slack_s == pytest.approx(0.0075)
+    assert prepared.band_hz[1] == pytest.approx(100.0 / 3 / 40)
+    assert [found.name for found in prepared.findings] == ["command_clock"]
+
+
+def test_a_log_of_every_command_has_no_slack():
+    prepared = prepare_vertical(flown(seconds=20.0)[0], FlightOptions())
+    assert prepared.command_slack_s == 0.0
+    assert prepared.band_hz[1] == 5.0
+    assert not prepared.findings
+
+
+def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
+    told = Unjudged(0.050, "s", 0.002, (0.046, 0.054))
+    given = GivenLag(Prior(0.060, 0.003), told, 0.006)
+    assert given.for_the_log.std == pytest.approx(np.hypot(0.003, 0.006 / np.sqrt(3.0)))
+    assert GivenLag(Bounds(0.04, 0.05), told, 0.006).for_the_log == Bounds(0.034, 0.056)
+    assert GivenLag(Prior(0.060, 0.003), told).for_the_log == Prior(0.060, 0.003)
+    # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
+    assert given.p_value > 5.0 * GivenLag(Prior(0.060, 0.003), told).p_value
+    assert "[40, 60] ms" in given.sentence
