@@ -84,18 +84,19 @@ def test_tilt_beyond_the_limit_is_left_out(log):
     tilt[800:900] = np.cos(np.deg2rad(20.0))
     tilt[1300:1400] = np.cos(np.deg2rad(30.0))
     leaning = changed(log, cos_tilt=tilt)
-    assert len(prepare_vertical(leaning, FlightOptions()).runs) == 2
+    assert len(prepare_vertical(leaning, FlightOptions()).runs) == 1
     assert prepare_vertical(leaning, FlightOptions()).used.sum() == 1900
     assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=10.0)).used.sum() == 1800
     assert prepare_vertical(leaning, FlightOptions(max_tilt_deg=40.0)).used.sum() == 2000
 
 
-def test_runs_shorter_than_three_seconds_are_left_out(log):
+def test_runs_shorter_than_a_second_are_left_out(log):
+    within = round(SHORTEST_RUN_S / STEP_S)
     tilt = np.ones(2000)
-    tilt[round(SHORTEST_RUN_S / STEP_S)] = 0.5  # leaves 300 samples before it
-    tilt[600] = 0.5  # leaves 299 between
+    tilt[within : 2 * within + 1] = 0.5  # leaves as many samples before it
+    tilt[3 * within : 4 * within + 1] = 0.5  # leaves one sample too few between
     prepared = prepare_vertical(changed(log, cos_tilt=tilt), FlightOptions())
-    assert prepared.runs == (slice(0, 300), slice(601, 2000))
+    assert prepared.runs == (slice(0, within), slice(4 * within + 1, 2000))
 
 
 def test_a_gap_of_the_command_breaks_the_run_and_is_waited_for(log):

@@ -186,7 +186,9 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> tuple
             sentence = f"{name} never {words.begins} (by {flight.active.rule})."
             found.append(Finding("never_takes_off", sentence))
         elif not flight.runs:
-            found.append(Finding("no_usable_run", f"{name} has no usable run of three seconds."))
+            found.append(
+                Finding("no_usable_run", f"{name} has no three seconds in usable runs of a second or more.")
+            )
         found.extend(_saturation(flight, prefix))
     return tuple(found)
 

@@ -48,7 +48,7 @@ class Words:
     fly : str
         What to fly when nothing else helps, one sentence.
     limits : str
-        What samples are limited by, after "three seconds in the air without a gap,".
+        What samples are limited by, after "three seconds in the air in runs of a second or more,".
     limited_by : str
         The same as a list of nouns.
     loosen : str

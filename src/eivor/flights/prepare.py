@@ -25,10 +25,14 @@ from eivor.flights.references import Reference, named_reference, references
 from eivor.flights.selection import Limit, Selection
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Finding, Recording, interval_within
-from eivor.signals.signals import Signals
+from eivor.signals.signals import Signals, stretches
 
-#: Runs shorter than this are left out [s].
-SHORTEST_RUN_S = 3.0
+#: Runs shorter than this are left out, and flights with less than this to use [s].
+SHORTEST_RUN_S = 1.0
+LEAST_USED_S = 3.0
+#: Excursions beyond a limit that are no longer than this do not end a run, unless they are most of it [s].
+LONGEST_EXCURSION_S = 1.0
+LEAST_COUNTED_SHARE = 0.5
 
 
 def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -> PreparedFlight:
@@ -53,12 +57,13 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     channels, good = _gridded(selected, grid, clocks)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
-    usable = good & active.mask & _within(channels, selected.limits, grid.count)
+    standing = good & active.mask
     if options.window is not None:
         start, end = interval_within(options.window, log.span_s)
-        usable &= (grid.time_s >= start) & (grid.time_s <= end)
-    runs = Signals(1.0 / grid.step_s, channels, valid=usable).runs(SHORTEST_RUN_S)
-    used = mask_of(runs, grid.count)
+        standing &= (grid.time_s >= start) & (grid.time_s <= end)
+    usable = standing & _within(channels, selected.limits, grid.count)
+    runs = _runs(standing, usable, grid.step_s)
+    used = mask_of(runs, grid.count) & usable
     candidates = _references(log, motion, grid, used, options)
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
     noise = _noise(selected, channels, used)
@@ -79,6 +84,27 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
     )
+
+
+def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
+    """Stretches of standing samples, most of them usable, with usable ones at both ends.
+
+    Short excursions of samples that stand on data but are beyond a limit are bridged.
+    """
+    bridged = usable.copy()
+    for excursion in stretches(standing & ~usable):
+        inside = (
+            excursion.start > 0
+            and usable[excursion.start - 1]
+            and usable[min(excursion.stop, usable.size - 1)]
+        )
+        bridged[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
+    runs = [
+        run
+        for run in stretches(bridged)
+        if usable[run].sum() * step_s >= SHORTEST_RUN_S and usable[run].mean() >= LEAST_COUNTED_SHARE
+    ]
+    return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
 
 
 def _refuse_empty(log: Recording, channel: Channel) -> None:

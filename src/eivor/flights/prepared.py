@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from eivor.flights.airborne import Active
 from eivor.flights.grid import Grid, around
 from eivor.flights.references import Reference
 from eivor.flights.selection import InputFamily
+from eivor.models.spectral import SpectralRun
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 
@@ -35,7 +36,7 @@ class PreparedFlight:
     input_map : str
         Name of the input map.
     runs : tuple of slice
-        Stretches to use; without any nothing can be estimated.
+        Stretches to use; without any nothing can be estimated. Of their samples those count that are usable.
     band_hz : tuple of float
         Band of spectral rows [Hz].
     references : tuple of Reference
@@ -77,7 +78,7 @@ class PreparedFlight:
     @cached_property
     def shortened(self) -> PreparedFlight:
         """The same flight with the samples that its runs need and no others, whatever lies between them."""
-        kept = around(self.used, self.grid, self.memory_s)
+        kept = around(mask_of(self.runs, self.usable.size), self.grid, self.memory_s)
         if kept.all() or not self.runs:
             return self
         place = np.cumsum(kept) - 1
@@ -103,8 +104,21 @@ class PreparedFlight:
 
     @property
     def used(self) -> Bool[np.ndarray, " n"]:
-        """Samples of the runs."""
-        return mask_of(self.runs, self.usable.size)
+        """Samples of the runs that count."""
+        return mask_of(self.runs, self.usable.size) & self.usable
+
+    @property
+    def samples_of_runs(self) -> tuple[Int[np.ndarray, " _"], ...]:
+        """Numbers of the samples of each run that count."""
+        return tuple(run.start + np.flatnonzero(self.usable[run]) for run in self.runs)
+
+    def spectral_runs(self, number: int = 0) -> tuple[SpectralRun, ...]:
+        """The runs as rows in frequency see them; the flight has that number."""
+        step_s, band = self.signals.step_s, self.band_hz
+        return tuple(
+            SpectralRun(number, run.stop - run.start, step_s, band, counted=self.usable[run])
+            for run in self.runs
+        )
 
     @property
     def used_s(self) -> float:

@@ -272,5 +272,5 @@ def _grounded(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reas
         which = f"{name} never {words.begins}" if alone else f"No flight of the pool {words.begins}"
         return Reason(Status.REFUSED, f"{which} (by {prepared[0].active.rule}).", words.another_log)
     which = f"{name} has no" if alone else "No flight of the pool has"
-    sentence = f"{which} three seconds {words.where} without a gap, {words.limits}."
+    sentence = f"{which} three seconds {words.where} in runs of a second or more, {words.limits}."
     return Reason(Status.REFUSED, sentence, words.loosen)

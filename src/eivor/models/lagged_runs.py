@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.equation import Parameter
@@ -87,6 +87,9 @@ class AxisColumns:
         Numbers of flight and axis.
     band_hz : tuple of float
         Band of spectral rows [Hz].
+    valid : ndarray of bool, shape (n,), optional
+        Samples that count. Default: all. Within runs a few may not: rows in time leave them out, and rows in
+        frequency have no weight there.
     """
 
     step_s: float
@@ -98,6 +101,11 @@ class AxisColumns:
     flight: int = 0
     axis: int = 0
     band_hz: tuple[float, float] = BAND_HZ
+    valid: Bool[np.ndarray, " n"] | None = None
+
+    def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
+        """Samples of a run that count; None for all."""
+        return None if self.valid is None or self.valid[run].all() else self.valid[run]
 
 
 @dataclass(frozen=True)
@@ -195,37 +203,37 @@ class LaggedRuns(SeparableProblem):
 
     # -- rows in time ---------------------------------------------------------------------------------
 
-    def _centred(self, block: Float[np.ndarray, "length columns"]) -> Float[np.ndarray, "length columns"]:
-        return block - block.mean(axis=0) if self.intercepts else block
+    def _timed(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
+        """Samples of all runs that count, without the means of their run when it has an intercept."""
+        rows: list[np.ndarray] = []
+        for (one, run), block in zip(self._cut(), blocks, strict=True):
+            counted = one.counted(run)
+            kept = block if counted is None else block[counted]
+            rows.append(kept - kept.mean(axis=0) if self.intercepts else kept)
+        return np.concatenate(rows)
 
     @cached_property
     def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
         """[y fixed] and instruments of all runs."""
         fixed = [np.column_stack([one.responses[run, 0], one.fixed[run]]) for one, run in self._cut()]
-        return (
-            np.concatenate([self._centred(block) for block in fixed]),
-            np.concatenate([self._centred(block) for block in self._instruments]),
-        )
+        return self._timed(fixed), self._timed(self._instruments)
 
     @cached_property
     def _row_layout(self) -> RowLayout:
-        parts = [
-            np.stack(
-                [
-                    np.full(run.stop - run.start, one.flight),
-                    np.full(run.stop - run.start, one.axis),
-                    np.arange(run.start, run.stop),
-                ]
-            )
-            for one, run in self._cut()
-        ]
+        parts = []
+        for one, run in self._cut():
+            samples = np.arange(run.start, run.stop)
+            counted = one.counted(run)
+            samples = samples if counted is None else samples[counted]
+            which = (np.full(samples.size, one.flight), np.full(samples.size, one.axis))
+            parts.append(np.stack([*which, samples]))
         flights, axes, samples = np.concatenate(parts, axis=1)
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 
     def rows(self, at: Values) -> Regression:
         """Rows in time, means of each run removed when it has an intercept."""
         fixed, instruments = self._fixed_rows
-        moving = np.concatenate([self._centred(block) for block in self._moving(at)])
+        moving = self._timed(self._moving(at))
         regressors = np.column_stack([fixed[:, 1:], moving])
         return Regression(
             fixed[:, 0], regressors, instruments, self.parameters, self._row_layout, self.regressor_noise
@@ -237,7 +245,15 @@ class LaggedRuns(SeparableProblem):
     def _bin_layout(self) -> BinRows:
         return BinRows(
             tuple(
-                SpectralRun(one.flight, run.stop - run.start, one.step_s, one.band_hz, one.axis, run.start)
+                SpectralRun(
+                    one.flight,
+                    run.stop - run.start,
+                    one.step_s,
+                    one.band_hz,
+                    one.axis,
+                    run.start,
+                    one.counted(run),
+                )
                 for one, run in self._cut()
             )
         )

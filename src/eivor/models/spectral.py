@@ -1,7 +1,9 @@
 """Regressions in the frequency domain: columns of runs, taken to bins of a band.
 
 Of each run the mean is removed (one intercept per run) and 5 % at each end is tapered; the real FFT is
-divided by sqrt(n) and the bins with max(low, 1.5/T) <= f <= high are kept. Two candidate responses may
+divided by sqrt(n) and the bins with max(low, 1.5/T) <= f <= high are kept. Samples of a run that do not count
+are left out of its mean and tapered to zero. The equation holds at every sample, so it holds of
+columns that are weighted alike. Two candidate responses may
 be given, the measured acceleration and the derivative of the measured velocity, say; a weighting blends
 them bin by bin. A run is of one flight and one axis, and is whitened by itself.
 """
@@ -12,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Complex, Float, Int
+from jaxtyping import Bool, Complex, Float, Int
 
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
@@ -21,6 +23,8 @@ from eivor.models.rows import RowLayout
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
+#: So long is the taper before and after samples that do not count [s].
+FADING_S = 0.1
 #: Half-width of the smoothing window: a share of the frequency, and at least so many bins.
 SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
@@ -44,6 +48,8 @@ class SpectralRun:
         Number of the axis of motion that it is a run of.
     start : int
         Sample of its flight at which it begins: runs of several axes with one start are of one time.
+    counted : ndarray of bool, shape (length,), optional
+        Samples that count. Default: all.
     """
 
     flight: int
@@ -52,6 +58,7 @@ class SpectralRun:
     band_hz: tuple[float, float]
     axis: int = 0
     start: int = 0
+    counted: Bool[np.ndarray, " length"] | None = field(default=None, compare=False, repr=False)
 
     @cached_property
     def bins(self) -> slice:
@@ -74,16 +81,19 @@ class SpectralRun:
 
     @cached_property
     def taper(self) -> Float[np.ndarray, " length"]:
-        """Cosine taper of both ends."""
+        """Cosine taper of both ends, and of both sides of samples that do not count."""
         edge = max(int(TAPER_SHARE * self.length), 1)
         window = np.ones(self.length)
         window[:edge] = 0.5 * (1.0 - np.cos(np.pi * (np.arange(edge) + 0.5) / edge))
         window[-edge:] = window[:edge][::-1]
+        if self.counted is not None:
+            window *= _fading(self.counted, max(round(FADING_S / self.step_s), 1))
         return window
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without their means, on the bins kept."""
-        centred = (values - values.mean(axis=0)) * self.taper[:, None]
+        mean = (values if self.counted is None else values[self.counted]).mean(axis=0)
+        centred = (values - mean) * self.taper[:, None]
         spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred, axis=0)[self.bins]
         return spectrum / np.sqrt(self.length)
 
@@ -93,6 +103,19 @@ class SpectralRun:
         full[self.bins] = spectrum
         series: Float[np.ndarray, "length columns"] = np.fft.irfft(full, n=self.length, axis=0)
         return series * np.sqrt(self.length)
+
+    def spread(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "length columns"]:
+        """Rows of the samples that count at their places in the run, and zeros between them."""
+        if self.counted is None:
+            return rows
+        whole = np.zeros((self.length, rows.shape[1]))
+        whole[self.counted] = rows
+        return whole
+
+    def band_passed(self, rows: Float[np.ndarray, "counted columns"]) -> Float[np.ndarray, "counted columns"]:
+        """The part of such rows within the band."""
+        series = self.series(self.spectrum(self.spread(rows)))
+        return series if self.counted is None else series[self.counted]
 
     @cached_property
     def _windows(self) -> tuple[Int[np.ndarray, " bins"], Int[np.ndarray, " bins"]]:
@@ -107,6 +130,16 @@ class SpectralRun:
         total = np.zeros((self.count + 1, values.shape[1]))
         np.cumsum(values, axis=0, out=total[1:])
         return (total[upper] - total[lower]) / (upper - lower)[:, None]
+
+
+def _fading(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:
+    """Zero where samples do not count, and a cosine of `edge` samples up to one beside them."""
+    index = np.arange(counted.size)
+    last = np.maximum.accumulate(np.where(counted, -edge - 1, index))
+    following = np.where(counted, counted.size + edge, index)
+    following = np.minimum.accumulate(following[::-1])[::-1]
+    away = np.minimum(np.minimum(index - last, following - index), edge)
+    return np.asarray(0.5 * (1.0 - np.cos(np.pi * away / edge)))
 
 
 @dataclass(frozen=True)

@@ -56,14 +56,11 @@ def flight_runs(result: FlightEstimate) -> list[FlightRun]:
     first = 0
     flying = [flight for flight in result.prepared if flight.runs]
     for number, flight in enumerate(flying):
-        seconds = flight.grid.time_s
-        for run in flight.runs:
-            length = run.stop - run.start
-            time = seconds[run]
-            spectral = SpectralRun(number, length, flight.signals.step_s, flight.band_hz)
-            name = printable(flight.recording.name)
-            found.append(FlightRun(name, time, slice(first, first + length), spectral))
-            first += length
+        seconds, name = flight.grid.time_s, printable(flight.recording.name)
+        for samples, spectral in zip(flight.samples_of_runs, flight.spectral_runs(number), strict=True):
+            rows = slice(first, first + samples.size)
+            found.append(FlightRun(name, seconds[samples], rows, spectral))
+            first = rows.stop
     return found
 
 
@@ -116,7 +113,7 @@ def _within_the_band(
     """Time, and what was measured and predicted in the part of a run that moves most."""
     inside = _most_moved(trace.measured[run.rows], run)
     columns = np.column_stack([trace.measured, trace.predicted])[run.rows]
-    return run.time_s[inside], run.spectral.series(run.spectral.spectrum(columns))[inside]
+    return run.time_s[inside], run.spectral.band_passed(columns)[inside]
 
 
 def _most_moved(values: Float[np.ndarray, " length"], run: FlightRun) -> slice:
@@ -143,7 +140,7 @@ def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> 
     else:
         spectral, what = [run.spectral for run in runs], "residual, band-passed"
         blocks = [
-            run.spectral.spectrum(best.residuals[run.rows][:, None])[:, 0]
+            run.spectral.spectrum(run.spectral.spread(best.residuals[run.rows][:, None]))[:, 0]
             for run in runs
             if run.rows.stop <= best.residuals.size
         ]

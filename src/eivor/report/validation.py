@@ -22,7 +22,6 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate
 from eivor.models.instruments import NoInstruments
-from eivor.models.spectral import SpectralRun
 from eivor.motions import motion_of_model
 from eivor.notebook import html_table
 from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
@@ -269,7 +268,7 @@ def _prepared(
     flight = prepare(recording, motion, options)
     if not flight.runs:
         raise InputError(
-            f"three seconds {motion.words.where} without a gap, {motion.words.limits}",
+            f"three seconds {motion.words.where} in runs of a second or more, {motion.words.limits}",
             f"none in {recording.name}",
             motion.words.loosen,
         )
@@ -288,11 +287,13 @@ def _models(fit: SavedFit) -> list[tuple[str, str, dict[str, float]]]:
 
 def _of_model(name: str, words: str, told: Predicted, flight: PreparedFlight) -> ModelPrediction:
     measured, predicted = told.measured, told.predicted
-    lengths = [run.stop - run.start for run in flight.runs]
+    lengths = [samples.size for samples in flight.samples_of_runs]
     runs = [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
     if told.horizon is Horizon.ONE_STEP:
         both = np.column_stack([measured, predicted])
-        measured, predicted = np.concatenate([_in_band(both[run], flight) for run in runs]).T
+        spectral = flight.spectral_runs()
+        passed = [one.band_passed(both[run]) for one, run in zip(spectral, runs, strict=True)]
+        measured, predicted = np.concatenate(passed).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
     left = measured - predicted
     return ModelPrediction(
@@ -306,11 +307,6 @@ def _of_model(name: str, words: str, told: Predicted, flight: PreparedFlight) ->
         _error(left, centred),
         tuple(_error(left[run], centred[run]) for run in runs),
     )
-
-
-def _in_band(columns: Float[np.ndarray, "n 2"], flight: PreparedFlight) -> Float[np.ndarray, "n 2"]:
-    run = SpectralRun(0, columns.shape[0], flight.signals.step_s, flight.band_hz)
-    return run.series(run.spectrum(columns))
 
 
 def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> PredictionError:

@@ -126,12 +126,12 @@ def _limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
 
 def _shown(found: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
     """Time and samples of the liveliest part of the longest run."""
-    lengths = [run.stop - run.start for run in found.flight.runs]
+    lengths = [samples.size for samples in found.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])
     count = min(lengths[longest], max(int(SHOWN_S * found.flight.signals.rate_hz), 1))
     values = first.measured[begin : begin + lengths[longest]]
     power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
     start = int(np.argmax(power[count:] - power[: power.size - count]))
-    time = found.flight.grid.time_s[found.flight.runs[longest]]
+    time = found.flight.grid.time_s[found.flight.samples_of_runs[longest]]
     return time[start : start + count], slice(begin + start, begin + start + count)

@@ -44,7 +44,7 @@ class VerticalFlight:
     measured : bool
         True when that family is the actuators' measured state, which does not lag, and may be late or early.
     runs : tuple of slice
-        Stretches to use.
+        Stretches to use; of their samples those count that are valid.
     band_hz : tuple of float
         Band of spectral rows [Hz].
     """
@@ -84,8 +84,9 @@ class VerticalFlight:
         return mapped * self.signals.channel("cos_tilt")
 
     def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
-        """Rows of each run."""
-        return [columns[run] for run in self.runs]
+        """Rows of each run that count."""
+        valid = self.signals.valid
+        return [columns[run] if valid is None else columns[run][valid[run]] for run in self.runs]
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,7 @@ class VerticalFlights(SeparableProblem):
             self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))),
             number,
             band_hz=flight.band_hz,
+            valid=flight.signals.valid,
         )
 
     def rows(self, at: Values) -> Regression:

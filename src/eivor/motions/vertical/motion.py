@@ -133,14 +133,11 @@ class Vertical(Motion[VerticalFlights]):
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Relative standard deviation of the mapped input, and that of the vertical speed."""
         model = VerticalMotion(input_map(flights[0].input_map))
-        inputs: list[Float[np.ndarray, " _"]] = []
-        speeds: list[Float[np.ndarray, " _"]] = []
+        moved: list[Float[np.ndarray, "_ 2"]] = []
         for flight in flights:
             cut = vertical_flight(flight)
-            mapped = cut.mapped_input(model, 0.0, 0.0)
-            inputs.extend(mapped[run] for run in flight.runs)
-            speeds.extend(cut.velocity[run] for run in flight.runs)
-        mapped, speed = np.concatenate(inputs), np.concatenate(speeds)
+            moved.extend(cut.cut(np.column_stack([cut.mapped_input(model, 0.0, 0.0), cut.velocity])))
+        mapped, speed = np.concatenate(moved).T
         mean = abs(float(mapped.mean()))
         if mean == 0.0 or not np.isfinite(mapped.std() / mean):
             return ""

@@ -8,7 +8,7 @@ run and are fitted, for every model alike.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import Horizon, Predicted, SimpleModel
@@ -40,7 +40,8 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[Predicted, ..
     at = {nuisance.name: values[nuisance.name] for nuisance in problem.nuisances}
     rows = problem.rows(at)
     theta = np.array([values[parameter.name] for parameter in rows.parameters])
-    measured = np.concatenate([flight.velocity[run] for flight in problem.flights for run in flight.runs])
+    velocities = [flight.cut(flight.velocity[:, None]) for flight in problem.flights]
+    measured = np.concatenate([run[:, 0] for runs in velocities for run in runs])
     return (
         Predicted(Horizon.ONE_STEP, "vertical acceleration", "m/s²", rows.response, rows.regressors @ theta),
         Predicted(Horizon.OPEN_LOOP, "climb rate", "m/s", measured, _open_loop(problem, values)),
@@ -54,19 +55,26 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
     for flight in problem.flights:
         driven = gain * flight.mapped_input(problem.motion, values[ACTUATOR_LAG.name], values[DELAY.name])
         step_s = flight.signals.step_s
-        found.extend(_run(driven[run], flight.velocity[run], friction, step_s) for run in flight.runs)
+        for run in flight.runs:
+            counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]
+            found.append(_run(driven[run], flight.velocity[run], counted, friction, step_s))
     return np.concatenate(found)
 
 
 def _run(
-    driven: Float[np.ndarray, " n"], measured: Float[np.ndarray, " n"], friction: float, step_s: float
-) -> Float[np.ndarray, " n"]:
+    driven: Float[np.ndarray, " n"],
+    measured: Float[np.ndarray, " n"],
+    counted: Bool[np.ndarray, " n"] | slice,
+    friction: float,
+    step_s: float,
+) -> Float[np.ndarray, " counted"]:
     """Answer to the input of one run, with the trim and the start that suit what was measured best."""
     answer = _integrated(driven - driven.mean(), friction, step_s)
     trim = _integrated(np.ones(driven.size), friction, step_s)
     start = np.exp(-friction * step_s * np.arange(driven.size))
-    own = np.column_stack([trim, start])
-    predicted: Float[np.ndarray, " n"] = answer + own @ np.linalg.lstsq(own, measured - answer)[0]
+    own = np.column_stack([trim, start])[counted]
+    left = (measured - answer)[counted]
+    predicted: Float[np.ndarray, " counted"] = answer[counted] + own @ np.linalg.lstsq(own, left)[0]
     return predicted
 
 

@@ -73,4 +73,5 @@ def _columns(number: int, flight: PreparedFlight, rule: InstrumentRule) -> AxisC
         np.column_stack([instruments, np.sign(instruments)]),
         number,
         band_hz=flight.band_hz,
+        valid=flight.usable,
     )
