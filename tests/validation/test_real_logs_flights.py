@@ -144,6 +144,12 @@ def test_commands_are_logged_as_they_were_given():
     np.testing.assert_array_equal(channel.values, flight.flown.command[step, 0])
 
 
+def test_a_log_of_some_commands_has_distances_of_two_kinds():
+    flight = flown(VehicleSpec(controller_hz=250.0), replace(QUIET, command_hz=100.0))
+    distances = np.diff(flight.recording.channels["rotor_command_1"].time_s)
+    assert {round(1e3 * distance) for distance in distances} == {8, 12}
+
+
 def test_gaps_and_samples_written_twice():
     flight = flown(VehicleSpec(), replace(QUIET, dropouts=60.0, duplicates=0.05), duration=10.0)
     channels = flight.recording.channels

@@ -115,10 +115,25 @@ def test_coverage_and_bias_are_required_of_families_that_the_model_holds():
 
 def test_what_must_be_said_is_counted():
     name = "velocity scaled by 1.05"
-    said = rows(10, name, **{"named.scale": [True] * 8 + [False] * 2})
-    assert unmet(said.with_columns()) == unmet(rows(0, name)) or f"{name}: named: scale" not in unmet(said)
-    silent = rows(10, name, **{"named.scale": [True] * 7 + [False] * 3})
-    assert f"{name}: named: scale" in unmet(silent)
+    said = rows(10, name, **{"named.velocity reads more": [True] * 8 + [False] * 2})
+    assert unmet(said.with_columns()) == unmet(
+        rows(0, name)
+    ) or f"{name}: named: velocity reads more" not in unmet(said)
+    silent = rows(10, name, **{"named.velocity reads more": [True] * 7 + [False] * 3})
+    assert f"{name}: named: velocity reads more" in unmet(silent)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "name"),
+    [
+        ("The accelerometer is 9.3 ± 2.1 ms behind the velocity.", "accelerometer late"),
+        ("The velocity is 20.0 ± 3.0 ms behind the accelerometer.", "velocity late"),
+        ("The velocity reads 4.9% (± 1.0%) more than the accelerometer.", "velocity reads more"),
+        ("Attitude and accelerometer differ by 1.9 ± 0.4 degrees forward.", "tilt error"),
+    ],
+)
+def test_one_thing_is_found_in_a_sentence(sentence, name):
+    assert [one for one, pattern in NAMES.items() if pattern.search(sentence)] == [name]
 
 
 def test_an_interval_far_off_counts_only_where_it_is_called_identified():

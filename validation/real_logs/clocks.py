@@ -41,12 +41,16 @@ def topic_clock(spec: FlightSpec, rate_hz: float, rng: np.random.Generator) -> C
 
 
 def command_clock(spec: FlightSpec, rng: np.random.Generator) -> Clock:
-    """Clock of the command: some of the controller's instants, each with its own stamp."""
-    every = max(1, round(spec.vehicle.controller_hz / spec.logger.command_hz))
+    """Clock of the command: at each tick of the logger the controller's latest instant, with its own stamp.
+
+    So distances of stamps are even where the controller's rate is a multiple of the logger's, and else of two
+    kinds, as a log of every second or third command has them.
+    """
     steps = spec.vehicle.controller_steps
-    first = int(rng.integers(every)) * steps
-    regular = STEP_S * np.arange(first, spec.steps, every * steps)
-    return _jittered(spec, regular, STEP_S * every * steps, rng)
+    period = max(1.0 / spec.logger.command_hz, STEP_S * steps)
+    ticks = rng.uniform(0.0, period) + period * np.arange(int(spec.duration / period) - 1)
+    latest = np.unique(np.floor(ticks / (STEP_S * steps) + 1e-9).astype(np.int64))
+    return _jittered(spec, STEP_S * steps * latest, period, rng)
 
 
 def _jittered(

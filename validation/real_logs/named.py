@@ -10,11 +10,13 @@ from eivor.flights.result import FlightEstimate
 #: What may have to be said, and how it is told in a result's findings (by name) and sentences.
 NAMES: dict[str, re.Pattern[str]] = {
     "thrust curve": re.compile(r"thrust grows as the command to the power"),
-    "offset in time": re.compile(r"is [\d.]+ ms (behind|ahead of)"),
-    "scale": re.compile(r"scale"),
-    "tilt error": re.compile(r"tilt(ed)? (error|by)|degrees"),
-    "lag contradicted": re.compile(r"contradict"),
-    "lag from the frictions": re.compile(r"differences of"),
+    "accelerometer late": re.compile(r"accelerometer is [\d.]+ ± [\d.]+ ms behind"),
+    "velocity late": re.compile(r"velocity is [\d.]+ ± [\d.]+ ms behind"),
+    "velocity reads more": re.compile(r"velocity reads [^.]*[\d.]+%[^.]* more than"),
+    "velocity reads less": re.compile(r"velocity reads [^.]*[\d.]+%[^.]* less than"),
+    "tilt error": re.compile(r"Attitude and accelerometer differ by"),
+    "lag contradicted": re.compile(r"contradicts the flight"),
+    "lag from the frictions": re.compile(r"the lag rests on the differences of"),
 }
 
 
