@@ -1,5 +1,6 @@
 import contextlib
 import io
+import struct
 import sys
 
 import numpy as np
@@ -332,8 +333,6 @@ def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):
 
 
 def test_a_nested_format(tmp_path):
-    import struct
-
     writer = UlogWriter()
     writer.definitions += message("F", b"vehicle_status:uint64_t timestamp;inner[2] part;uint8_t nav_state;")
     writer.definitions += message("F", b"inner:float a;float b;")
@@ -341,6 +340,33 @@ def test_a_nested_format(tmp_path):
     writer.raw(message("D", struct.pack("<HQ4fB", 1, 1_500_000, 0, 0, 0, 0, 15)))
     r = read(tmp_path, writer)
     np.testing.assert_array_equal(r.channels["pilot_in_control"].values, [1.0])
+
+
+@pytest.mark.parametrize(
+    ("functions", "names"),
+    [((102, 101, 0), ["rotor_speed_1", "rotor_speed_2"]), ((0, 101, 0), ["rotor_speed_1", "rotor_speed_2"])],
+)
+def test_telemetry_of_speed_controllers_are_rotor_speeds(tmp_path, functions, names):
+    """By the motor that a report says it is of, or in the order of reports; one that stands still is none."""
+    t, report = np.arange(0, 3, 0.25), "int32_t esc_rpm;uint8_t actuator_function"
+    writer = UlogWriter()
+    writer.definitions += message("F", f"esc_report:{report};".encode())
+    writer.definitions += message("F", b"esc_status:uint64_t timestamp;uint8_t esc_count;esc_report[3] esc;")
+    writer.data += message("A", struct.pack("<BH", 0, 3) + b"esc_status")
+    for k, time in enumerate(t):
+        reports = [(9000 + 10 * k, functions[0]), (4000 + k, functions[1]), (0, functions[2])]
+        payload = b"".join(struct.pack("<iB", *one) for one in reports)
+        stamp = writer.start_us + round(time * 1e6)
+        writer.data += message("D", struct.pack("<HQB", 3, stamp, 3) + payload)
+    r = read(tmp_path, writer)
+    assert sorted(r.channels) == names
+    first, second = (r.channels[name] for name in names)
+    if functions[0]:
+        first, second = second, first
+    assert first.source == "esc_status.esc[0].esc_rpm"
+    np.testing.assert_array_equal(first.values, 9000.0 + 10.0 * np.arange(12))
+    np.testing.assert_array_equal(second.values, 4000.0 + np.arange(12))
+    assert not first.held
 
 
 def test_nothing_is_printed(tmp_path):

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.flights.quantity import Unjudged
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, told
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, SIGNIFICANT, told
 from eivor.inference.quantiles import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Values
@@ -24,7 +24,7 @@ EVEN_STD = 3.0**-0.5
 
 @dataclass(frozen=True)
 class GivenLag:
-    """A lag that was given beside the flight, and the flight's own.
+    """A lag that is known beside the flight, and the flight's own.
 
     Parameters
     ----------
@@ -34,11 +34,14 @@ class GivenLag:
         The effective lag that the flight tells without it [s].
     slack_s : float
         What the flight's command may be late or early by throughout, and its lag by as much [s].
+    telemetry : Unjudged or None
+        What the actuators' telemetry says, their own delay left out, when it was not a user who gave it.
     """
 
     known: Prior | Bounds
     alone: Unjudged
     slack_s: float = 0.0
+    telemetry: Unjudged | None = None
 
     @property
     def for_the_log(self) -> Prior | Bounds:
@@ -71,6 +74,11 @@ class GivenLag:
         return self.p_value <= BEYOND_DOUBT
 
     @property
+    def agrees(self) -> bool:
+        """Without a doubt."""
+        return self.p_value >= SIGNIFICANT
+
+    @property
     def closer_alone(self) -> bool:
         """Whether the flight tells the lag within less than bounds that it agrees with."""
         known, (low, high) = self.known, self.alone.interval
@@ -84,6 +92,12 @@ class GivenLag:
     @property
     def given(self) -> str:
         """What was given, in words."""
+        if self.telemetry is not None and isinstance(self.known, Prior):
+            low, high = (1e3 * max(end, 0.0) for end in self.telemetry.interval)
+            return (
+                f"{1e3 * self.known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with a delay of its own "
+                f"± {1e3 * self.known.std:.2g} ms (one standard deviation)"
+            )
         if isinstance(self.known, Prior):
             return f"{1e3 * self.known.mean:.3g} ± {1e3 * self.known.std:.2g} ms (one standard deviation)"
         if self.known == NO_LAG:
@@ -98,8 +112,9 @@ class GivenLag:
         low, high = self.alone.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
         closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
+        who = "given" if self.telemetry is None else "telemetry of the actuators says"
         return (
-            f"given {self.given}; "
+            f"{who} {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
             f"they {self.outcome}{closer if self.closer_alone else ''}"
         )

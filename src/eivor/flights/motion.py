@@ -306,6 +306,8 @@ class Motion(ABC, Generic[P]):
     """How reports speak of it."""
     inputs: ClassVar[tuple[InputFamily, ...]]
     """What may drive the vehicle, in order of preference."""
+    telemetry: ClassVar[tuple[str, ...]] = ()
+    """Channels that are measured states of what drives it: beside commands they tell the actuators' lag."""
     needed: ClassVar[tuple[str, ...]]
     """Channels without which nothing can be identified, beside an input."""
     references: ClassVar[tuple[ReferenceSource, ...]]

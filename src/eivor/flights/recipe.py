@@ -29,9 +29,10 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged
 from eivor.flights.result import Fit, FlightEstimate, FlightRow
+from eivor.flights.telemetry import telemetry_lag
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
-from eivor.signals.recording import Recording
+from eivor.signals.recording import Finding, Recording
 
 #: Method that serves when no instrument is at hand.
 FALLBACK = "least_squares"
@@ -113,12 +114,10 @@ def _identified(
         method = by_name(FALLBACK)
     try:
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        alone, given = identify(problem, method), None
+        alone = identify(problem, method)
+        given, noticed = _known_lag(motion, flying, options, problem, alone)
         estimate = alone
-        if options.lag is not None:
-            check_lag_searched(problem)
-            slack_s = max(flight.command_slack_s for flight in flying)
-            given = GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s)
+        if given is not None:
             problem = with_given_lag(problem, given.for_the_log, alone.best.at)
             estimate = identify(problem, method)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
@@ -129,10 +128,38 @@ def _identified(
         fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets)
         numbers = dict(motion.diagnostics(problem, estimate))
         at = replace(_circumstances(motion, flying, chosen, numbers), given_lag=given)
-        return _with_fit(motion, prepared, options, fit, at)
+        result = _with_fit(motion, prepared, options, fit, at)
+        return replace(result, findings=(*result.findings, *noticed))
     except EstimationError as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
         return _without_fit(motion, prepared, options, reason)
+
+
+def _known_lag(
+    motion: Motion[Any],
+    flying: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    problem: SeparableProblem,
+    alone: Estimate,
+) -> tuple[GivenLag | None, tuple[Finding, ...]]:
+    """What is known of the lag beside the flight: what a user gave, else what telemetry tells.
+
+    Telemetry that may contradict the flight is told, and not used: it can be later than is allowed for.
+    """
+    if options.lag is not None:
+        check_lag_searched(problem)
+        slack_s = max(flight.command_slack_s for flight in flying)
+        return GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
+    told = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
+    if told is None:
+        return None, ()
+    # telemetry answers the commands as they were logged: what they are late by is in both lags
+    own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+    found = GivenLag(told.prior, own, telemetry=told.told)
+    if found.agrees:
+        return found, ()
+    sentence = f"The lag by telemetry is not used: {found.sentence}."
+    return None, (Finding("telemetry_contradicts", sentence),)
 
 
 def _circumstances(

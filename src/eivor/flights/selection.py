@@ -24,12 +24,15 @@ class InputFamily:
         Name of the map from its values to what enters the equation.
     numbered : bool
         One channel for each actuator, told by numbers from 1 on.
+    least_rate_hz : float
+        Slower channels are passed over where there is another family [Hz].
     """
 
     name: str
     measured: bool = False
     input_map: str = "linear"
     numbered: bool = False
+    least_rate_hz: float = 0.0
 
     def holds(self, channel: str) -> bool:
         """Return whether a channel is this one, or one of this family."""
@@ -151,10 +154,12 @@ def chosen_input(
             )
         own = next((family for family in families if family.holds(name)), InputFamily(name))
         return replace(own, name=name), tuple(channels)
-    for family in families:
-        channels = log.family(family.name)
-        if channels:
-            return family, tuple(channels)
+    logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
+    for family, own in logged:
+        if min(channel.rate_hz for channel in own) >= family.least_rate_hz:
+            return family, own
+    if logged:
+        return logged[0]
     looked = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
     raise MissingChannelError(
         f"an input in {log.name}: {_in_words(families)}",

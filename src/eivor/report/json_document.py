@@ -235,6 +235,7 @@ def _given_lag(given: GivenLag | None) -> Json:
         "alone": number(given.alone.value),
         "alone_interval": _pair(given.alone.interval),
         "p_value": number(given.p_value),
+        "telemetry_interval": None if given.telemetry is None else _pair(given.telemetry.interval),
     }
 
 

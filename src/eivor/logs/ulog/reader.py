@@ -30,7 +30,12 @@ from eivor.logs.ulog.topics import (
     CHOSEN_BY_RATE,
     CONTROLLER_POSITION,
     CONTROLLER_VELOCITY,
+    ESC_FUNCTION,
+    ESC_SPEED,
+    ESC_TOPIC,
+    FIRST_MOTOR_FUNCTION,
     LOOKED_FOR,
+    MAX_ESCS,
     NAVIGATION_STATE,
     NEEDED_TOPICS,
     PILOT_STATES,
@@ -191,6 +196,7 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
     _add_controller_velocity(reading, clocks)
     _add_pilot_in_control(reading, clocks)
     _add_actuators(reading, clocks)
+    _add_rotor_speeds(reading, clocks)
     findings += _reset_findings(reading, clocks)
     if reading.never_valid:
         findings.append(
@@ -339,3 +345,29 @@ def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _
             name = f"actuator_output_{number}"
             reading.channels[name] = _channel(name, clocks[topic_name], values, f"{topic_name}.{field}")
         return
+
+
+def _add_rotor_speeds(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    """Add the speeds of the motors that turn, by telemetry, each under its motor's number."""
+    topic = reading.topics.get(ESC_TOPIC)
+    turning = {
+        place: topic.fields[field].astype(np.float64)
+        for place in range(MAX_ESCS)
+        if topic is not None and (field := ESC_SPEED.format(place)) in topic.fields
+        if np.any(topic.fields[field])
+    }
+    if topic is None or not turning:
+        return
+    told = {place: _motor_of(topic, place) for place in turning}
+    known = all(told.values()) and len(set(told.values())) == len(told)
+    for place, speeds in turning.items():
+        name = f"rotor_speed_{told[place] if known else place + 1}"
+        label = f"{ESC_TOPIC}.{ESC_SPEED.format(place)}"
+        reading.channels[name] = _channel(name, clocks[ESC_TOPIC], speeds, label)
+
+
+def _motor_of(topic: Topic, place: int) -> int:
+    """Number of the motor that a report is of, from 1 on; 0 when it does not say, or not always the same."""
+    functions = np.unique(topic.fields.get(ESC_FUNCTION.format(place), np.zeros(1)))
+    number = int(functions[0]) - FIRST_MOTOR_FUNCTION + 1
+    return number if functions.size == 1 and 1 <= number <= MAX_ESCS else 0

@@ -129,6 +129,12 @@ ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
     ("actuator_outputs", "output"),
 )
 MAX_ACTUATORS = 16
+#: Telemetry of electronic speed controllers: rotor speeds [rpm], of motor 1, 2, ... where a field of the same
+#: report says which motor it is of, by PX4's number of an actuator's function.
+ESC_TOPIC = "esc_status"
+ESC_SPEED, ESC_FUNCTION = "esc[{}].esc_rpm", "esc[{}].actuator_function"
+MAX_ESCS = 12
+FIRST_MOTOR_FUNCTION = 101
 
 #: Every topic that is parsed.
 NEEDED_TOPICS: tuple[str, ...] = tuple(
@@ -136,6 +142,7 @@ NEEDED_TOPICS: tuple[str, ...] = tuple(
         {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
         | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic}
         | {topic for topic, _ in ACTUATOR_SOURCES}
+        | {ESC_TOPIC}
     )
 )
 
@@ -173,6 +180,7 @@ TOPIC_LOGGING: tuple[TopicLogging, ...] = (
     TopicLogging("vehicle_attitude_setpoint", 20.0, (4,)),
     TopicLogging("actuator_motors", 10.0, (3, 4)),
     TopicLogging("actuator_outputs", 10.0),
+    TopicLogging("esc_status", 4.0),
     TopicLogging("trajectory_setpoint", 5.0),
     TopicLogging("vehicle_local_position_setpoint", 10.0),
     TopicLogging("manual_control_setpoint", 5.0, (4,)),
@@ -209,5 +217,6 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
         f"{_with_profile(CONTROLLER_VELOCITY)} while a height setpoint is in force",
     ),
     "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
+    "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
     "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
 }

@@ -37,7 +37,7 @@ from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import all_grounds
-from eivor.motions.vertical.select import INPUTS, REFERENCES, selected
+from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, selected
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
@@ -61,6 +61,7 @@ class Vertical(Motion[VerticalFlights]):
     rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
     words = WORDS
     inputs = INPUTS
+    telemetry = TELEMETRY
     needed = ("velocity_z",)
     references = REFERENCES
     logged_parameters = (

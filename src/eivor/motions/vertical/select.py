@@ -15,12 +15,15 @@ from eivor.motions.vertical.attitude import vertical_row
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
 
-#: Families of channels that may drive the model, in order of preference.
+#: Families of channels that may drive the model, in order of preference; telemetry of a few hertz is none
+#: where commands are logged.
 INPUTS = (
     InputFamily("rotor_command", input_map="square", numbered=True),
-    InputFamily("rotor_speed", measured=True, input_map="square", numbered=True),
+    InputFamily("rotor_speed", measured=True, input_map="square", numbered=True, least_rate_hz=19.5),
     InputFamily("input"),
 )
+#: Measured states that tell the lag where commands are the input.
+TELEMETRY = ("rotor_speed",)
 #: What the vehicle was asked to do: the setpoints of a trajectory, and the pilot's stick. The velocity
 #: setpoint that a position loop computes answers the vehicle.
 REFERENCES = (
