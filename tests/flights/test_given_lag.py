@@ -59,7 +59,7 @@ def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
     between = ev.identify_flight(log, lag=bounds)
     alone = ev.identify_flight(log)
     known = [ev.identify_flight(log, lag=ev.Bounds(lag_s, lag_s)) for lag_s in (0.03, 0.055, 0.08)]
-    for name in ("viscous_friction", "input_gain", "hover_input", "intercept"):
+    for name in ("viscous_friction", "input_gain", "intercept"):
         low, high = between.quantities[name].interval
         intervals = [at_one.quantities[name].interval for at_one in known]
         assert low <= min(low for low, _ in intervals)

@@ -47,7 +47,7 @@ def told(log: Recording) -> TelemetryLag | None:
 
 
 @pytest.mark.parametrize(
-    "how", [{}, {"rate_hz": 20.0}, {"rate_hz": 200.0, "late_s": 0.01}, {"power": 0.5}, {"rotors": 3}]
+    "how", [{}, {"rate_hz": 20.0}, {"rate_hz": 100.0, "late_s": 0.01}, {"power": 0.5}, {"rotors": 3}]
 )
 def test_telemetry_in_any_unit_tells_lag_and_its_own_delay(log, how):
     found = told(with_telemetry(log, **how))

@@ -155,9 +155,9 @@ def chosen_input(
         own = next((family for family in families if family.holds(name)), InputFamily(name))
         return replace(own, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
-    for family, own in logged:
-        if min(channel.rate_hz for channel in own) >= family.least_rate_hz:
-            return family, own
+    for family, members in logged:
+        if min(channel.rate_hz for channel in members) >= family.least_rate_hz:
+            return family, members
     if logged:
         return logged[0]
     looked = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
