@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import polars as pl
 import pytest
@@ -78,6 +80,17 @@ def test_parquet_reads_back_the_same(tmp_path):
     same(r, back)
     write_recording(back, tmp_path / "again.parquet")
     assert read_log(tmp_path / "again.parquet").sha256 == back.sha256
+
+
+def test_delays_of_sensors_are_kept(tmp_path):
+    r = recording_from_columns(COLUMNS)
+    late = replace(
+        r, channels={name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
+    )
+    write_recording(late, tmp_path / "r.parquet")
+    assert {one.delay_s for one in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
+    with pytest.raises(UsageError, match="the delay of"):
+        write_recording(late, tmp_path / "r.csv")
 
 
 def test_csv_reads_back_the_same(tmp_path):

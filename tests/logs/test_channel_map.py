@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eivor.errors import ChannelMapError
-from eivor.logs import load_channel_map, read_log, shipped_maps
+from eivor.errors import ChannelMapError, UsageError
+from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
 from eivor.logs.table import parquet
@@ -92,9 +92,28 @@ def test_a_map_says_where_every_channel_comes_from(table):
     }
 
 
+def test_a_declared_delay_is_taken_off_the_stamps(table):
+    late = '[channels.velocity_z]\ncolumn = "v down"\ndelay_ms = 8\n'
+    r = read(table, HEAD + PWM + late)
+    np.testing.assert_allclose(r.channels["velocity_z"].time_s, 0.01 * np.arange(100) - 0.008, atol=1e-12)
+    np.testing.assert_allclose(r.channels["input"].time_s, 0.01 * np.arange(100))
+    assert (r.channels["velocity_z"].delay_s, r.channels["input"].delay_s) == (0.008, 0.0)
+    (found,) = [f.message for f in r.findings if f.name == "sensor_delay"]
+    assert found == "Taken off the stamps, as m.toml says: velocity_z 8 ms."
+    with pytest.raises(UsageError, match="one clock"):
+        write_recording(r, table.parent / "r.parquet")
+
+
+def test_a_map_without_delays_says_nothing_of_them(table):
+    assert "sensor_delay" not in {f.name for f in read(table, HEAD + PWM).findings}
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (HEAD + PWM + "delay_ms = 1001\n", "between -1000 and 1000 at channels.input.delay_ms .*1001"),
+        (HEAD + PWM + "delay_ms = nan\n", "at channels.input.delay_ms"),
+        (HEAD + PWM + 'delay_ms = "8"\n', "at channels.input.delay_ms"),
         ('source = "filter"\n' + HEAD + PWM, "sensor.*estimator.*at source of m.toml"),
         (HEAD + PWM + "source = 1\n", "at channels.input.source of m.toml"),
         ("name = ", "a channel map in TOML"),

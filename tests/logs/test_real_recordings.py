@@ -69,7 +69,7 @@ def test_battery_brownout(recordings):
 
 def test_px4_events(recordings):
     r = read_log(recordings / "px4" / "sample_px4_events.ulg")
-    assert r.span_s == pytest.approx((-0.22, 31.136), abs=1e-3)
+    assert r.span_s == pytest.approx((-0.22, 31.134), abs=1e-3)
     # vehicle_acceleration is logged at a fraction of its rate
     assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
     assert r.vehicle == "rotary wing"

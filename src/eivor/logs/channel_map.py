@@ -25,6 +25,7 @@ A map states::
     held = false                    # optional; commands and setpoints are held by default
     optional = false                # optional: true when some tables lack the column
     source = "estimator"            # optional: where this channel comes from; the map's by default
+    delay_ms = 8                    # optional: the sensor tells what was so long before its stamp
 
     [channels.cos_tilt]
     quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
@@ -52,6 +53,8 @@ from eivor.toml_table import TomlTable, read_toml, toml_table
 
 ESTIMATOR = "estimator"
 SOURCES = ("sensor", ESTIMATOR)
+#: No sensor is later, and no clock earlier, by more than this [s].
+LONGEST_DELAY_S = 1.0
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -87,6 +90,8 @@ class ChannelRule:
         Their unit, "rad" or "deg".
     estimated : bool
         True when an estimator makes the values.
+    delay_s : float
+        The sensor's own delay [s]: a value is of so long before its stamp; below zero, of after it.
     """
 
     name: str
@@ -97,6 +102,7 @@ class ChannelRule:
     angles: tuple[str, ...] = ()
     angle_unit: str = ""
     estimated: bool = False
+    delay_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +273,7 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         expression.columns if ways[0] == "roll_pitch" else (),
         unit if ways[0] == "roll_pitch" else "",
         section.choice("source", SOURCES, source) == ESTIMATOR,
+        _delay_s(section),
     )
     section.finish()
     return rule
@@ -277,6 +284,18 @@ def _sign(section: TomlTable) -> float:
     if abs(sign) != 1.0:
         raise section.wrong("sign", "1 or -1", f"{sign:g}", "A factor of another size is `scale`.")
     return sign
+
+
+def _delay_s(section: TomlTable) -> float:
+    delay_s = 1e-3 * section.number("delay_ms", 0.0)
+    if not abs(delay_s) <= LONGEST_DELAY_S:
+        raise section.wrong(
+            "delay_ms",
+            f"milliseconds between {-1e3 * LONGEST_DELAY_S:g} and {1e3 * LONGEST_DELAY_S:g}",
+            f"{1e3 * delay_s:g}",
+            "Give how long before its stamp a value was true; below zero for after it.",
+        )
+    return delay_s
 
 
 def _scale(section: TomlTable) -> float:

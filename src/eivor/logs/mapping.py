@@ -200,8 +200,16 @@ def mapped_recording(
         input_map=chosen.input_map,
         looked_for={key: (f"column {key}",) for key in canonical_channels()}
         | {rule.name: (rule.expression.text,) for rule in chosen.rules},
-        findings=(*found, *channel_findings(channels)),
+        findings=(*found, *_delay_findings(channels, chosen), *channel_findings(channels)),
     )
+
+
+def _delay_findings(channels: Mapping[str, Channel], chosen: ChannelMap) -> list[Finding]:
+    """Say which delays a map declares."""
+    late = [f"{name} {1e3 * one.delay_s:g} ms" for name, one in channels.items() if one.delay_s]
+    if not late:
+        return []
+    return [Finding("sensor_delay", f"Taken off the stamps, as {chosen.origin} says: {', '.join(late)}.")]
 
 
 def _text_findings(columns: Columns) -> list[Finding]:
@@ -274,7 +282,7 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
     values = rule.expression.evaluate({column: ranged[column].values for column in rule.expression.columns})
     return clean_channel(
         rule.name,
-        time_s,
+        time_s - rule.delay_s if rule.delay_s else time_s,
         values * rule.factor,
         unit_of(rule.name),
         source=rule.expression.text,
@@ -282,4 +290,5 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         overflowed=sum(column.overflowed for column in used),
         saturated=sum(column.saturated for column in used),
         estimated=rule.estimated,
+        delay_s=rule.delay_s,
     )

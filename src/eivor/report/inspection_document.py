@@ -86,6 +86,8 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
     if count:
         longest = max(end - start for start, end in summary.gaps)
         yield f"{count} {'gap' if count == 1 else 'gaps'} up to {longest:.2g} s"
+    if summary.channel.delay_s:
+        yield f"{1e3 * summary.channel.delay_s:.3g} ms of its own delay taken off its stamps"
     for number, what in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),

@@ -59,6 +59,7 @@ def _channel(summary: ChannelSummary) -> Json:
         "rate_hz": number(channel.rate_hz),
         "held": channel.held,
         "estimated": channel.estimated,
+        "delay_s": number(channel.delay_s),
         "range": [number(summary.lowest), number(summary.highest)],
         "gaps": [[number(start), number(end)] for start, end in summary.gaps],
         "duplicated_stamps": quality.duplicated_stamps,

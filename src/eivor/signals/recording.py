@@ -82,6 +82,8 @@ class Channel:
         What the reader set right.
     estimated : bool
         True when an estimator made the value of other measurements: its own dynamics are in it.
+    delay_s : float
+        The sensor's own delay, which has been taken off the stamps [s].
 
     Raises
     ------
@@ -99,6 +101,7 @@ class Channel:
     held: bool = False
     quality: ChannelQuality = field(default_factory=ChannelQuality)
     estimated: bool = False
+    delay_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
@@ -148,6 +151,7 @@ def clean_channel(
     overflowed: int = 0,
     saturated: int = 0,
     estimated: bool = False,
+    delay_s: float = 0.0,
 ) -> Channel:
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
@@ -187,7 +191,7 @@ def clean_channel(
     )
     if not first.all():
         time, series = time[first], series[first]
-    return Channel(name, time, series, unit, source, held, quality, estimated)
+    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,6 +86,7 @@ def _check_csv(recording: Recording) -> None:
     lost += [
         f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
     ]
+    lost += [f"the delay of {c.name}" for c in recording.channels.values() if c.delay_s]
     lost += [f"that an estimator made {c.name}" for c in recording.channels.values() if c.estimated]
     if lost:
         raise UsageError(
@@ -107,6 +108,7 @@ def _metadata(recording: Recording) -> str:
                     "source": c.source,
                     "held": c.held,
                     "estimated": c.estimated,
+                    "delay_s": c.delay_s,
                     "overflowed": c.quality.overflowed,
                     "saturated": c.quality.saturated,
                 }
@@ -159,6 +161,7 @@ def _restored(channel: Channel, content: object) -> Channel:
         held=_flag(content.get("held", channel.held)),
         quality=quality,
         estimated=_flag(content.get("estimated", channel.estimated)),
+        delay_s=_finite(content.get("delay_s", channel.delay_s)),
     )
 
 

@@ -3,7 +3,7 @@
 Axes are as PX4 logs them: z down (`Frame.NED`), in positions, velocities, accelerations and setpoints
 alike. One channel is turned: `input` is positive up, whatever the sign of the topic it comes from.
 Time 0 is the log's `start_timestamp`; topics may carry stamps before it. A channel's stamps are the
-topic's `timestamp`.
+topic's `timestamp`, less what it is known to be later than its sample (`eivor.logs.ulog.delays`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from jaxtyping import Bool, Float
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.findings import channel_findings
+from eivor.logs.ulog.delays import delay_findings, topic_delays
 from eivor.logs.ulog.frames import CleanLog, clean_log
 from eivor.logs.ulog.instances import Topic, choose_instance, varying_fields
 from eivor.logs.ulog.topics import (
@@ -59,6 +60,7 @@ class _Reading:
     """The state of one reading: topics in, channels and findings out."""
 
     topics: Mapping[str, Topic]
+    delays_s: Mapping[str, float]
     end_s: float
     channels: dict[str, Channel]
     findings: list[Finding]
@@ -95,7 +97,8 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
         raise _corrupt(file, error) from error
     ulog, printed = _decode(clean, file)
     findings = _file_findings(clean, ulog, printed)
-    reading = _read_channels(ulog, findings)
+    parameters = _parameters(ulog)
+    reading = _read_channels(ulog, findings, parameters)
     if not reading.channels:
         topics = ", ".join(NEEDED_TOPICS)
         raise EmptyLogError(
@@ -103,7 +106,6 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
             f"'{file.name}' without a value of any of them",
             "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
         )
-    parameters = _parameters(ulog)
     return Recording(
         name=file.name,
         format="ulog",
@@ -179,16 +181,18 @@ def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
     return findings
 
 
-def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
+def _read_channels(ulog: Any, findings: list[Finding], parameters: Mapping[str, float]) -> _Reading:
     """All channels that the topics hold."""
     start = np.uint64(ulog.start_timestamp)
     instances: dict[str, list[Topic]] = {}
     for data in ulog.data_list:
         instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), data.data))
     topics = {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
-    clocks = {name: _seconds(topic.fields["timestamp"], start) for name, topic in topics.items()}
+    delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
+    late = {name: sum((one.seconds for one in causes), 0.0) for name, causes in delays.items()}
+    clocks = {name: _seconds(topic.fields["timestamp"], start) - late[name] for name, topic in topics.items()}
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
-    reading = _Reading(topics, max(ends, default=0.0), {}, findings, [], [])
+    reading = _Reading(topics, late, max(ends, default=0.0), {}, findings, [], [])
     for name, sources in CHANNEL_SOURCES.items():
         for source in _by_rate(sources, topics) if name in CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
@@ -198,6 +202,7 @@ def _read_channels(ulog: Any, findings: list[Finding]) -> _Reading:
     _add_actuators(reading, clocks)
     _add_rotor_speeds(reading, clocks)
     findings += _reset_findings(reading, clocks)
+    findings += delay_findings(reading.channels.values(), delays)
     if reading.never_valid:
         findings.append(
             Finding("never_valid", f"Logged without one valid value: {', '.join(reading.never_valid)}.")
@@ -280,7 +285,11 @@ def _add(
         reading.never_valid.append(source.label)
     if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
         return
-    channel = replace(_channel(name, clocks[source.topic], values, source.label), estimated=source.estimated)
+    channel = replace(
+        _channel(name, clocks[source.topic], values, source.label),
+        estimated=source.estimated,
+        delay_s=reading.delays_s[source.topic],
+    )
     if channel.time_s.size == 0:
         return
     if source.is_setpoint:
