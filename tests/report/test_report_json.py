@@ -84,6 +84,7 @@ SCHEMA: dict[str, Any] = {
             "method": str,
             "compare": bool,
             "lag": (dict, type(None)),
+            "align": bool,
         },
     },
 }

@@ -77,6 +77,9 @@ def identify(
     ] = "reference_iv",
     lag: arguments.LagOption = "",
     lag_from: arguments.LagFromOption = "",
+    align: Annotated[
+        bool, typer.Option("--align", help="Take offset and scale out of sensors that disagree.")
+    ] = False,
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
@@ -105,6 +108,7 @@ def identify(
         compare=compare,
         lag=lag,
         lag_from=lag_from,
+        align=align,
     )
     recordings, windows = chosen.read(options)
     check_named_instruments(recordings, options.instruments)

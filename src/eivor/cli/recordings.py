@@ -132,6 +132,7 @@ def flight_options(
     compare: bool = False,
     lag: str = "",
     lag_from: str = "",
+    align: bool = False,
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -160,6 +161,7 @@ def flight_options(
         method=method,
         compare=compare,
         lag=given_lag(lag, lag_from),
+        align=align,
     )
     motion.check(options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.agreement import SensorAgreement
 from eivor.flights.airborne import Active, airborne_by_log
 from eivor.flights.allowance import Allowance
 from eivor.flights.given_lag import GivenLag
@@ -143,6 +144,10 @@ class Circumstances:
         What the motion adds, see `Motion.diagnostics`.
     given_lag : GivenLag or None
         What was known of the lag from elsewhere.
+    sensors : SensorAgreement or None
+        Whether two measurements of one response agree.
+    aligned : bool
+        The differences between them that can be taken out are.
     """
 
     flights: int
@@ -156,6 +161,8 @@ class Circumstances:
     single_frequency_hz: float = 0.0
     numbers: Mapping[str, float] = field(default_factory=dict)
     given_lag: GivenLag | None = None
+    sensors: SensorAgreement | None = None
+    aligned: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -396,10 +403,27 @@ class Motion(ABC, Generic[P]):
         _estimate: Estimate,
         _flights: tuple[PreparedFlight, ...],
         _quantities: Mapping[str, Unjudged],
+        _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
         """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""
         return {}
+
+    # -- sensors that tell the same -----------------------------------------------------------------------
+
+    def sensors(self, _problem: P, _flights: tuple[PreparedFlight, ...], /) -> SensorAgreement | None:
+        """Whether two measurements of one response agree; None where the flights have but one."""
+        return None
+
+    def sensors_told(self, _sensors: SensorAgreement, /) -> str:
+        """What is told of them, in a line."""
+        return ""
+
+    def aligned(
+        self, flights: tuple[PreparedFlight, ...], _sensors: SensorAgreement, /
+    ) -> tuple[PreparedFlight, ...]:
+        """Flights with those differences taken out that can be."""
+        return flights
 
     def following(self, _quantities: Mapping[str, Unjudged], /) -> Mapping[str, Unjudged]:
         """Quantities that follow from a headline whose interval is another than that of `quantities`."""

@@ -43,6 +43,8 @@ class FlightOptions:
         What is known of the effective lag, actuator lag plus delay, from elsewhere [s]: ``ev.Prior(0.070,
         0.015)`` for 70 ms with a standard error of 15 ms, ``ev.Bounds(0.050, 0.090)`` for 50 to 90 ms,
         ``ev.Bounds(0.0, 0.0)`` for neither lag nor delay.
+    align : bool
+        Take an offset in time and a scale out of sensors that disagree, as far as the motion can.
 
     Raises
     ------
@@ -58,6 +60,7 @@ class FlightOptions:
     method: str = "reference_iv"
     compare: bool = False
     lag: Prior | Bounds | None = None
+    align: bool = False
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -86,6 +89,7 @@ class FlightOptions:
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
         checks.flag("compare", self.compare)
+        checks.flag("align", self.align)
         if self.lag is not None:
             remedy = "Give ev.Prior(0.070, 0.015) or ev.Bounds(0.050, 0.090), in seconds."
             checks.kind("lag", self.lag, (Prior, Bounds), "a Prior, or Bounds,", remedy)

@@ -114,6 +114,12 @@ def _identified(
         method = by_name(FALLBACK)
     try:
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
+        sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))
+        align = options.align and sensors is not None and bool(sensors.told)
+        if align and sensors is not None:
+            prepared = motion.aligned(prepared, sensors)
+            flying = tuple(flight for flight in prepared if flight.runs)
+            problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         alone = identify(problem, method)
         given, noticed = _known_lag(motion, flying, options, problem, alone)
         estimate = alone
@@ -125,9 +131,11 @@ def _identified(
             # what was given is compared with the flight by itself, and is nothing that instruments say
             checks = replace(checks, agreement=diagnose(alone).over_identification)
         sets = headline_sets(problem, estimate, motion.headline)
-        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors)
         numbers = dict(motion.diagnostics(problem, estimate))
-        at = replace(_circumstances(motion, flying, chosen, numbers), given_lag=given)
+        at = replace(
+            _circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
+        )
         result = _with_fit(motion, prepared, options, fit, at)
         return replace(result, findings=(*result.findings, *noticed))
     except EstimationError as error:
@@ -193,7 +201,7 @@ def _with_fit(
     unjudged = with_robust_intervals(motion, motion.quantities(fit.problem, fit.estimate), fit)
     flying = tuple(flight for flight in prepared if flight.runs)
     unjudged = with_allowances(
-        motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged)
+        motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged, at)
     )
     overall, quantities = judged(motion, unjudged, strength(fit), at)
     return FlightEstimate(
@@ -205,6 +213,7 @@ def _with_fit(
         quantities,
         flight_diagnostics(prepared)
         | fit_numbers(fit.checks, fit.estimate, motion.headline)
+        | ({} if fit.sensors is None else fit.sensors.numbers)
         | dict(at.numbers),
         (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities)),
     )

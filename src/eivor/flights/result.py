@@ -12,6 +12,7 @@ from jaxtyping import Float
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
+from eivor.flights.agreement import SensorAgreement
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.motion import Motion
@@ -71,6 +72,8 @@ class Fit:
         What was known of the lag from elsewhere, beside what the flight alone says.
     sets : mapping of str to ParameterSets
         95 % sets of the motion's headline parameters, where the method has them.
+    sensors : SensorAgreement or None
+        Whether two measurements of the response agree, as logged; None where there is but one.
     """
 
     problem: SeparableProblem
@@ -79,6 +82,7 @@ class Fit:
     checks: FitDiagnostics
     given_lag: GivenLag | None = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
+    sensors: SensorAgreement | None = None
 
     @property
     def weak_instruments(self) -> bool:

@@ -43,3 +43,8 @@ def chi_square_quantile(level: float, degrees: int = 1) -> float:
 def chi_square_tail(value: float, degrees: int) -> float:
     """Probability that a chi-square variable exceeds `value`."""
     return float(special.chdtrc(degrees, value))
+
+
+def t_tail(value: float, degrees: float | int) -> float:
+    """Probability that a t variable is further from zero than `value`, to either side."""
+    return float(2.0 * special.stdtr(degrees, -abs(value)))

@@ -32,6 +32,7 @@ class Choices(TypedDict, total=False):
     method: str
     compare: bool
     lag: Prior | Bounds | None
+    align: bool
 
 
 def identify_flight(
@@ -57,7 +58,7 @@ def identify_flight(
         What to identify: "vertical", the name of a motion that another package brings, or a motion itself.
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
-        ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``.
+        ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``.
 
     Returns
     -------

@@ -19,7 +19,7 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
     if result.fit is None:
         return ()
-    makers = (_given_lag, _strength, _agreement, _constancy, _memory, _leverage, _least_squares)
+    makers = (_given_lag, _sensors, _strength, _agreement, _constancy, _memory, _leverage, _least_squares)
     return tuple(check for maker in makers for check in maker(result, result.fit.checks))
 
 
@@ -27,6 +27,12 @@ def _given_lag(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Ch
     given = None if result.fit is None else result.fit.given_lag
     if given is not None:
         yield "lag", f"{given.sentence} {_tail(given.p_value)}"
+
+
+def _sensors(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+    sensors = None if result.fit is None else result.fit.sensors
+    if sensors is not None:
+        yield "sensors", result.motion.sensors_told(sensors)
 
 
 def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:

@@ -7,6 +7,7 @@
   vehicles without friction: .02 to .03 1/s.
 * Where a log does not tell how often its command was issued, the lag is known up to a quarter of the log's
   step: a command that is late throughout is a shorter lag, and moves neither friction nor gain.
+* Sensors that disagree, see `eivor.motions.vertical.sensors`.
 """
 
 from __future__ import annotations
@@ -15,8 +16,10 @@ import math
 from collections.abc import Mapping
 
 from eivor.flights.allowance import Allowance, Counts
+from eivor.flights.motion import Circumstances
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
+from eivor.motions.vertical.sensors import sensor_allowances
 
 #: No interval of the hover input reaches less far than this share of it.
 HOVER_FLOOR = 0.005
@@ -25,19 +28,17 @@ ESTIMATOR_FRICTION = 0.03
 
 
 def all_allowances(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged]
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], at: Circumstances
 ) -> dict[str, tuple[Allowance, ...]]:
     """Systematic parts by quantity."""
-    return {
-        name: tuple(parts)
-        for name, parts in {
-            "viscous_friction": _of_estimators(flights),
-            "actuator_lag": _of_the_clock(flights),
-            "effective_lag": _of_the_clock(flights),
-            "hover_input": _at_these_conditions(quantities["hover_input"].value),
-        }.items()
-        if parts
-    }
+    causes = (
+        {"viscous_friction": _of_estimators(flights)},
+        {"hover_input": _at_these_conditions(quantities["hover_input"].value)},
+        {name: _of_the_clock(flights) for name in ("actuator_lag", "effective_lag")},
+        sensor_allowances(at.sensors, quantities, aligned=at.aligned),
+    )
+    parts = {name: [part for cause in causes for part in cause.get(name, ())] for name in quantities}
+    return {name: tuple(found) for name, found in parts.items() if found}
 
 
 def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:

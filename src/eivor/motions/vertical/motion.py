@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights.agreement import SensorAgreement, sensor_agreement
 from eivor.flights.allowance import Allowance
 from eivor.flights.estimated import reciprocal
 from eivor.flights.grid import on_grid
@@ -38,6 +39,7 @@ from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, selected
+from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, told
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
@@ -111,10 +113,27 @@ class Vertical(Motion[VerticalFlights]):
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
         quantities: Mapping[str, Unjudged],
+        at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
         """Systematic parts, see `eivor.motions.vertical.allowances`."""
-        return all_allowances(flights, quantities)
+        return all_allowances(flights, quantities, at)
+
+    def sensors(
+        self, problem: VerticalFlights, flights: tuple[PreparedFlight, ...]
+    ) -> SensorAgreement | None:
+        """Whether velocity and accelerometer agree, see `eivor.motions.vertical.sensors`."""
+        return sensor_agreement(difference_problem(problem, flights), LEAST)
+
+    def sensors_told(self, sensors: SensorAgreement) -> str:
+        """By how much they differ, or may differ."""
+        return told(sensors)
+
+    def aligned(
+        self, flights: tuple[PreparedFlight, ...], sensors: SensorAgreement
+    ) -> tuple[PreparedFlight, ...]:
+        """Offset and scale taken out, see `Motion.aligned`."""
+        return aligned(flights, sensors)
 
     def following(self, quantities: Mapping[str, Unjudged]) -> Mapping[str, Unjudged]:
         """The time constant, which is one over the friction, see `Motion.following`."""

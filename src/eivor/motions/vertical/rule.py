@@ -13,6 +13,9 @@ On the viscous friction K, which is the overall verdict:
   5 m/s^2;
 * weak otherwise.
 
+Velocity and accelerometer that disagree make weak what their disagreement harms, see `sensors`: an offset the
+lag and the gain, a scale gain and friction, a tilt the friction, anything else all three.
+
 The gain, the hover input and the lag have verdicts of their own. Gain and hover input are weak where the
 intercept is clearly beyond 0.4 m/s^2: thrust then grows with another power of the command than the input map
 says. With m the map's own exponent at hover, d ln U / d ln w, and hover balanced by g = K_u U_h + b, thrust
@@ -31,7 +34,9 @@ from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
+from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, sentence
 
 FRICTION_SHARE = 0.5
 GAIN_SHARE = 0.1
@@ -55,6 +60,12 @@ FLY = (
 )
 QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
 LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
+ALIGN = (
+    "Correct the time stamps, the filter or the scale of the one that is wrong, or align them with --align."
+)
+LEVEL = (
+    "Check the attitude and the accelerometer's mounting, and calibrate both; or fly without sideways motion."
+)
 LOG_PLANNED = "Log the trajectory's position setpoint."
 
 
@@ -63,10 +74,19 @@ def all_grounds(
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity; those that one parameter decides share its grounds."""
     given = tuple(given_lag_reasons(at))
-    friction = (*friction_reasons(quantities, strength, at), *given)
+    friction = (
+        *friction_reasons(quantities, strength, at),
+        *sensor_reasons(at, SCALE, *TILTS.values()),
+        *given,
+    )
     curve = tuple(thrust_curve_reasons(quantities, at))
-    gain = (*gain_reasons(quantities["input_gain"], strength, at), *curve, *given)
-    lag = (*lag_reasons(quantities, strength, at), *given)
+    gain = (
+        *gain_reasons(quantities["input_gain"], strength, at),
+        *curve,
+        *sensor_reasons(at, OFFSET, SCALE),
+        *given,
+    )
+    lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *given)
     return {
         "viscous_friction": friction,
         "time_constant": friction,
@@ -219,6 +239,29 @@ def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -
                 Status.WEAK,
                 f"The lag ran into the top of its grid ({lag.highest:.1f} s).",
                 "Check that the input is the command of this vehicle, and its time stamps.",
+            )
+        )
+    return reasons
+
+
+def sensor_reasons(at: Circumstances, *harmful: Parameter) -> list[Reason]:
+    """Grounds against what some kinds of disagreement between velocity and accelerometer harm."""
+    if at.sensors is None:
+        return []
+    corrected = {OFFSET.name, SCALE.name} if at.aligned else set()
+    names = {one.name for one in harmful} - corrected
+    reasons = [
+        Reason(Status.WEAK, sentence(name, one), ALIGN if name in (OFFSET.name, SCALE.name) else LEVEL)
+        for name, one in at.sensors.told.items()
+        if name in names
+    ]
+    if at.sensors.otherwise:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt "
+                f"(p-value {at.sensors.p_value:.1g}).",
+                LEVEL,
             )
         )
     return reasons

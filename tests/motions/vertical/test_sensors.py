@@ -1,0 +1,223 @@
+"""Sensors that disagree: what is told of them, what it harms, and what is taken out."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.estimation.methods import least_squares, reference_iv
+from eivor.flights.agreement import Difference, SensorAgreement
+from eivor.flights.allowance import Counts
+from eivor.flights.instruments import instruments
+from eivor.flights.motion import Circumstances
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.quantity import Unjudged
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.rule import sensor_reasons
+from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, sensor_allowances, sentence, told
+from eivor.signals.recording import Channel
+from flights.flight_logs import LAG_S, STEP_S, flown
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
+VERTICAL = Vertical()
+
+
+@pytest.fixture(scope="module")
+def log():
+    return flown(seconds=30.0, seed=3)[0]
+
+
+def shifted(log, name: str, late_s: float):
+    channel = log.channels[name]
+    return changed(log, replace(channel, time_s=channel.time_s + late_s))
+
+
+def scaled(log, name: str, factor: float):
+    channel = log.channels[name]
+    return changed(log, replace(channel, values=factor * channel.values))
+
+
+def changed(log, *channels: Channel):
+    return replace(log, channels={**log.channels, **{channel.name: channel for channel in channels}})
+
+
+def sideways(log, *, leaning: float, yaw: float | None = None, seed: int = 0):
+    """A flight that moves along the world's x, and whose up leans along it; with an attitude of that yaw."""
+    rng = np.random.default_rng(seed)
+    like = log.channels["velocity_z"]
+    time = like.time_s
+    v = 2.0 * np.sin(0.9 * time) + 1.5 * np.sin(2.3 * time + 1.0)
+    a = np.gradient(v, STEP_S)
+    force = log.channels["specific_force_z"]
+    channels = [replace(force, values=force.values + leaning * a)]
+    for name, values in (("velocity_x", v), ("velocity_y", np.zeros(v.size))):
+        noisy = values + 0.03 * rng.standard_normal(v.size)
+        channels.append(replace(like, name=name, values=noisy))
+    if yaw is not None:
+        parts = zip("wxyz", (np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)), strict=True)
+        channels.extend(Channel(f"attitude_{axis}", time, np.full(v.size, part), "") for axis, part in parts)
+    return changed(log, *channels)
+
+
+def agreement(*logs) -> SensorAgreement | None:
+    flights = tuple(prepare(log, VERTICAL, FlightOptions()) for log in logs)
+    chosen = instruments(flights, FlightOptions(), reference_iv())
+    return VERTICAL.sensors(VERTICAL.problem(flights, chosen.rule), flights)
+
+
+def test_sensors_that_agree(log):
+    found = agreement(log)
+    assert found.told == {}
+    assert not found.otherwise
+    assert list(found.differences) == ["offset", "scale"]
+    assert told(found).startswith("velocity and accelerometer agree: offset ")
+
+
+@pytest.mark.parametrize(
+    ("channel", "late_s", "said"),
+    [
+        ("specific_force_z", 0.015, r"The accelerometer is 1\d\.\d ± \d\.\d ms behind the velocity."),
+        ("velocity_z", 0.015, r"The velocity is 1\d\.\d ± \d\.\d ms behind the accelerometer."),
+    ],
+)
+def test_a_late_sensor_is_named(log, channel, late_s, said):
+    found = agreement(shifted(log, channel, late_s))
+    (name,) = found.told
+    assert name == "offset"
+    assert abs(abs(found.told[name].value) - late_s) < 3.0 * found.told[name].std_error
+    assert re.fullmatch(said, told(found))
+
+
+@pytest.mark.parametrize(
+    ("channel", "factor", "said"),
+    [("velocity_z", 1.06, " % more than"), ("specific_force_z", 1.06, " % less than")],
+)
+def test_a_scale_is_named(log, channel, factor, said):
+    found = agreement(scaled(log, channel, factor))
+    assert list(found.told) == ["scale"]
+    size = 0.06 if channel == "velocity_z" else 1.0 / 1.06 - 1.0
+    assert abs(found.told["scale"].value - size) < 3.0 * found.told["scale"].std_error
+    assert said in told(found)
+
+
+def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
+    two = np.deg2rad(2.0)
+    for yaw, name, sign in (
+        (None, "tilt_x", 1.0),
+        (0.0, "tilt_forward", 1.0),
+        (0.5 * np.pi, "tilt_left", -1.0),
+    ):
+        found = agreement(sideways(log, leaning=two, yaw=yaw))
+        assert list(found.told) == [name]
+        assert abs(found.told[name].value - sign * two) < 3.0 * found.told[name].std_error
+    assert "degrees to the right" in told(found)
+    level = agreement(sideways(log, leaning=0.0))
+    assert list(level.differences) == ["offset", "scale", "tilt_x"]
+    assert level.told == {}
+    assert ", tilt " in told(level)
+
+
+def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
+    """Up leans, and no horizontal velocity is logged."""
+    leaning = sideways(log, leaning=np.deg2rad(8.0))
+    height = log.channels["reference_position_z"].values
+    force = log.channels["specific_force_z"]
+    other = changed(log, replace(force, values=force.values + 0.4 * (height - height.mean())))
+    found = agreement(other)
+    assert found.otherwise
+    assert "in another way than these" in told(found)
+    without = {name: channel for name, channel in leaning.channels.items() if name != "velocity_x"}
+    assert list(agreement(replace(leaning, channels=without)).differences) == ["offset", "scale"]
+
+
+def test_there_is_nothing_to_compare(log):
+    alone = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
+    assert agreement(replace(log, channels=alone)) is None
+    flights = (prepare(log, VERTICAL, FlightOptions()),)
+    none = instruments(flights, FlightOptions(), least_squares())
+    assert VERTICAL.sensors(VERTICAL.problem(flights, none.rule), flights) is None
+
+
+def test_small_differences_matter_to_nothing():
+    assert not Difference(0.0005, 1e-5, least=0.001).told
+    assert Difference(0.0015, 1e-4, least=0.001).told
+    assert Difference(0.0, 0.0).p_value == 1.0
+
+
+FOUND = {
+    "offset": Difference(0.009, 0.001),
+    "scale": Difference(0.05, 0.005),
+    "tilt_forward": Difference(-0.03, 0.002),
+    "tilt_left": Difference(0.001, 0.002),
+}
+QUANTITIES = {
+    name: Unjudged(value, "", 0.1, (0.9 * value, 1.1 * value))
+    for name, value in (("viscous_friction", 0.4), ("input_gain", 40.0), ("effective_lag", 0.05))
+}
+
+
+def at(*, aligned: bool = False, p_value: float = 0.5) -> Circumstances:
+    sensors = SensorAgreement(FOUND, p_value)
+    return Circumstances(1, 100.0, 100.0, exogenous=True, direct=False, sensors=sensors, aligned=aligned)
+
+
+def test_what_a_disagreement_harms():
+    every = (OFFSET, SCALE, *TILTS.values())
+    said = [reason.sentence for reason in sensor_reasons(at(), *every)]
+    assert said == [sentence(name, FOUND[name]) for name in ("offset", "scale", "tilt_forward")]
+    assert "1.7 ± 0.2 degrees backward" in said[2]
+    assert [r.sentence for r in sensor_reasons(at(), OFFSET)] == said[:1]
+    assert [r.sentence for r in sensor_reasons(at(aligned=True), *every)] == said[2:]
+    (otherwise,) = sensor_reasons(at(p_value=1e-5))
+    assert "in another way than by an offset, a scale or a tilt (p-value 1e-05)" in otherwise.sentence
+    assert sensor_reasons(replace(at(), sensors=None), *every) == []
+
+
+def test_the_lag_may_be_shorter_by_all_of_an_offset():
+    parts = sensor_allowances(at().sensors, QUANTITIES, aligned=False)
+    (lag,) = parts["effective_lag"]
+    assert (lag.counts, lag.below, lag.above) == (Counts.ADDED, 0.009, 0.0)
+    (friction,), (gain,) = parts["viscous_friction"], parts["input_gain"]
+    assert (friction.below, friction.above) == (0.0, pytest.approx(0.05 * 0.4))
+    assert gain.below == gain.above == pytest.approx(0.05 * 40.0)
+    known = sensor_allowances(at().sensors, QUANTITIES, aligned=True)
+    assert known["effective_lag"][0].below == known["effective_lag"][0].above == FOUND["offset"].half_width
+    assert known["viscous_friction"][0].below == pytest.approx(0.4 * FOUND["scale"].half_width)
+    assert sensor_allowances(None, QUANTITIES, aligned=False) == {}
+
+
+def test_aligned_sensors_give_what_right_ones_give(log):
+    right = identify_flight(log)
+    late = shifted(log, "specific_force_z", 0.02)
+    as_it_is, aligned = identify_flight(late), identify_flight(late, align=True)
+    lag = as_it_is.quantities["effective_lag"]
+    assert lag.verdict.value == as_it_is.quantities["input_gain"].verdict.value == "weak"
+    assert lag.interval[0] <= LAG_S <= lag.interval[1]
+    assert as_it_is.quantities["viscous_friction"].verdict.value == "identified"
+    assert as_it_is.diagnostics["sensors_offset"] == pytest.approx(0.02, abs=0.004)
+    moved = aligned.quantities["effective_lag"]
+    assert abs(moved.value - right.quantities["effective_lag"].value) < 0.003
+    assert abs(lag.value - right.quantities["effective_lag"].value) > 0.004
+    assert moved.verdict.value == "identified"
+    assert moved.half_width > right.quantities["effective_lag"].half_width
+
+
+@pytest.mark.parametrize(("channel", "factor"), [("specific_force_z", 1.06), ("velocity_z", 1.06)])
+def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
+    """An accelerometer whose scale is wrong shows another gravity."""
+    flight = prepare(scaled(log, channel, factor), VERTICAL, FlightOptions())
+    right = prepare(log, VERTICAL, FlightOptions())
+    sensors = SensorAgreement(
+        {"scale": Difference(0.06 if channel == "velocity_z" else -0.06 / 1.06, 1e-3)}, 0.5
+    )
+    (found,) = VERTICAL.aligned((flight,), sensors)
+    for name in ("velocity_z", "specific_force_z"):
+        np.testing.assert_allclose(found.signals.channel(name), right.signals.channel(name), rtol=1e-9)
+    assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1
