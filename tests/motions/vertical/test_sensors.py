@@ -97,7 +97,7 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
 
 @pytest.mark.parametrize(
     ("channel", "factor", "said"),
-    [("velocity_z", 1.06, " % more than"), ("specific_force_z", 1.06, " % less than")],
+    [("velocity_z", 1.06, "%) more than"), ("specific_force_z", 1.06, "%) less than")],
 )
 def test_a_scale_is_named(log, channel, factor, said):
     found = agreement(scaled(log, channel, factor))

@@ -147,9 +147,7 @@ def sentence(name: str, found: Difference) -> str:
         return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
     if name == SCALE.name:
         more = "more" if value > 0.0 else "less"
-        return (
-            f"The velocity reads {100 * abs(value):.1f} ± {100 * half:.1f} % {more} than the accelerometer."
-        )
+        return f"The velocity reads {abs(value):.1%} (± {half:.1%}) {more} than the accelerometer."
     along = {
         "tilt_forward": ("forward", "backward"),
         "tilt_left": ("to the left", "to the right"),
