@@ -101,6 +101,15 @@ def test_names_and_levels_of_intervals(fit):
         fit.interval("mass")
 
 
+def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
+    force = log.channels["specific_force_z"]
+    in_g = replace(force, values=force.values / 9.80665)
+    found = identify_flight(replace(log, channels=log.channels | {"specific_force_z": in_g}))
+    assert found.diagnostics["apparent_gravity"] == pytest.approx(1.0, abs=0.05)
+    assert found.verdict.status is found.quantities["hover_input"].verdict is Status.REFUSED
+    assert "its values look like g." in found.verdict.reasons[0].sentence
+
+
 def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
     channels = log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=True)}
     found = identify_flight(replace(log, channels=channels))

@@ -391,3 +391,21 @@ def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust,
 def test_an_intercept_that_may_be_small_says_nothing(intercept):
     grounds = all_grounds(quantities(intercept=intercept), numbers(), curve(1.9, 2.0))
     assert grounds["input_gain"] == grounds["hover_input"] == ()
+
+
+@pytest.mark.parametrize(
+    ("felt", "said"),
+    [
+        (1.0, "feels a gravity of 1 m/s^2, where 9.81 is expected: its values look like g."),
+        (998.0, "where 9.81 is expected: its values look like milli-g."),
+        (-9.8, "feels a gravity of -9.8 m/s^2, where 9.81 is expected."),
+        (9.5, ""),
+        (np.nan, ""),
+    ],
+)
+def test_an_accelerometer_in_another_unit_refuses_everything(felt, said):
+    at = circumstances(numbers={"apparent_gravity": felt})
+    found = all_grounds(quantities(), numbers(), at)
+    for name in ("viscous_friction", "input_gain", "hover_input", "effective_lag"):
+        assert verdict(list(found[name])).status is (Status.REFUSED if said else Status.IDENTIFIED)
+        assert said in " ".join(reason.sentence for reason in found[name])

@@ -93,6 +93,20 @@ def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.nda
     return dict(zip(("samples", "derivative", "velocity", "mapped"), sums.T, strict=True))
 
 
+def apparent_gravity(problem: VerticalFlights) -> float:
+    """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2].
+
+    It is g and the accelerometer's bias, unless the accelerometer is in another unit.
+    """
+    resting = [
+        run
+        for flight in problem.flights
+        if flight.acceleration is not None
+        for run in flight.cut((flight.acceleration - flight.velocity_derivative)[:, None])
+    ]
+    return GRAVITY + float(np.concatenate(resting).mean()) if resting else float("nan")
+
+
 def hover_of_sums(friction: float, gain: float, sums: Mapping[str, float]) -> float:
     """U_h from the totals of `balance_sums`."""
     drift = sums["derivative"] + friction * sums["velocity"]

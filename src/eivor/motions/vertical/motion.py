@@ -32,12 +32,12 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
 from eivor.motions.vertical.allowances import all_allowances
-from eivor.motions.vertical.balance import balance_sums
+from eivor.motions.vertical.balance import apparent_gravity, balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
-from eivor.motions.vertical.rule import all_grounds
+from eivor.motions.vertical.rule import APPARENT_GRAVITY, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, selected
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, told
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
@@ -167,8 +167,8 @@ class Vertical(Motion[VerticalFlights]):
         )
 
     def diagnostics(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, float]:
-        """How thrust grows with the command near hover, and how the input map says it does."""
-        return thrust_curve(problem, estimate)
+        """How thrust grows with the command near hover and in the input map, and the gravity that is felt."""
+        return {**thrust_curve(problem, estimate), APPARENT_GRAVITY: apparent_gravity(problem)}
 
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]

@@ -2,9 +2,10 @@
 
 On the viscous friction K, which is the overall verdict:
 
-* refused: no reference varies, K cannot be told from zero (K <= 0, or an interval that reaches zero), the
-  input gain is not positive, or a conditional first-stage F is below 10 and K has no bounded set that
-  holds however weak the instruments are;
+* refused: the accelerometer feels a gravity that is off by more than 3 m/s^2, so that it is in another unit
+  (gain, hover input and lag as well); no reference varies, K cannot be told from zero (K <= 0, or an interval
+  that reaches zero), the input gain is not positive, or a conditional first-stage F is below 10 and K has no
+  bounded set that holds however weak the instruments are;
 * provisional: no exogenous reference, so that a direct method had to serve;
 * identified: every first-stage F 10 or more, K's half-width <= K/2 with what is reserved for an estimator
   (and a lower end above that), the lag's <= 0.1 s, the lag below the
@@ -36,6 +37,7 @@ from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, sentence
 
 FRICTION_SHARE = 0.5
@@ -50,10 +52,14 @@ CLEAR_INTERCEPT = 0.4
 LEAST_EXPONENT = 0.95
 LARGE_POOL = 10
 LARGE_INTERCEPT = 5.0
+#: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
+OTHER_UNIT = 3.0
 
 #: Numbers of this motion among those of the circumstances: the exponent of thrust near hover, that of the
 #: input map there, and one for a command of thrust, whose map is linear or mixed.
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
+#: And the mean of the specific force where the vehicle does not accelerate [m/s^2].
+APPARENT_GRAVITY = "apparent_gravity"
 
 FLY = (
     "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
@@ -73,26 +79,30 @@ def all_grounds(
     quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity; those that one parameter decides share its grounds."""
-    given = tuple(given_lag_reasons(at))
+    shared = (*given_lag_reasons(at), *unit_of_force_reasons(at))
     friction = (
         *friction_reasons(quantities, strength, at),
         *sensor_reasons(at, SCALE, *TILTS.values()),
-        *given,
+        *shared,
     )
     curve = tuple(thrust_curve_reasons(quantities, at))
     gain = (
         *gain_reasons(quantities["input_gain"], strength, at),
         *curve,
         *sensor_reasons(at, OFFSET, SCALE),
-        *given,
+        *shared,
     )
-    lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *given)
+    lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
     return {
         "viscous_friction": friction,
         "time_constant": friction,
         "input_gain": gain,
         "intercept": gain,
-        "hover_input": (*hover_reasons(quantities["hover_input"], at), *curve),
+        "hover_input": (
+            *hover_reasons(quantities["hover_input"], at),
+            *curve,
+            *unit_of_force_reasons(at),
+        ),
         "actuator_lag": lag,
         "delay": (*lag, *delay_reasons(quantities["delay"])),
         "effective_lag": lag,
@@ -206,6 +216,19 @@ def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
             )
         )
     return reasons
+
+
+def unit_of_force_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against everything: an accelerometer that feels another gravity is in another unit."""
+    felt = at.numbers.get(APPARENT_GRAVITY, np.nan)
+    if not abs(felt - GRAVITY) > OTHER_UNIT:
+        return []
+    unit = next((word for word, size in (("g", 1.0), ("milli-g", 1e3)) if 0.8 < felt / size < 1.25), "")
+    sentence = (
+        f"The accelerometer feels a gravity of {felt:.3g} m/s^2, where {GRAVITY:.2f} is expected"
+        f"{f': its values look like {unit}' if unit else ''}."
+    )
+    return [Reason(Status.REFUSED, sentence, 'State its unit in a channel map (unit = "g"), and its axes.')]
 
 
 def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
