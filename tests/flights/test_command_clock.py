@@ -13,6 +13,7 @@ from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import Grid, command_on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Unjudged
+from eivor.flights.references import jumps
 from eivor.models.separable import Bounds, Prior
 from eivor.signals.recording import Channel
 
@@ -150,7 +151,6 @@ def test_what_the_log_does_not_tell_is_said_with_the_lag():
     log = thinned(flown(seconds=20.0, seed=4)[0], 3)
     prepared = prepare_vertical(log, FlightOptions())
     assert prepared.command_slack_s == pytest.approx(0.0075)
-    assert prepared.band_hz[1] == pytest.approx(100.0 / 3 / 40)
     assert [found.name for found in prepared.findings] == ["command_clock"]
 
 
@@ -170,3 +170,34 @@ def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
     # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
     assert given.p_value > 5.0 * GivenLag(Prior(0.060, 0.003), told).p_value
     assert "[40, 60] ms" in given.sentence
+
+
+def changed_reference(log, value):
+    """The log with another position reference, of which `value` makes every sample from its time."""
+    held = log.channels["reference_position_z"]
+    return changed(log, reference_position_z=replace(held, values=value(held.time_s)))
+
+
+def test_the_band_ends_early_where_a_reference_jumps_between_stamps():
+    log = thinned(flown(seconds=20.0, seed=4)[0], 3)
+    for jumpy in (lambda t: np.where(t % 5.0 < 2.0, 1.0, 0.0), lambda t: np.abs(t % 5.0 - 2.0)):
+        prepared = prepare_vertical(changed_reference(log, jumpy), FlightOptions())
+        assert prepared.band_hz[1] == pytest.approx(100.0 / 3 / 40)
+    assert prepare_vertical(log, FlightOptions()).band_hz[1] == 5.0
+    whole = changed_reference(flown(seconds=20.0, seed=4)[0], lambda t: np.where(t % 5.0 < 2.0, 1.0, 0.0))
+    assert prepare_vertical(whole, FlightOptions()).band_hz[1] == 5.0
+
+
+def test_uneven_stamps_and_stamps_that_err_make_no_jump():
+    grid, rng = Grid(0.0, 0.01, (range(4000),)), np.random.default_rng(7)
+    used = np.ones(4000, dtype=np.bool_)
+    even = np.arange(0.0, 39.9, 0.02)
+    uneven = np.sort(even + rng.uniform(0.0, 0.015, even.size))
+    wave = np.sin
+    assert not jumps(command(uneven, wave(uneven)), grid, used)
+    assert not jumps(command(uneven, wave(even)), grid, used)
+    late = wave(uneven - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
+    assert not jumps(command(uneven, late), grid, used)
+    assert jumps(command(uneven, late + (uneven > 20.0)), grid, used)
+    # of what is not used nothing counts
+    assert not jumps(command(uneven, late + (uneven > 20.0)), grid, grid.time_s < 19.0)

@@ -21,7 +21,7 @@ from eivor.flights.motion import Motion
 from eivor.flights.noise_level import white_noise_std
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
-from eivor.flights.references import Reference, named_reference, references
+from eivor.flights.references import Reference, jumps, named_reference, references
 from eivor.flights.selection import Limit, Selection
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Finding, Recording, interval_within
@@ -73,7 +73,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.input,
         options.input_map or log.input_map or selected.input.input_map,
         tuple(runs),
-        _band(selected, clocks),
+        _band(selected, clocks, _jump(log, candidates, grid, used)),
         candidates,
         active,
         usable,
@@ -129,11 +129,18 @@ def _clock_findings(clocks: Mapping[str, CommandClock]) -> list[Finding]:
     return [Finding("command_clock", sentence) for sentence in told]
 
 
-def _band(selected: Selection, clocks: Mapping[str, CommandClock]) -> tuple[float, float]:
-    """Band of the selection, as far as the command is known."""
+def _jump(
+    log: Recording, candidates: tuple[Reference, ...], grid: Grid, used: Bool[np.ndarray, " n"]
+) -> bool:
+    """Whether one of the references that may serve jumps."""
+    return any(jumps(log.channel(one.name), grid, used) for one in candidates if one.usable)
+
+
+def _band(selected: Selection, clocks: Mapping[str, CommandClock], jump: bool) -> tuple[float, float]:
+    """Band of the selection; where references jump, as far as the command is known."""
     band = selected.band_hz
     for clock in clocks.values():
-        band = clock.band_hz(band)
+        band = clock.band_hz(band) if jump else band
     return band
 
 

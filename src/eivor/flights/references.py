@@ -16,12 +16,19 @@ from jaxtyping import Bool, Float
 
 from eivor.flights.grid import Grid, on_grid
 from eivor.signals.canonical import canonical_channel
-from eivor.signals.recording import Recording
+from eivor.signals.recording import Channel, Recording
 
 #: A reference must be in force for this share of the samples used.
 IN_FORCE_SHARE = 0.5
 #: The pilot must be in control for this share of them for the stick to count.
 PILOT_SHARE = 0.5
+#: The largest bend of a smooth series grows fourfold with twice the time between its samples, that of a kink
+#: twofold, that of a jump not at all; less than this is no smooth series.
+SMOOTH_GROWTH = 2.5
+#: Jumps are few: the largest bend is so many times that which nine bends out of ten stay below.
+RARE, RARE_SHARE = 8.0, 0.9
+#: Fewer values have no bend over twice the time.
+FEWEST_VALUES = 5
 #: A reference whose standard deviation within runs is below this share of its size is constant.
 CONSTANT_SHARE = 1e-6
 #: The remark on such a one.
@@ -113,6 +120,45 @@ def _reference(
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
         return judged(usable=False, remark=CONSTANT)
     return judged(usable=True, remark=f"standard deviation {spread:.3g}")
+
+
+def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
+    """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`.
+
+    Stamps may be uneven, or err: what is smooth against stamps, or against the samples' numbers, is smooth.
+    """
+    if channel.values.size < FEWEST_VALUES:
+        return False
+    times = grid.time_s
+    nearest = np.minimum(np.searchsorted(times, channel.time_s), times.size - 1)
+    within = used[nearest] & (np.abs(times[nearest] - channel.time_s) <= 2.0 * grid.step_s)
+    values = np.where(within, channel.values, np.nan)
+    numbers = np.arange(values.size, dtype=np.float64)
+    return all(_jumps(at, values) for at in (channel.time_s, numbers))
+
+
+def _jumps(at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool:
+    over_one, over_two = (_bends(at, values, samples) for samples in (1, 2))
+    if not over_two.size:
+        return False
+    largest = over_one.max()
+    smooth = over_two.max() >= SMOOTH_GROWTH * largest
+    return bool(not smooth and largest > RARE * np.quantile(over_one, RARE_SHARE))
+
+
+def _bends(
+    at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
+) -> Float[np.ndarray, " m"]:
+    """Distances of values from the line between those so many samples before and after them, where known.
+
+    Of uneven stamps each is that of even ones: for a second derivative a it is a (samples h)^2 / 2.
+    """
+    before, middle, after = at[: -2 * samples], at[samples:-samples], at[2 * samples :]
+    share = (middle - before) / (after - before)
+    line = (1.0 - share) * values[: -2 * samples] + share * values[2 * samples :]
+    even = samples * float(np.median(np.diff(at)))
+    bends = np.abs(values[samples:-samples] - line) * even**2 / ((middle - before) * (after - middle))
+    return bends[np.isfinite(bends)]
 
 
 def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, " n"]) -> float:

@@ -41,6 +41,11 @@ _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
         lambda q: q.duplicated_stamps + q.backward_stamps,
         "samples dropped, because their stamp repeats or goes backward",
     ),
+    (
+        "time_stamps",
+        lambda q: q.evened_stamps,
+        "samples whose stamps go back and forth, which were evened",
+    ),
 )
 
 

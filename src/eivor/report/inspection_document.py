@@ -91,6 +91,7 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
     for number, what in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),
+        (quality.evened_stamps, "evened stamps"),
         (quality.missing_values, "without a value"),
         (quality.overflowed, "overflowed"),
         (quality.saturated, "saturated"),

@@ -64,6 +64,7 @@ def _channel(summary: ChannelSummary) -> Json:
         "gaps": [[number(start), number(end)] for start, end in summary.gaps],
         "duplicated_stamps": quality.duplicated_stamps,
         "backward_stamps": quality.backward_stamps,
+        "evened_stamps": quality.evened_stamps,
         "missing_values": quality.missing_values,
         "overflowed": quality.overflowed,
         "saturated": quality.saturated,

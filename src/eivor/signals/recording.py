@@ -25,6 +25,7 @@ from jaxtyping import Float
 from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
+from eivor.signals.stamps import evened
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
@@ -58,6 +59,7 @@ class ChannelQuality:
     missing_values: int = 0
     overflowed: int = 0
     saturated: int = 0
+    evened_stamps: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +158,8 @@ def clean_channel(
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
     A stamp counts as backward when it lies before the latest stamp seen so far; the first sample of a
-    repeated stamp is kept. Infinite values, and those that nothing measures, become NaN. What was dropped is
+    repeated stamp is kept. Stamps that err again and again by small amounts are evened first, see
+    `eivor.signals.stamps`. Infinite values, and those that nothing measures, become NaN. What was dropped is
     counted in the channel's quality; nothing is sorted, since a log's order is evidence of its own. Stamps
     are not copied when all of them are kept, so that channels of one clock share it.
 
@@ -177,6 +180,7 @@ def clean_channel(
     if not finite.all():
         time, series = time[finite], series[finite]
     series[~(np.abs(series) <= LARGEST_VALUE)] = np.nan
+    logged, time = time, evened(time)
     latest = np.maximum.accumulate(time) if time.size else time
     first = np.ones(time.size, dtype=bool)
     first[1:] = time[1:] > latest[:-1]
@@ -184,6 +188,7 @@ def clean_channel(
     duplicated[1:] = time[1:] == latest[:-1]
     quality = ChannelQuality(
         duplicated_stamps=int(duplicated.sum()),
+        evened_stamps=0 if time is logged else int(time.size),
         backward_stamps=int((~first & ~duplicated).sum()) + int((~finite).sum()),
         missing_values=int((np.isnan(series) & first).sum()),
         overflowed=overflowed,
