@@ -236,21 +236,6 @@ def test_constant_input_tells_nothing_but_its_mean(log):
     assert result.quantities["hover_input"].verdict is Status.REFUSED
 
 
-def test_hover_parameter_that_disagrees_is_pointed_out(log):
-    found = identify_flight(replace(log, parameters={"MPC_THR_HOVER": 0.35})).findings
-    (message,) = [finding.message for finding in found if finding.name == "hover_parameter"]
-    assert message.startswith("The log's own MPC_THR_HOVER is 0.35, but this vehicle hovered at 0.49")
-    agreeing = identify_flight(replace(log, parameters={"MPC_THR_HOVER": 0.5})).findings
-    assert "hover_parameter" not in [finding.name for finding in agreeing]
-
-
-def test_a_hover_that_is_not_identified_is_not_compared(log):
-    wrong = replace(log, parameters={"MPC_THR_HOVER": 0.35})
-    result = identify_flight(wrong, FlightOptions(input_map="linear"))
-    assert result.quantities["hover_input"].verdict is Status.WEAK
-    assert "hover_parameter" not in [finding.name for finding in result.findings]
-
-
 @pytest.mark.parametrize(("taken", "exponent"), [("linear", 2.0), ("power:1.5", 2.0), ("square", 2.0)])
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
     result = identify_flight(log, FlightOptions(input_map=taken))

@@ -34,6 +34,7 @@ def test_new_topic_names(tmp_path):
     assert u.source == "-vehicle_thrust_setpoint.xyz[2]"
     np.testing.assert_allclose(u.time_s, np.arange(200) * 0.02, atol=1e-9)
     np.testing.assert_array_equal(r.channels["pilot_in_control"].values, [1.0, 0.0])
+    np.testing.assert_array_equal(r.channels["input_open_loop"].values, [0.0, 0.0])
     np.testing.assert_array_equal(r.channels["landed"].values, [1.0, 0.0])
     assert "reference_acceleration_z" not in r.channels
     assert "never_valid" in names(r)
@@ -66,6 +67,26 @@ def test_the_vehicle_is_told(tmp_path, kinds, mav_type, vehicle):
     fields = {} if kinds is None else {"vehicle_type__uint8_t": np.array(kinds)}
     writer.topic("vehicle_status", [0.0, 1.0], nav_state__uint8_t=np.array([2, 3]), **fields)
     assert read(tmp_path, writer).vehicle == vehicle
+
+
+def test_modes_without_height_control_are_told(tmp_path):
+    writer = UlogWriter().topic(
+        "vehicle_status", np.arange(6.0), nav_state__uint8_t=np.array([0, 1, 2, 10, 15, 3])
+    )
+    channels = read(tmp_path, writer).channels
+    np.testing.assert_array_equal(channels["input_open_loop"].values[-6:], [1.0, 0.0, 0.0, 1.0, 1.0, 0.0])
+
+
+def test_the_autopilot_s_hover_thrust_is_read_where_it_is_valid(tmp_path):
+    writer = flight().topic(
+        "hover_thrust_estimate",
+        [0.0, 1.0, 2.0],
+        hover_thrust__float=np.array([0.5, 0.4, 0.3], dtype=np.float32),
+        valid__bool=np.array([False, True, True]),
+    )
+    np.testing.assert_allclose(
+        read(tmp_path, writer).channels["hover_thrust_estimate"].values, [np.nan, 0.4, 0.3]
+    )
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ SCHEMA: dict[str, Any] = {
     "samples": int,
     "rate_hz": NUMBER,
     "verdict": VERDICTS,
+    "summary": str,
     "reasons": [str],
     "parameters": {
         "viscous_friction": SETS,

@@ -49,10 +49,15 @@ class ReferenceSource:
     in_control : str
         Channel that is above one half while a pilot is in control, without which this one does not count;
         empty for none. A log without that channel is taken as flown by a pilot throughout.
+    open_loop : str
+        Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
+        It counts only where that channel says so of every sample used, and then it serves alone: others are
+        what it was made of. Empty for a channel whose nature does not change.
     """
 
     channel: str
     in_control: str = ""
+    open_loop: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +94,21 @@ def references(
     recording: Recording, sources: tuple[ReferenceSource, ...], grid: Grid, used: Bool[np.ndarray, " n"]
 ) -> tuple[Reference, ...]:
     """Every source in the log, judged over the samples `used`; feedback only when nothing else serves."""
-    found = [
-        _reference(recording, source, grid, used)
-        for source in sources
-        if source.channel in recording.channels
+    offered = [source for source in sources if source.channel in recording.channels]
+    offered = [source for source in offered if not source.open_loop or source.open_loop in recording.channels]
+    found = [_reference(recording, source, grid, used) for source in offered]
+    alone = [
+        reference.name
+        for reference, source in zip(found, offered, strict=True)
+        if reference.usable and source.open_loop
     ]
+    if alone:
+        return tuple(
+            reference
+            if reference.name in alone
+            else replace(reference, usable=False, remark=f"{alone[0]}, which follows it openly, serves")
+            for reference in found
+        )
     if any(reference.usable and reference.exogenous for reference in found):
         found = [
             reference
@@ -108,7 +123,8 @@ def _reference(
     recording: Recording, source: ReferenceSource, grid: Grid, used: Bool[np.ndarray, " n"]
 ) -> Reference:
     values, in_force = on_grid(recording.channel(source.channel), grid)
-    judged = partial(Reference, source.channel, exogenous=exogenous(source.channel), values=values)
+    clean = exogenous(source.channel) or bool(source.open_loop)
+    judged = partial(Reference, source.channel, exogenous=clean, values=values)
     if not used.any():
         return judged(usable=False, remark="no usable sample of flight")
     share = float(in_force[used].mean())
@@ -116,10 +132,15 @@ def _reference(
         return judged(usable=False, remark=f"in force for {share:.0%} of the flight only")
     if source.in_control and not _pilot_flies(recording, source.in_control, grid, used):
         return judged(usable=False, remark="no pilot flies")
+    openly = _share(recording, source.open_loop, grid, used) if source.open_loop else 0.0
+    if source.open_loop and openly < 1.0:
+        elsewhere = f", though for {1.0 - openly:.0%} of the flight only" if openly else ""
+        return judged(usable=False, remark=f"a loop acts on it{elsewhere}")
     spread = _spread_within_runs(values, used)
     if spread <= CONSTANT_SHARE * max(1.0, float(np.max(np.abs(values[used])))):
         return judged(usable=False, remark=CONSTANT)
-    return judged(usable=True, remark=f"standard deviation {spread:.3g}")
+    why = ", no loop acts on it" if source.open_loop else ""
+    return judged(usable=True, remark=f"standard deviation {spread:.3g}{why}")
 
 
 def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
@@ -170,10 +191,13 @@ def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, 
 
 
 def _pilot_flies(recording: Recording, in_control: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
-    if in_control not in recording.channels:
-        return True
-    flies, known = on_grid(recording.channel(in_control), grid)
-    return float((known & (flies > 0.5))[used].mean()) >= PILOT_SHARE
+    return in_control not in recording.channels or _share(recording, in_control, grid, used) >= PILOT_SHARE
+
+
+def _share(recording: Recording, state: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
+    """Share of the samples used in which a state is on."""
+    values, known = on_grid(recording.channel(state), grid)
+    return float((known & (values > 0.5))[used].mean())
 
 
 def exogenous(name: str) -> bool:

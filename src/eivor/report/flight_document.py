@@ -82,8 +82,10 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
 
 def _facts(told: ToldFlight) -> Facts:
     with_what = "no instruments" if told.instruments == "none" else f"instruments: {told.instruments}"
+    summary = (Fact("told", told.summary),) if told.summary else ()
     return Facts(
         (
+            *summary,
             Fact("model", told.equation[0].replace(" - ", " − ")),
             Fact("", told.symbols),
             Fact("method", f"{told.method}; {with_what}"),

@@ -64,6 +64,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "samples": sum(int(flight.used.sum()) for flight in result.prepared),
         "rate_hz": number(rates.pop()) if len(rates) == 1 else None,
         "verdict": told.verdict.status.value,
+        "summary": told.summary,
         "reasons": list(told.verdict.sentences),
         "parameters": _with_sets(_quantities(told.quantities, Kind.PARAMETER), result),
         "derived": _quantities(told.quantities, Kind.DERIVED),

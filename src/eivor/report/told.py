@@ -6,8 +6,10 @@ takes from the result.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from eivor.flights.motion import CardSection
 from eivor.flights.quantity import Kind, Quantity, Wording
@@ -109,6 +111,8 @@ class ToldFlight:
         What to fly when nothing else helps.
     card : tuple of CardSection
         What to fly and to log, step by step; empty when the flight is identified.
+    rows : tuple of str
+        Names of the quantities that tables of flights show.
     """
 
     logs: tuple[str, ...]
@@ -128,6 +132,13 @@ class ToldFlight:
     comparisons: tuple[ToldRow, ...]
     fly: str
     card: tuple[CardSection, ...]
+    rows: tuple[str, ...]
+
+    @property
+    def brief(self) -> tuple[ToldQuantity, ...]:
+        """Quantities that tables of flights show, where there is an estimate."""
+        estimated = any(np.isfinite(told.quantity.std_error) for told in self.quantities)
+        return tuple(told for told in self.reported if told.name in self.rows) if estimated else ()
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -162,7 +173,35 @@ class ToldFlight:
     def remedies(self) -> tuple[str, ...]:
         """What would change it, each remedy once."""
         reasons = (*self.reasons, *(reason for _, reason in self.further))
-        return tuple(dict.fromkeys(reason.remedy for reason in reasons if reason.remedy))
+        found = dict.fromkeys(reason.remedy for reason in reasons if reason.remedy)
+        return tuple(one for one in found if not any(one != more and more.startswith(one) for more in found))
+
+    @property
+    def summary(self) -> str:
+        """What is told, what is told weakly, and what is not and why; empty without numbers.
+
+        It speaks of the quantities that tables of flights show.
+        """
+        if not self.brief or all(
+            told.quantity.verdict is self.brief[0].quantity.verdict for told in self.brief
+        ):
+            return ""
+        parts = []
+        for statuses, words in (
+            ((Status.IDENTIFIED,), "told"),
+            ((Status.WEAK, Status.PROVISIONAL), "told roughly"),
+            ((Status.REFUSED,), "not told"),
+        ):
+            names = [told.wording.words for told in self.brief if told.quantity.verdict in statuses]
+            if names:
+                parts.append(f"{in_words(names)} {'is' if len(names) == 1 else 'are'} {words}")
+        refused = next(
+            (told.quantity for told in self.brief if told.quantity.verdict is Status.REFUSED), None
+        )
+        why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
+        why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
+        told = "; ".join(parts)
+        return f"{told[0].upper()}{told[1:]}{f', because {_begun(why)}' if why else '.'}"
 
     @property
     def reported(self) -> tuple[ToldQuantity, ...]:
@@ -210,7 +249,20 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         comparisons=tuple(_row(row, result) for row in result.comparisons),
         fly=motion.words.fly,
         card=flight_card(result),
+        rows=motion.rows,
     )
+
+
+def in_words(names: Sequence[str]) -> str:
+    """Names with commas and an "and" between them."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _begun(sentence: str) -> str:
+    """A sentence as the rest of another: "The lag is" becomes "the lag is"."""
+    article = sentence.split(" ", 1)[0] in {"The", "A", "An", "No", "Every", "Its"}
+    return f"{sentence[0].lower()}{sentence[1:]}" if article else sentence
 
 
 def of_kind(quantities: tuple[ToldQuantity, ...], kind: Kind) -> tuple[ToldQuantity, ...]:

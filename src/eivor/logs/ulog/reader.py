@@ -39,6 +39,7 @@ from eivor.logs.ulog.topics import (
     MAX_ESCS,
     NAVIGATION_STATE,
     NEEDED_TOPICS,
+    OPEN_LOOP_STATES,
     PILOT_STATES,
     RESET_COUNTERS,
     Source,
@@ -198,7 +199,7 @@ def _read_channels(ulog: Any, findings: list[Finding], parameters: Mapping[str, 
             if name not in reading.channels:
                 _add(reading, clocks, name, source)
     _add_controller_velocity(reading, clocks)
-    _add_pilot_in_control(reading, clocks)
+    _add_modes(reading, clocks)
     _add_actuators(reading, clocks)
     _add_rotor_speeds(reading, clocks)
     findings += _reset_findings(reading, clocks)
@@ -331,15 +332,17 @@ def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.nd
         _add(reading, clocks, "reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
 
 
-def _add_pilot_in_control(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+def _add_modes(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    """Add when a pilot flies, and when no loop acts on the thrust."""
     topic = reading.topics.get(NAVIGATION_STATE.topic)
     states = _values(topic, NAVIGATION_STATE) if topic is not None else None
     if states is None:
         return
-    flies = np.isin(states, PILOT_STATES).astype(np.float64)
-    channel = _channel("pilot_in_control", clocks[NAVIGATION_STATE.topic], flies, NAVIGATION_STATE.label)
-    if channel.time_s.size:
-        reading.channels["pilot_in_control"] = channel
+    for name, known in (("pilot_in_control", PILOT_STATES), ("input_open_loop", OPEN_LOOP_STATES)):
+        within = np.isin(states, known).astype(np.float64)
+        channel = _channel(name, clocks[NAVIGATION_STATE.topic], within, NAVIGATION_STATE.label)
+        if channel.time_s.size:
+            reading.channels[name] = channel
 
 
 def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:

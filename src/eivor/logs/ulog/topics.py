@@ -103,6 +103,7 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         Source("battery_status", "voltage_v", valid_field="connected"),
         Source("battery_status", "voltage_filtered_v", valid_field="connected"),
     ),
+    "hover_thrust_estimate": (Source("hover_thrust_estimate", "hover_thrust", valid_field="valid"),),
 }
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
@@ -113,15 +114,17 @@ CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint
 #: Counters of the estimator's jumps in height and in vertical velocity, both of `vehicle_local_position`.
 RESET_COUNTERS: Mapping[str, str] = {"z_reset_counter": "height", "vz_reset_counter": "vertical velocity"}
 
-#: The navigation state, and its values in which a pilot flies: manual, altitude, position, acro, stabilized.
 #: Channels whose source is another one than the preferred where that was logged much more often: PX4 may log
 #: the filtered acceleration at 20 Hz beside the raw one at its full rate.
 CHOSEN_BY_RATE = tuple(
     f"{quantity}_{axis}" for quantity in ("specific_force_body", "angular_rate") for axis in "xyz"
 )
 
+#: The navigation state. A pilot flies in manual, altitude, position, acro and stabilized; in manual, acro and
+#: stabilized the thrust is the stick's, and no loop acts on it.
 NAVIGATION_STATE = Source("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
+OPEN_LOOP_STATES = (0, 10, 15)
 
 #: Motor outputs: topic and field stem, the preferred one first.
 ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
@@ -185,6 +188,7 @@ TOPIC_LOGGING: tuple[TopicLogging, ...] = (
     TopicLogging("vehicle_local_position_setpoint", 10.0),
     TopicLogging("manual_control_setpoint", 5.0, (4,)),
     TopicLogging("battery_status", 5.0),
+    TopicLogging("hover_thrust_estimate", 10.0),
     TopicLogging("vehicle_status", float("inf"), (0,)),
     TopicLogging("vehicle_land_detected", float("inf"), (0,)),
 )
@@ -218,5 +222,6 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     ),
     "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
     "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
+    "input_open_loop": (_with_profile(NAVIGATION_STATE),),
     "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
 }

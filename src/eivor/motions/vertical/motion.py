@@ -28,26 +28,22 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
 from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import apparent_gravity, balance_sums
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import APPARENT_GRAVITY, all_grounds
-from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, selected
+from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, told
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
-
-#: Parameters in which an autopilot keeps its own idea of the hover input.
-HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
-#: The report points out a logged hover parameter that is off by more than this share.
-HOVER_DISAGREEMENT = 0.15
 
 
 @dataclass(frozen=True)
@@ -68,6 +64,7 @@ class Vertical(Motion[VerticalFlights]):
     references = REFERENCES
     logged_parameters = (
         *HOVER_PARAMETERS,
+        "HTE_THR_RANGE",
         "THR_MDL_FAC",
         "MPC_THR_MIN",
         "MPC_THR_MAX",
@@ -173,19 +170,8 @@ class Vertical(Motion[VerticalFlights]):
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
     ) -> tuple[Finding, ...]:
-        """A logged hover parameter that disagrees, where hover is identified; see `Motion.findings`."""
-        if quantities["hover_input"].verdict is not Status.IDENTIFIED:
-            return ()
-        hover = quantities["hover_input"].value
-        logged = {name: flights[0].recording.parameters.get(name) for name in HOVER_PARAMETERS}
-        return tuple(
-            Finding(
-                "hover_parameter",
-                f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover:.3g}.",
-            )
-            for name, value in logged.items()
-            if value and np.isfinite(hover) and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
-        )
+        """Instruments where no loop acts, and what the autopilot holds its hover input to be."""
+        return (*open_loop_findings(flights), *hover_findings(flights, quantities))
 
     def flight_sums(
         self, problem: VerticalFlights, at: Values

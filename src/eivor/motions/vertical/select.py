@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
 from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Limit, Selection, chosen_input
 from eivor.motions.vertical.attitude import vertical_row
@@ -25,8 +26,10 @@ INPUTS = (
 #: Measured states that tell the lag where commands are the input.
 TELEMETRY = ("rotor_speed",)
 #: What the vehicle was asked to do: the setpoints of a trajectory, and the pilot's stick. The velocity
-#: setpoint that a position loop computes answers the vehicle.
+#: setpoint that a position loop computes answers the vehicle. In modes without height control nothing feeds
+#: back to the thrust, which is its own instrument: the stick is what it was made of, logged more slowly.
 REFERENCES = (
+    ReferenceSource("input", open_loop="input_open_loop"),
     ReferenceSource("reference_position_z"),
     ReferenceSource("reference_velocity_z"),
     ReferenceSource("reference_acceleration_z"),
@@ -73,6 +76,19 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         band_hz=SLOW_BAND_HZ if velocity.rate_hz < SLOW_VELOCITY_HZ else BAND_HZ,
         findings=tuple(findings),
     )
+
+
+def open_loop_findings(flights: tuple[PreparedFlight, ...]) -> list[Finding]:
+    """Say that the thrust command is its own instrument, where it is."""
+    openly = {source.channel for source in REFERENCES if source.open_loop}
+    return [
+        Finding(
+            "open_loop_input",
+            f"No loop acts on the {reference} in this mode of flight: it is its own instrument.",
+        )
+        for reference in dict.fromkeys(r.name for f in flights for r in f.references if r.usable)
+        if reference in openly
+    ]
 
 
 def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, list[Finding]]:
