@@ -44,13 +44,18 @@ def command_clock(spec: FlightSpec, rng: np.random.Generator) -> Clock:
     """Clock of the command: at each tick of the logger the controller's latest instant, with its own stamp.
 
     So distances of stamps are even where the controller's rate is a multiple of the logger's, and else of two
-    kinds, as a log of every second or third command has them.
+    kinds, as a log of every second or third command has them. Irregular ticks pick other instants, whose
+    stamps are true.
     """
-    steps = spec.vehicle.controller_steps
-    period = max(1.0 / spec.logger.command_hz, STEP_S * steps)
+    every = STEP_S * spec.vehicle.controller_steps
+    period = max(1.0 / spec.logger.command_hz, every)
     ticks = rng.uniform(0.0, period) + period * np.arange(int(spec.duration / period) - 1)
-    latest = np.unique(np.floor(ticks / (STEP_S * steps) + 1e-9).astype(np.int64))
-    return _jittered(spec, STEP_S * steps * latest, period, rng)
+    if spec.logger.jitter is Jitter.INSTANTS:
+        ticks = _jittered(spec, ticks, period, rng).instants
+    issued = every * np.unique(np.floor(ticks / every + 1e-9))
+    return (
+        _jittered(spec, issued, period, rng) if spec.logger.jitter is Jitter.STAMPS else Clock(issued, issued)
+    )
 
 
 def _jittered(
