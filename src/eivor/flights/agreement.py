@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from eivor.estimation.diagnose import diagnose
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import reference_iv
 from eivor.inference.covariances.estimators import Classical, EqualWeightedCosines
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
-from eivor.inference.quantiles import t_quantile, t_tail
-from eivor.models.separable import SeparableProblem
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, SIGNIFICANT
+from eivor.inference.quantiles import chi_square_tail, t_quantile, t_tail
+from eivor.models.lagged_runs import LaggedRuns
 
 #: Cosine averages of the standard error, and the degrees of freedom of its t.
 AVERAGES = 16
@@ -71,10 +71,14 @@ class SensorAgreement:
         By the motion's names.
     p_value : float
         Of the test that they differ in no other way (over-identification).
+    either : mapping of str to Difference
+        Where the flight does not tell kinds apart: each that explains all of the difference, as large as it
+        is without the others.
     """
 
     differences: Mapping[str, Difference]
     p_value: float
+    either: Mapping[str, Difference] = field(default_factory=dict)
 
     @property
     def told(self) -> dict[str, Difference]:
@@ -95,12 +99,12 @@ class SensorAgreement:
         return found
 
 
-def sensor_agreement(problem: SeparableProblem | None, least: Mapping[str, float]) -> SensorAgreement | None:
+def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> SensorAgreement | None:
     """Estimate in which ways two measurements differ.
 
     Parameters
     ----------
-    problem : SeparableProblem or None
+    problem : LaggedRuns or None
         Their difference, one column for each kind of disagreement, and instruments; None where the log has
         but one measurement.
     least : mapping of str to float
@@ -114,18 +118,51 @@ def sensor_agreement(problem: SeparableProblem | None, least: Mapping[str, float
     if problem is None:
         return None
     try:
-        estimate = identify(problem, reference_iv())
-        agreement = diagnose(estimate).over_identification
-        parts = [
-            part.matrix
-            for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
-            for part in estimate.with_covariance(estimator).best.covariance.parts
-        ]
+        together = _estimated(problem, least)
+        found = SensorAgreement(together.differences, together.p_value)
+        if found.told or together.none_p_value > BEYOND_DOUBT:
+            return found
+        return replace(found, either=_alone(problem, least))
     except (EstimationError, InstrumentError, TooFewSamplesError):
         return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimated:
+    """Differences, and p-values of the tests that there is none at all, and that there is no other kind."""
+
+    differences: dict[str, Difference]
+    none_p_value: float
+    p_value: float
+
+
+def _estimated(problem: LaggedRuns, least: Mapping[str, float]) -> _Estimated:
+    estimate = identify(problem, reference_iv())
+    agreement = diagnose(estimate).over_identification
+    parts = [
+        part.matrix
+        for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
+        for part in estimate.with_covariance(estimator).best.covariance.parts
+    ]
     errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
-    values = zip(estimate.names, estimate.best.values.tolist(), errors.tolist(), strict=True)
-    p_value = 1.0 if agreement is None or math.isnan(agreement.p_value) else agreement.p_value
-    return SensorAgreement(
-        {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in values}, p_value
+    values = estimate.best.values
+    scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
+    wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
+    named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
+    return _Estimated(
+        {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named},
+        chi_square_tail(wald, values.size),
+        1.0 if agreement is None or math.isnan(agreement.p_value) else agreement.p_value,
     )
+
+
+def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Difference]:
+    """Kinds that explain the difference by themselves: there beyond doubt, and nothing is left."""
+    found: dict[str, Difference] = {}
+    for place, parameter in enumerate(problem.parameters):
+        columns = tuple(replace(one, fixed=one.fixed[:, [place]]) for one in problem.columns)
+        alone = _estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
+        one = alone.differences[parameter.name]
+        if one.told and one.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+            found[parameter.name] = one
+    return found

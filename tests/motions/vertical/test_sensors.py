@@ -20,7 +20,15 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.rule import sensor_reasons
-from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, sensor_allowances, sentence, told
+from eivor.motions.vertical.sensors import (
+    OFFSET,
+    SCALE,
+    TILTS,
+    either_sentence,
+    sensor_allowances,
+    sentence,
+    told,
+)
 from eivor.signals.recording import Channel
 from flights.flight_logs import LAG_S, STEP_S, flown
 
@@ -122,6 +130,33 @@ def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     assert list(level.differences) == ["offset", "scale", "tilt_x"]
     assert level.told == {}
     assert ", tilt " in told(level)
+
+
+def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_alone(log):
+    """Sideways as up and down: what leans looks like a scale."""
+    like, rng = log.channels["velocity_z"], np.random.default_rng(1)
+    v = 2.0 * log.channels["reference_velocity_z"].values
+    force = log.channels["specific_force_z"]
+    leaning = replace(force, values=force.values + np.deg2rad(3.0) * np.gradient(v, STEP_S))
+    noisy = [
+        replace(like, name=name, values=factor * v + 0.03 * rng.standard_normal(v.size))
+        for name, factor in (("velocity_x", 1.0), ("velocity_y", 0.0))
+    ]
+    found = agreement(changed(log, leaning, *noisy))
+    assert found.told == {}
+    assert list(found.either) == ["tilt_x"]  # a scale alone does not explain all of it
+    tilt = found.either["tilt_x"]
+    assert abs(tilt.value - np.deg2rad(3.0)) < 4.0 * tilt.std_error
+    assert tilt.std_error < 0.2 * found.differences["tilt_x"].std_error
+    assert told(found).startswith("Attitude and accelerometer differ by 3")
+    both = replace(found, either={"tilt_x": tilt, "scale": Difference(-0.09, 0.01)})
+    said = either_sentence(both)
+    assert re.search(
+        r"along x\. Or: The velocity reads 9\.0% \(± 2\.1%\) less than .* This flight does", said
+    )
+    (reason,) = sensor_reasons(replace(at(), sensors=both), SCALE)
+    assert reason.sentence == said
+    assert sensor_reasons(replace(at(), sensors=both), OFFSET) == []
 
 
 def test_a_difference_that_no_name_fits_is_told_all_the_same(log):

@@ -38,7 +38,7 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, sentence
+from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
 
 FRICTION_SHARE = 0.5
 GAIN_SHARE = 0.1
@@ -278,6 +278,8 @@ def sensor_reasons(at: Circumstances, *harmful: Parameter) -> list[Reason]:
         for name, one in at.sensors.told.items()
         if name in names
     ]
+    if names & at.sensors.either.keys():
+        reasons.append(Reason(Status.WEAK, either_sentence(at.sensors), LEVEL))
     if at.sensors.otherwise:
         reasons.append(
             Reason(

@@ -158,9 +158,17 @@ def sentence(name: str, found: Difference) -> str:
     return f"Attitude and accelerometer differ by {degrees:.1f} ± {width:.1f} degrees {along}."
 
 
+def either_sentence(agreement: SensorAgreement) -> str:
+    """What the differences are of which the flight does not tell which is there."""
+    said = " Or: ".join(sentence(name, one) for name, one in agreement.either.items())
+    return f"{said} This flight does not tell which." if len(agreement.either) > 1 else said
+
+
 def told(agreement: SensorAgreement) -> str:
     """What is told of both sensors, in a line."""
     said = [sentence(name, one) for name, one in agreement.told.items()]
+    if agreement.either:
+        said.append(either_sentence(agreement))
     if agreement.otherwise:
         said.append("Velocity and accelerometer disagree in another way than these.")
     if said:
