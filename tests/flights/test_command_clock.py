@@ -51,6 +51,11 @@ def test_even_stamps_tell_no_finer_step_however_they_jitter(rate_hz, jitter_s):
     assert finer_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s)) is None
 
 
+def test_as_many_distances_of_one_kind_as_of_the_other_tell_the_step():
+    time = np.concatenate([[0.0], np.cumsum(np.tile([0.008, 0.012], 1000))])
+    assert finer_step(time) == pytest.approx(0.004)
+
+
 def test_uneven_stamps_tell_none():
     rng = np.random.default_rng(2)
     assert finer_step(np.cumsum(rng.uniform(0.015, 0.025, 2000))) is None
