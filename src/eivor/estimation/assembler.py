@@ -33,6 +33,11 @@ class Assembler(ABC):
     def moment_equations(self) -> bool:
         """True when the equations are mean cross-products, False when they are rows or their root."""
 
+    @property
+    def plain_products(self) -> bool:
+        """True when the equations are mean(psi [phi' y]) and nothing else; not so by default."""
+        return False
+
     @abstractmethod
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of the problem's rows: what the equations need."""
@@ -105,6 +110,11 @@ class Instrumental(Assembler):
 
     @property
     def moment_equations(self) -> bool:
+        """Yes."""
+        return True
+
+    @property
+    def plain_products(self) -> bool:
         """Yes."""
         return True
 

@@ -5,6 +5,7 @@ Nuisances that move columns are searched outside, the linear parameters are solv
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -61,6 +62,14 @@ class LinearMethod(Method):
     def needs_instruments(self) -> bool:
         """As the assembler does."""
         return self.assembler.needs_instruments
+
+    @property
+    def plain_products(self) -> bool:
+        """Whether what is solved is mean(psi [phi' y]), neither corrected nor weighted."""
+        unweighted = (
+            self.equation_weighting.passes == 1 and not self.equation_weighting.needs_instrument_products
+        )
+        return unweighted and self.assembler.plain_products
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
@@ -197,7 +206,12 @@ def _minimum(
     def unit(at: Values) -> float:
         return method.solve(weights.rows(at)).objective_unit()
 
-    return Search(sought, fixed, solve, unit).minimum(coarse=weights.renewal is not None)
+    def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
+        if method.plain_products:
+            return method.solver.objectives(weights.products(points))
+        return np.array([solve(at).objective for at in points])
+
+    return Search(sought, fixed, solve, objectives, unit).minimum(coarse=weights.renewal is not None)
 
 
 def _slope(weights: WeightedRows, nuisance: Nuisance, found: Minimum) -> Float[np.ndarray, " rows"]:

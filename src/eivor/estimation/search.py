@@ -10,7 +10,7 @@ equation as the unit: the term that a measurement of t would add.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -104,6 +104,8 @@ class Search:
         Values of the other nuisances.
     solve : callable
         Linear parameters at values of all nuisances.
+    objectives : callable
+        What `solve` would leave at many values of all nuisances.
     unit : callable
         Variance of one equation there, in units of the objective. Asked only where something is known
         beforehand.
@@ -112,6 +114,7 @@ class Search:
     sought: tuple[Nuisance, ...]
     fixed: dict[str, float]
     solve: Callable[[Values], Solution]
+    objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]]
     unit: Callable[[Values], float]
 
     def minimum(self, *, coarse: bool = False) -> Minimum:
@@ -126,15 +129,14 @@ class Search:
         """
         grids = product_grids(self.sought)
         points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
-        solutions = [self.solve(self._at(point)) for point in points]
-        left = np.array([solution.objective for solution in solutions])
+        left = self.objectives([self._at(point) for point in points])
         misfit = np.array([self._misfit(point) for point in points])
         tolerance = COARSE if coarse else 1.0
 
         def from_grid(unit: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
             objective = left + unit * misfit
             place = int(np.argmin(objective))
-            best = Trial(points[place], float(objective[place]), solutions[place])
+            best = Trial(points[place], float(objective[place]), self.solve(self._at(points[place])))
             return self._refined(best, grids, unit, tolerance), objective
 
         if any(nuisance.prior for nuisance in self.sought):

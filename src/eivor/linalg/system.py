@@ -121,6 +121,10 @@ class Solver(ABC):
             When columns are combinations of one another.
         """
 
+    def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
+        """What `solve` would leave of many systems [A b] of one size. Performs no checks."""
+        return np.array([self.solve(LinearSystem(one[:, :-1], one[:, -1])).objective for one in systems])
+
     @abstractmethod
     def score_correction(
         self,

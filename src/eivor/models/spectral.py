@@ -251,11 +251,19 @@ class SpectralRegression:
         instruments : ndarray, shape (rows, q)
             Instruments that are whitened already.
         """
-        weight = 1.0 / np.sqrt(power)
-        response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]
-        columns = np.column_stack([response, self.regressors]) * weight[:, None]
-        rows = self.layout.stacked(columns)
+        rows = self.whitened_rows(blend, power, self.regressors)
         return Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
+
+    def whitened_rows(
+        self,
+        blend: Float[np.ndarray, " bins"],
+        power: Float[np.ndarray, " bins"],
+        regressors: Complex[np.ndarray, "bins k"],
+    ) -> Float[np.ndarray, "rows k_plus_1"]:
+        """Real rows of [y Phi], the responses blended, for any regressors; see `whitened`."""
+        response = (1.0 - blend) * self.responses[:, 0] + blend * self.responses[:, -1]
+        weight = 1.0 / np.sqrt(power)
+        return self.layout.stacked(np.column_stack([response, regressors]) * weight[:, None])
 
     def residuals(self, theta: Float[np.ndarray, " n"]) -> Complex[np.ndarray, "bins r"]:
         """Residual of each candidate response."""

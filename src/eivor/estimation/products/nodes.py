@@ -11,16 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from eivor.estimation.products.cubic import slopes_of_nodes, spline_weights
 from eivor.estimation.search import product_grids
 from eivor.models.separable import Nuisance, Prior, Values
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
 FEWEST_NODES, MOST_NODES = 17, 1000
@@ -51,14 +48,12 @@ class NodeAxis:
         return np.exp(places) if self.nuisance.positive else places
 
     @cached_property
-    def _spline(self) -> CubicSpline:
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline(self.places, np.eye(self.places.size))
+    def _slopes(self) -> Float[np.ndarray, "T T"]:
+        return slopes_of_nodes(self.places)
 
     def weights(self, places: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k T"]:
         """What each node counts at places between them."""
-        return np.asarray(self._spline(places))
+        return spline_weights(self.places, self._slopes, places)
 
 
 @dataclass(frozen=True)

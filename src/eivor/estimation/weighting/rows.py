@@ -7,7 +7,7 @@ are renewed at each estimate, so often as the weighting says; then they stand.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,10 +24,19 @@ class WeightedRows(ABC):
     def rows(self, at: Values) -> Regression:
         """Weighted rows at values of the nuisances."""
 
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances."""
+        return np.stack([_mean_products(self.rows(at)) for at in points])
+
     @property
     @abstractmethod
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
         """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
+
+
+def _mean_products(rows: Regression) -> Float[np.ndarray, "p n_plus_1"]:
+    columns = np.column_stack([rows.regressors, rows.response])
+    return rows.instruments.T @ columns / rows.response.size
 
 
 class RowWeighting(ABC):

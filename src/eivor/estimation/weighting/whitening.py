@@ -10,7 +10,7 @@ finds its own crossover, and removes fractional noise of any order without being
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +51,15 @@ class WhitenedRows(WeightedRows):
     def rows(self, at: Values) -> Regression:
         """Whitened rows."""
         return self.problem.bins(at).whitened(self.blend, self.power, self.basis)
+
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
+        moved = [self.problem.bins(at) for at in points]
+        rows = moved[0].whitened_rows(self.blend, self.power, np.column_stack([b.regressors for b in moved]))
+        means = self.basis.T @ rows / rows.shape[0]
+        response = np.broadcast_to(means[:, :1], (len(points), *means[:, :1].shape))
+        regressors = means[:, 1:].reshape(self.basis.shape[1], len(points), -1).transpose(1, 0, 2)
+        return np.concatenate([regressors, response], axis=2)
 
     @property
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WhitenedRows] | None:
