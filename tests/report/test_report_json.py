@@ -86,6 +86,7 @@ SCHEMA: dict[str, Any] = {
             "compare": bool,
             "lag": (dict, type(None)),
             "align": bool,
+            "accelerometer_bias": float,
         },
     },
 }

@@ -67,7 +67,17 @@ InputMapOption = Annotated[
     typer.Option(
         "--input-map",
         metavar="MAP",
-        help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE.",
+        help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
+        show_default=False,
+    ),
+]
+AccelerometerBiasOption = Annotated[
+    float | None,
+    typer.Option(
+        "--accelerometer-bias",
+        metavar="STD",
+        help="Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
+        "(default: 0.1; inf when nothing is known of it).",
         show_default=False,
     ),
 ]

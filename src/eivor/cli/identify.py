@@ -62,6 +62,7 @@ def identify(
     max_tilt: arguments.MaxTiltOption = None,
     input_channel: arguments.InputOption = "",
     input_map: arguments.InputMapOption = "",
+    accelerometer_bias: arguments.AccelerometerBiasOption = None,
     instruments: Annotated[
         str,
         typer.Option(
@@ -103,6 +104,7 @@ def identify(
         max_tilt=max_tilt,
         input_channel=input_channel,
         input_map=input_map,
+        accelerometer_bias=accelerometer_bias,
         instruments=instruments,
         method=method,
         compare=compare,

@@ -127,6 +127,7 @@ def flight_options(
     max_tilt: float | None = None,
     input_channel: str = "",
     input_map: str = "",
+    accelerometer_bias: float | None = None,
     instruments: str = "",
     method: str = "reference_iv",
     compare: bool = False,
@@ -142,7 +143,7 @@ def flight_options(
         When one of them does not exist or makes no sense.
     """
     from eivor.estimation.methods import by_name
-    from eivor.flights.options import FlightOptions
+    from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
 
     chosen = by_name(method)
     if instruments and not (compare or chosen.needs_instruments):
@@ -153,6 +154,12 @@ def flight_options(
         )
     if max_tilt is not None and not math.isfinite(max_tilt):
         max_tilt = 0.0  # refused below, in the library's words
+    if accelerometer_bias is not None and input_map != FIT_MAP:
+        raise UsageError(
+            "--accelerometer-bias with --input-map fit, which rests on it",
+            f"--input-map {input_map}" if input_map else "it alone",
+            "Leave it out.",
+        )
     options = FlightOptions(
         window=arguments.window(window) if window else None,
         input=input_channel,
@@ -162,6 +169,7 @@ def flight_options(
         compare=compare,
         lag=given_lag(lag, lag_from),
         align=align,
+        accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
     )
     motion.check(options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)

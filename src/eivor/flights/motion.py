@@ -7,7 +7,7 @@ write one is told in docs/motions.md.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import ClassVar, Generic, TypeVar
@@ -372,6 +372,24 @@ class Motion(ABC, Generic[P]):
         EivorError
             When they make none.
         """
+
+    def settled(
+        self, problem: P, estimated: Callable[[P], Estimate], _options: FlightOptions, /
+    ) -> tuple[P, Estimate]:
+        """Problem and its estimate, when all that the motion finds out by estimates is found out.
+
+        Parameters
+        ----------
+        problem : SeparableProblem
+            To begin with.
+        estimated : callable
+            From a problem to its estimate.
+        """
+        return problem, estimated(problem)
+
+    def as_settled(self, flights: tuple[PreparedFlight, ...], _problem: P, /) -> tuple[PreparedFlight, ...]:
+        """Flights as a result tells of them, with what was found out of them."""
+        return flights
 
     def input_level(self, flight: PreparedFlight) -> float:
         """Size of a flight's input over the samples used, by which inputs of other scales are told."""

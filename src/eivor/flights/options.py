@@ -12,6 +12,10 @@ from eivor.models.separable import Bounds, Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
 MAX_TILT_DEG = float(np.rad2deg(np.arccos(0.9)))
+#: In place of a map's name: it is found out from the flight.
+FIT_MAP = "fit"
+#: Standard deviation of the bias of an accelerometer that was calibrated [m/s^2].
+ACCELEROMETER_BIAS = 0.1
 #: Longest lag that bounds may reach [s].
 LONGEST_LAG_S = 1.0
 
@@ -30,8 +34,8 @@ class FlightOptions:
         Channel, or family of channels, that drives the vehicle; empty for the first of rotor_command,
         rotor_speed, input that is in the log.
     input_map : str
-        linear, square, power:EXPONENT or mixed:SHARE; empty for the log's own, else square for rotors
-        and linear for thrust.
+        linear, square, power:EXPONENT or mixed:SHARE; "fit" to find it out, an exponent for rotors and a
+        share for thrust; empty for the log's own, else square for rotors and linear for thrust.
     instruments : tuple of str
         ("references",), ("lags",), or names of channels; empty for the method's own: references, and
         lags for extended_iv.
@@ -45,6 +49,9 @@ class FlightOptions:
         ``ev.Bounds(0.0, 0.0)`` for neither lag nor delay.
     align : bool
         Take an offset in time and a scale out of sensors that disagree, as far as the motion can.
+    accelerometer_bias : float
+        What a map that is found out rests on: the standard deviation of the accelerometer's bias [m/s^2];
+        infinite for nothing known of it.
 
     Raises
     ------
@@ -61,12 +68,19 @@ class FlightOptions:
     compare: bool = False
     lag: Prior | Bounds | None = None
     align: bool = False
+    accelerometer_bias: float = ACCELEROMETER_BIAS
 
     def __post_init__(self) -> None:
         self._check_types()
         if not 0.0 < self.max_tilt_deg < 90.0:
             raise UsageError(
                 "a largest tilt between 0 and 90 degrees", f"{self.max_tilt_deg:g}", "The default is 25.8."
+            )
+        if not self.accelerometer_bias > 0.0:
+            raise UsageError(
+                "a standard deviation of the accelerometer's bias above zero",
+                f"{self.accelerometer_bias:g} m/s^2",
+                "The default is 0.1; give inf when nothing is known of it.",
             )
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
@@ -85,6 +99,7 @@ class FlightOptions:
 
     def _check_types(self) -> None:
         checks.number("max_tilt_deg", self.max_tilt_deg)
+        checks.number("accelerometer_bias", self.accelerometer_bias)
         for name in ("input", "input_map", "method"):
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')

@@ -19,7 +19,7 @@ from eivor.flights.frames import upward
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid
 from eivor.flights.motion import Motion
 from eivor.flights.noise_level import white_noise_std
-from eivor.flights.options import FlightOptions
+from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, jumps, named_reference, references
 from eivor.flights.selection import Limit, Selection
@@ -67,11 +67,12 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     candidates = _references(log, motion, grid, used, options)
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
     noise = _noise(selected, channels, used)
+    chosen = "" if options.input_map == FIT_MAP else options.input_map
     return PreparedFlight(
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
         selected.input,
-        options.input_map or log.input_map or selected.input.input_map,
+        chosen or log.input_map or selected.input.input_map,
         tuple(runs),
         _band(selected, clocks, _jump(log, candidates, grid, used)),
         candidates,

@@ -46,6 +46,8 @@ class Wording:
         What no such quantity can be below; intervals are cut there.
     by_run : bool
         The quantity has a value of its own in each run.
+    optional : bool
+        Results have it only where it was asked for.
     """
 
     words: str
@@ -56,6 +58,7 @@ class Wording:
     scale: float = 1.0
     lowest: float = -math.inf
     by_run: bool = False
+    optional: bool = False
 
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Part of an interval that is not below `lowest`; one without a lower bound stays as it is."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from eivor.errors import EstimationError, UsageError
@@ -120,12 +121,14 @@ def _identified(
             prepared = motion.aligned(prepared, sensors)
             flying = tuple(flight for flight in prepared if flight.runs)
             problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        alone = identify(problem, method)
+        estimated = partial(identify, method=method)
+        problem, alone = motion.settled(problem, estimated, options)
         given, noticed = _known_lag(motion, flying, options, problem, alone)
         estimate = alone
         if given is not None:
             problem = with_given_lag(problem, given.for_the_log, alone.best.at)
-            estimate = identify(problem, method)
+            problem, estimate = motion.settled(problem, estimated, options)
+        prepared = motion.as_settled(prepared, problem)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         if given is not None:
             # what was given is compared with the flight by itself, and is nothing that instruments say
@@ -272,6 +275,7 @@ def judged(
     quantities = {
         name: unjudged[name].judged(verdict(list(grounds[name])), wording)
         for name, wording in motion.wording.items()
+        if name in unjudged or not wording.optional
     }
     return verdict(list(against)), quantities
 
@@ -297,6 +301,7 @@ def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, 
     return {
         name: Quantity(known.get(name, NAN), wording.unit, NAN, NO_INTERVAL, Status.REFUSED)
         for name, wording in motion.wording.items()
+        if not wording.optional
     }
 
 

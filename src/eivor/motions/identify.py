@@ -33,6 +33,7 @@ class Choices(TypedDict, total=False):
     compare: bool
     lag: Prior | Bounds | None
     align: bool
+    accelerometer_bias: float
 
 
 def identify_flight(
@@ -58,7 +59,8 @@ def identify_flight(
         What to identify: "vertical", the name of a motion that another package brings, or a motion itself.
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
-        ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``.
+        ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
+        ``accelerometer_bias=``.
 
     Returns
     -------

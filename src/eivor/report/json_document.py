@@ -244,6 +244,7 @@ def _options(options: FlightOptions) -> Json:
     plain: dict[str, Json] = dict(asdict(options))
     plain["window"] = _pair(options.window)
     plain["instruments"] = list(options.instruments)
+    plain["accelerometer_bias"] = number(options.accelerometer_bias)
     plain["lag"] = None if options.lag is None else asdict(options.lag)
     return plain
 

@@ -207,7 +207,7 @@ class ToldFlight:
     def reported(self) -> tuple[ToldQuantity, ...]:
         """Quantities in the order of reports."""
         by_name = {told.name: told for told in self.quantities}
-        return tuple(by_name[name] for name in self.order)
+        return tuple(by_name[name] for name in self.order if name in by_name)
 
     @property
     def worth_telling(self) -> tuple[Finding, ...]:
@@ -278,4 +278,6 @@ def _row(row: FlightRow, result: FlightEstimate) -> ToldRow:
 
 
 def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:
-    return tuple(ToldQuantity(name, words, quantities[name]) for name, words in wording.items())
+    return tuple(
+        ToldQuantity(name, words, quantities[name]) for name, words in wording.items() if name in quantities
+    )

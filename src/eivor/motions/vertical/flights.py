@@ -25,6 +25,7 @@ from eivor.models.lagged_runs import (
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
+from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.signals import Signals
@@ -125,6 +126,8 @@ class VerticalFlights(SeparableProblem):
     nuisances : tuple of Nuisance
         Lag and delay of the actuators. Default: what is searched for commands, and for a state that is
         measured no lag and a delay of either sign.
+    curve : FittedCurve, optional
+        How the model's input map was found out; None for one that was chosen.
 
     Raises
     ------
@@ -138,6 +141,7 @@ class VerticalFlights(SeparableProblem):
     motion: VerticalMotion
     rule: InstrumentRule = field(default_factory=NoInstruments)
     nuisances: tuple[Nuisance, ...] = ()
+    curve: FittedCurve | None = None
     runs: LaggedRuns = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

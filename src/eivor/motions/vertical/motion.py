@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +24,7 @@ from eivor.flights.motion import (
     Strength,
     Trace,
 )
-from eivor.flights.options import FlightOptions
+from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
@@ -33,6 +33,8 @@ from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
 from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import apparent_gravity, balance_sums
+from eivor.motions.vertical.curve import settled_curve
+from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.model import VerticalMotion
@@ -66,6 +68,7 @@ class Vertical(Motion[VerticalFlights]):
         *HOVER_PARAMETERS,
         "HTE_THR_RANGE",
         "THR_MDL_FAC",
+        "MOT_THST_EXPO",
         "MPC_THR_MIN",
         "MPC_THR_MAX",
         "MPC_Z_VEL_MAX_UP",
@@ -88,7 +91,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def check(self, options: FlightOptions) -> None:
         """Refuse input maps that do not exist, see `Motion.check`."""
-        if options.input_map:
+        if options.input_map not in ("", FIT_MAP):
             input_map(options.input_map)
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
@@ -99,6 +102,23 @@ class Vertical(Motion[VerticalFlights]):
         """Regressions of the flights for each lag and delay, see `Motion.problem`."""
         model = VerticalMotion(input_map(flights[0].input_map))
         return VerticalFlights(tuple(vertical_flight(flight) for flight in flights), model, rule)
+
+    def settled(
+        self,
+        problem: VerticalFlights,
+        estimated: Callable[[VerticalFlights], Estimate],
+        options: FlightOptions,
+    ) -> tuple[VerticalFlights, Estimate]:
+        """Estimate with the map that was chosen, or find it out: see `eivor.motions.vertical.curve`."""
+        if options.input_map != FIT_MAP:
+            return problem, estimated(problem)
+        return settled_curve(problem, estimated, options.accelerometer_bias)
+
+    def as_settled(
+        self, flights: tuple[PreparedFlight, ...], problem: VerticalFlights
+    ) -> tuple[PreparedFlight, ...]:
+        """Flights with the map that was found out, see `Motion.as_settled`."""
+        return tuple(replace(flight, input_map=problem.motion.input_map.name) for flight in flights)
 
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
@@ -170,8 +190,9 @@ class Vertical(Motion[VerticalFlights]):
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
     ) -> tuple[Finding, ...]:
-        """Instruments where no loop acts, and what the autopilot holds its hover input to be."""
-        return (*open_loop_findings(flights), *hover_findings(flights, quantities))
+        """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
+        told = (*open_loop_findings(flights), *hover_findings(flights, quantities))
+        return (*told, *curve_findings(flights, quantities))
 
     def flight_sums(
         self, problem: VerticalFlights, at: Values

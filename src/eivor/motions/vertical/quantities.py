@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
-from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.estimated import (
+    EFFECTIVE_LAG,
+    joint_quantities,
+    lag_quantities,
+    ratio_quantity,
+    reciprocal,
+)
 from eivor.flights.motion import Drawn
 from eivor.flights.quantity import NAN, Unjudged
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -20,6 +28,7 @@ from eivor.motions.vertical.balance import (
     intercept,
     intercepts_by_run,
 )
+from eivor.motions.vertical.curve import curve_quantities
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
@@ -33,7 +42,7 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
     """Every quantity, in the order of results; none has a verdict yet."""
     terms = {_place(c): balance(problem, c) for c in estimate.candidates}
     joint = joint_quantities(estimate)
-    return {
+    found = {
         "viscous_friction": joint["viscous_friction"],
         "input_gain": joint["input_gain"],
         "intercept": _intercept(estimate, terms),
@@ -41,6 +50,11 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
         "hover_input": _hover(problem, estimate, terms),
         "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
     }
+    if problem.curve is None:
+        return found
+    moved = curve_quantities(problem, estimate, problem.curve)
+    moved["intercept"] = replace(moved["intercept"], by_run=found["intercept"].by_run)
+    return {**found, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
 
 def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:

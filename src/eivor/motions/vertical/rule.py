@@ -37,6 +37,7 @@ from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.vertical.curve_rule import curve_reasons
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
 
@@ -93,6 +94,7 @@ def all_grounds(
         *shared,
     )
     lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
+    found = (*curve_reasons(quantities, at), *sensor_reasons(at, OFFSET, SCALE), *shared)
     return {
         "viscous_friction": friction,
         "time_constant": friction,
@@ -106,6 +108,7 @@ def all_grounds(
         "actuator_lag": lag,
         "delay": (*lag, *delay_reasons(quantities["delay"])),
         "effective_lag": lag,
+        "thrust_curve": found,
     }
 
 

@@ -22,6 +22,7 @@ QUANTITIES = {
     "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
     "effective_lag": Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
     "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
+    "thrust_curve": Wording("thrust curve", "c", "", optional=True),
     "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
 }
 #: The same in the order of reports.
@@ -34,6 +35,7 @@ SHOWN = (
     "actuator_lag",
     "delay",
     "intercept",
+    "thrust_curve",
 )
 WORDS = Words(
     title="Vertical motion",

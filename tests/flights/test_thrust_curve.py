@@ -1,0 +1,118 @@
+"""The thrust curve that is found out: its value, what it rests on, and what it does to everything else."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_logs import FRICTION, changed, flown
+
+import eivor as ev
+from eivor.errors import UsageError
+from eivor.inference.verdict import Status
+from eivor.motions.vertical.curve_told import share_of_both
+from eivor.motions.vertical.fitted_curve import CurveFamily
+from eivor.signals.input_map import InputMap, Mixed, Power
+from eivor.signals.recording import Recording
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    """A flight whose thrust goes with the square of its command."""
+    return flown(seconds=20.0)[0]
+
+
+def commanded(log: Recording, true: InputMap, *, thrust: bool) -> Recording:
+    """The same flight, its commands such that thrust goes with another map of them."""
+    command = log.channels["rotor_command_1"]
+    values = np.array([true.inverse(one) for one in command.values**2])
+    name = "input" if thrust else "rotor_command_1"
+    return replace(
+        changed(log, "rotor_command_1", **{name: replace(command, name=name, values=values)}), input_map=""
+    )
+
+
+@pytest.mark.parametrize(
+    ("true", "thrust", "value"), [(Power(1.5), False, 1.5), (Mixed(0.5), True, 0.5), (Mixed(0.0), True, 0.0)]
+)
+def test_the_curve_is_found_out(log, true, thrust, value):
+    found = ev.identify_flight(commanded(log, true, thrust=thrust), input_map="fit")
+    curve = found.quantities["thrust_curve"]
+    low, high = curve.interval
+    assert low < value < high
+    assert curve.half_width < 0.3
+    assert curve.value == pytest.approx(value, abs=0.05)
+    friction = found.quantities["viscous_friction"]
+    assert friction.value == pytest.approx(FRICTION, abs=3.0 * friction.std_error)
+    # the map's own error is part of the gain's interval, and the bias of the intercept's
+    conditional = found.estimate.interval("input_gain")
+    assert found.quantities["input_gain"].interval != pytest.approx(conditional, rel=1e-3)
+    assert found.quantities["intercept"].half_width >= 1.9 * 0.1
+    assert abs(found.quantities["intercept"].value) < 0.03
+
+
+def test_what_was_found_is_told_and_can_be_typed(log):
+    flight = replace(commanded(log, Mixed(0.5), thrust=True), parameters={"THR_MDL_FAC": 0.0})
+    found = ev.identify_flight(flight, input_map="fit")
+    document = json.loads(found.to_json())
+    name = document["model"]["input_map"]
+    assert name.startswith("mixed:0.")
+    assert document["parameters"]["thrust_curve"]["value"] == pytest.approx(
+        float(name.split(":")[1]), abs=1e-3
+    )
+    assert document["provenance"]["options"]["accelerometer_bias"] == 0.1
+    (said,) = [one.message for one in found.findings if one.name == "thrust_curve"]
+    assert "which THR_MDL_FAC would be set to; the log has THR_MDL_FAC 0." in said
+    typed = ev.identify_flight(flight, input_map=name)
+    assert typed.parameters["input_gain"] == pytest.approx(found.parameters["input_gain"], rel=1e-3)
+    assert "thrust_curve" not in typed.quantities
+    assert "thrust_curve" not in json.loads(typed.to_json())["parameters"]
+
+
+def test_the_curve_rests_on_the_accelerometer_s_bias(log):
+    flight = commanded(log, Power(1.5), thrust=False)
+    curves = [
+        ev.identify_flight(flight, input_map="fit", accelerometer_bias=bias).quantities["thrust_curve"]
+        for bias in (0.05, 0.5)
+    ]
+    widths = [curve.half_width for curve in curves]
+    assert widths[1] > 1.5 * widths[0]
+    # half a m/s^2, two standard deviations, of 9.8 m/s^2
+    assert widths[1] == pytest.approx(1.5 * 1.96 * 0.5 / 9.81, rel=0.5)
+
+
+def test_curvature_alone_is_refused_when_it_cannot_tell(log):
+    found = ev.identify_flight(
+        commanded(log, Power(1.5), thrust=False), input_map="fit", accelerometer_bias=math.inf
+    )
+    curve = found.quantities["thrust_curve"]
+    assert curve.verdict is Status.REFUSED
+    assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
+
+
+@pytest.mark.parametrize("bias", [0.0, -0.1, math.nan])
+def test_a_bias_that_is_none_is_refused(bias):
+    with pytest.raises(UsageError, match="accelerometer's bias above zero"):
+        ev.FlightOptions(accelerometer_bias=bias)
+
+
+@pytest.mark.parametrize(("share", "in_force", "hover"), [(0.3, 0.0, 0.4), (0.7, 0.0, 0.6)])
+def test_a_share_of_commands_is_that_of_the_signal_without_a_curve(share, in_force, hover):
+    assert share_of_both(CurveFamily(True), share, hover, in_force) == pytest.approx(share)
+
+
+def test_shares_of_two_curves_are_those_of_both_together():
+    """Commands went through the inverse of one curve, and thrust is another of the signal."""
+    signal, in_force, true = 0.45, 0.3, 0.65
+    own, whole = Mixed(in_force), Mixed(true)
+    hover = float(own(np.array(signal)))
+    exponent = signal * whole.slope(signal) / float(whole(np.array(signal)))
+    seen = exponent / (signal * own.slope(signal) / hover)
+    assert share_of_both(CurveFamily(False), seen, hover, in_force) == pytest.approx(true)
+    of_commands = CurveFamily(True).of_exponent(seen, hover)
+    assert share_of_both(CurveFamily(True), of_commands, hover, in_force) == pytest.approx(true)
