@@ -14,6 +14,7 @@ from eivor.flights.grid import Grid, command_on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Unjudged
 from eivor.flights.references import jumps
+from eivor.flights.uneven_stamps import stamps_are_true
 from eivor.models.separable import Bounds, Prior
 from eivor.signals.recording import Channel
 
@@ -206,3 +207,66 @@ def test_uneven_stamps_and_stamps_that_err_make_no_jump():
     assert jumps(command(uneven, late + (uneven > 20.0)), grid, used)
     # of what is not used nothing counts
     assert not jumps(command(uneven, late + (uneven > 20.0)), grid, grid.time_s < 19.0)
+
+
+def looked_at(issued_s: float, instants, name: str = "input"):
+    """What is in force at a logger's own instants, of a noisy command."""
+    issued = np.arange(0.0, 62.0, issued_s)
+    noise = 0.05 * np.random.default_rng(8).standard_normal(issued.size)
+    which = np.searchsorted(issued, instants + 1e-9, side="right") - 1
+    return command(instants, np.cos(issued[which]) + noise[which], name)
+
+
+def irregular(step_s: float, jitter_s: float, seed: int = 9):
+    rng = np.random.default_rng(seed)
+    even = np.arange(0.02, 60.0, step_s)
+    return even, np.sort(even + jitter_s * rng.standard_normal(even.size))
+
+
+def height(stamps, instants) -> Channel:
+    noise = 0.01 * np.random.default_rng(10).standard_normal(stamps.size)
+    return Channel("position_z", stamps, np.sin(instants) + noise, "m")
+
+
+def test_a_smooth_channel_tells_whether_uneven_stamps_are_true():
+    even, uneven_times = irregular(0.01, 0.002)
+    assert stamps_are_true([height(uneven_times, uneven_times)]) is True
+    assert stamps_are_true([height(uneven_times, even)]) is False
+    assert stamps_are_true([height(even, even)]) is None
+    assert stamps_are_true([]) is None
+
+
+def test_a_logger_that_looks_at_its_own_times_is_told_by_values_that_repeat():
+    _, instants = irregular(0.01, 0.002)
+    _, others = irregular(0.01, 0.002, seed=11)
+    sensor = height(others, others)
+    clock = command_clock(looked_at(0.01, instants), [sensor])
+    assert clock.looked
+    assert clock.slack_s == 0.0
+    assert "some of its values repeat" in clock.sentence
+    # its values once each, at uneven times of its own: when they were issued is not told
+    thin = command_clock(looked_at(0.004, instants), [sensor])
+    assert not thin.looked
+    assert thin.slack_s == pytest.approx(0.0025, rel=0.02)
+    # stamps that err say nothing of the kind, nor does a loop that logs all it has at once
+    assert not command_clock(looked_at(0.01, instants), [height(others, irregular(0.01, 0.0)[0])]).thinned
+    assert not command_clock(looked_at(0.004, instants), [height(instants, instants)]).thinned
+
+
+def test_rounded_values_repeat_by_themselves():
+    _, instants = irregular(0.01, 0.002)
+    _, others = irregular(0.01, 0.002, seed=11)
+    exact = looked_at(0.004, instants)
+    rounded = replace(exact, values=np.round(exact.values, 2))
+    assert not command_clock(rounded, [height(others, others)]).looked
+
+
+def test_what_a_logger_looked_at_is_not_late():
+    _, instants = irregular(0.01, 0.002)
+    found = as_issued(looked_at(0.01, instants), CommandClock(0.01, 0.00125, looked=True))
+    grid = Grid(1.0, 0.01, (range(5500),))
+    thin = command_on_grid(found, grid)[0]
+    issued = np.arange(0.0, 62.0, 0.01)
+    whole = command_on_grid(command(issued, looked_at(0.01, issued).values), grid)[0]
+    slope = -np.sin(grid.time_s)
+    assert float((whole - thin) @ slope / (slope @ slope)) == pytest.approx(0.0, abs=1e-3)

@@ -8,6 +8,9 @@ known from both: the line between them, held for h_c at a time.
 Stamps of such a log are those of a controller that runs at even steps, so they lie whole numbers of these
 apart: the largest step of which all are multiples is h_c. Where the stamps are as even as a controller's own,
 nothing tells h_c; it lies between nothing and h_l.
+
+A logger may also look at times of its own and write down what is in force. Then stamps are uneven and true,
+and some values stand there twice; a value was issued before its stamp, and the line between them is not late.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from eivor.flights.uneven_stamps import stamps_are_true, uneven
 from eivor.signals.recording import Channel
 
 #: A distance of stamps within this share of another is taken as the same.
@@ -40,6 +44,11 @@ QUICK_STEP_S = 0.0105
 #: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
 #: jump of the reference between two stamps moves the command by what no line between stamps has.
 BAND_SHARE = 1.0 / 40.0
+#: Values that repeat are those of a logger that looks what is in force: this share of them or more, each no
+#: more than so many times, and in a command whose usual change is so many times its least.
+REPEATED_SHARE, MOST_TIMES, USUAL_CHANGES = 0.05, 4, 20.0
+#: Parts of a distance of stamps in which what was issued is not known to be held.
+FINE_PARTS = 8
 #: Another channel is logged more often when its step is shorter than this share of the command's.
 MORE_OFTEN = 0.7
 
@@ -56,11 +65,14 @@ class CommandClock:
         Time between two commands h_c that is assumed [s]: `logged_s` for a log that holds every command.
     told : bool
         The log tells it; else it lies between zero and `logged_s`, and half of that is assumed.
+    looked : bool
+        The log holds what was in force when the logger looked, which may have been issued some time before.
     """
 
     logged_s: float
     issued_s: float
     told: bool = True
+    looked: bool = False
 
     @property
     def thinned(self) -> bool:
@@ -81,6 +93,11 @@ class CommandClock:
     def sentence(self) -> str:
         """What is done about commands that the log may not hold."""
         logged, issued = 1e3 * self.logged_s, 1e3 * self.issued_s
+        if self.looked:
+            return (
+                "The command's stamps are uneven and some of its values repeat: the log holds what was in "
+                "force when the logger looked, and the command is taken from the line between stamps."
+            )
         if self.told:
             return (
                 f"The command is logged every {logged:.3g} ms and was issued every {issued:.3g} ms, as its "
@@ -107,12 +124,31 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
     finer = finer_step(command.time_s)
     if finer is not None:
         return CommandClock(logged, finer)
+    if uneven(command) and stamps_are_true(others):
+        if _repeats(command):
+            return CommandClock(logged, logged / FINE_PARTS, looked=True)
+        if not any(np.array_equal(one.time_s, command.time_s) for one in others if not one.held):
+            return CommandClock(logged, 0.5 * logged, told=False)
     quickest = min(
         (float(np.median(np.diff(one.time_s))) for one in others if one.time_s.size > 1), default=np.inf
     )
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
         return CommandClock(logged, logged)
     return CommandClock(logged, 0.5 * logged, told=False)
+
+
+def _repeats(command: Channel) -> bool:
+    """Whether values repeat now and then, as those do that a logger looks at twice."""
+    values = command.values[np.isfinite(command.values)]
+    changes = np.abs(np.diff(values))
+    moved = changes[changes > 0.0]
+    if not moved.size or np.median(moved) < USUAL_CHANGES * moved.min():
+        return False  # rounded values repeat by themselves
+    same = np.flatnonzero(np.concatenate([[True], changes > 0.0, [True]]))
+    times = np.diff(same)
+    limits = (values.min(), values.max())
+    few = (times <= MOST_TIMES) & ~np.isin(values[same[:-1]], limits)
+    return bool(np.sum(times[few] - 1) >= REPEATED_SHARE * values.size)
 
 
 def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
@@ -172,6 +208,8 @@ def as_issued(command: Channel, clock: CommandClock) -> Channel:
     share = (np.arange(begins.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[begins]
     between = time[begins] + share * distances[begins]
     rise = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
+    if clock.looked:
+        share = share + 0.5 / parts[begins]  # the line's mean over the part, not its value at the beginning
     return replace(
         command,
         time_s=np.append(between, time[-1]),
