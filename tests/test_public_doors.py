@@ -60,12 +60,16 @@ ACCEPTED = {
     ("lags", "channel"): {"text"},
     ("lags", "last"): {"whole"},
     ("derived", "function"): {"function", "type"},  # what they raise is theirs
+    ("plan", "limits"): {"none"},
+    ("plan", "seed"): {"whole"},
     ("ratio", "numerator"): ANY_NUMBER,
     ("ratio", "denominator"): ANY_NUMBER,
     ("estimate_long_memory", "bandwidth"): {"none"},
     ("identify_chunks", "chunks"): {"function", "type"},
     ("identify_flight", "options"): {"none"},
     ("identify_flight", "windows"): {"none"},
+    ("validate", "window"): {"none"},
+    ("validate", "max_tilt_deg"): {"none"},
     ("FlightOptions", "window"): {"none"},
     ("FlightOptions", "max_tilt_deg"): NUMBER,
     ("FlightOptions", "input"): {"text"},
@@ -78,6 +82,14 @@ ACCEPTED = {
     ("FlightOptions", "accelerometer_bias"): NUMBER,
     ("Bounds", "low"): ANY_NUMBER,
     ("Bounds", "high"): ANY_NUMBER,
+    ("FlightLimits", "speed"): NUMBER,
+    ("FlightLimits", "acceleration"): NUMBER,
+    ("VehicleGuess", "viscous_friction"): {"number"},
+    ("VehicleGuess", "gust_rms"): NUMBER,
+    ("VehicleGuess", "acceleration_noise"): NUMBER,
+    ("VehicleGuess", "densities"): {"none"},
+    ("VehicleGuess", "controller"): {"none"},
+    ("VehicleGuess", "asked"): {"text"},
     ("Prior", "mean"): ANY_NUMBER,
     ("Prior", "std"): NUMBER,
     ("FractionalNoise", "std"): NUMBER,
@@ -134,7 +146,7 @@ ACCEPTED = {
     ("covariances.FixedBandwidth", "bandwidth"): NUMBER,
 }
 #: Doors that take seconds; right arguments are given to them elsewhere.
-FLIGHTS = {"bootstrap_flights", "identify_flight", "validate"}
+FLIGHTS = {"bootstrap_flights", "identify_flight", "plan", "validate"}
 #: Public names that nobody calls: results, what warnings are of, and rooms.
 NOT_DOORS = {
     "AndersonRubinSet",
@@ -142,6 +154,7 @@ NOT_DOORS = {
     "Diagnostics",
     "Estimate",
     "FlightEstimate",
+    "FlightPlan",
     "SavedFit",
     "HomoskedasticErrors",
     "SignPerturbedSet",
@@ -219,6 +232,31 @@ def doors(folder):
                 "lag": None,
                 "align": False,
                 "accelerometer_bias": 0.1,
+            },
+        ),
+        "FlightLimits": (
+            ev.FlightLimits,
+            {
+                "height_m": (3.0, 8.0),
+                "speed": 2.0,
+                "acceleration": 3.0,
+                "tilt_deg": 20.0,
+                "duration_s": 60.0,
+            },
+        ),
+        "VehicleGuess": (
+            ev.VehicleGuess,
+            {
+                "hover_input": 0.5,
+                "viscous_friction": 0.3,
+                "lag_s": 0.05,
+                "gust_rms": 0.3,
+                "acceleration_noise": 0.4,
+                "velocity_noise": 0.03,
+                "tilt_rms": 0.05,
+                "densities": None,
+                "controller": None,
+                "asked": "",
             },
         ),
         "FractionalNoise": (ev.FractionalNoise, {"std": 1.0, "order": 0.2}),
@@ -316,6 +354,10 @@ def doors(folder):
         "lags": (ev.lags, {"channel": "input", "first": 0, "last": 2}),
         "moments": (ev.moments, {"chunks": [m.signals], **model}),
         "motion_by_name": (ev.motion_by_name, {"name": "vertical"}),
+        "plan": (
+            ev.plan,
+            {"source": ev.VehicleGuess(), "target": "lag", "limits": None, "shape": "", "seed": 0},
+        ),
         "ratio": (
             ev.ratio,
             {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2", **level},

@@ -42,6 +42,10 @@ if TYPE_CHECKING:
     from eivor.motions import motion_by_name
     from eivor.motions.identify import identify_flight
     from eivor.motions.vertical.model import VerticalMotion
+    from eivor.planning.limits import FlightLimits
+    from eivor.planning.plan import FlightPlan
+    from eivor.planning.vehicle import VehicleGuess
+    from eivor.report.planned import plan
     from eivor.report.saved_fit import SavedFit, load_fit
     from eivor.report.validation import Validation, validate
     from eivor.signals.long_memory import estimate_long_memory
@@ -63,6 +67,8 @@ _HOMES = {
     "Diagnostics": "eivor.estimation.diagnose",
     "Estimate": "eivor.estimation.estimate",
     "FlightEstimate": "eivor.flights.result",
+    "FlightLimits": "eivor.planning.limits",
+    "FlightPlan": "eivor.planning.plan",
     "FlightOptions": "eivor.flights.options",
     "FractionalNoise": "eivor.signals.noise",
     "HomoskedasticErrors": "eivor.estimation.error_assumptions",
@@ -76,6 +82,7 @@ _HOMES = {
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "Validation": "eivor.report.validation",
+    "VehicleGuess": "eivor.planning.vehicle",
     "VerticalMotion": "eivor.motions.vertical.model",
     "WeakInstrumentsWarning": "eivor.errors",
     "WhiteNoise": "eivor.signals.noise",
@@ -95,6 +102,7 @@ _HOMES = {
     "methods": "eivor.estimation.methods",
     "moments": "eivor.estimation.streaming",
     "motion_by_name": "eivor.motions",
+    "plan": "eivor.report.planned",
     "ratio": "eivor.estimation.derived",
     "read_chunks": "eivor.logs.table.chunks",
     "read_log": "eivor.logs",
@@ -119,7 +127,9 @@ __all__ = [
     "Diagnostics",
     "Estimate",
     "FlightEstimate",
+    "FlightLimits",
     "FlightOptions",
+    "FlightPlan",
     "FractionalNoise",
     "HomoskedasticErrors",
     "Prior",
@@ -131,6 +141,7 @@ __all__ = [
     "SignalRegression",
     "Signals",
     "Validation",
+    "VehicleGuess",
     "VerticalMotion",
     "WeakInstrumentsWarning",
     "WhiteNoise",
@@ -151,6 +162,7 @@ __all__ = [
     "methods",
     "moments",
     "motion_by_name",
+    "plan",
     "ratio",
     "read_chunks",
     "read_log",

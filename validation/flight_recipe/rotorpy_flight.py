@@ -104,13 +104,19 @@ class RotorpyFlightSpec:
         return round(self.duration / STEP_S)
 
 
-def simulate_rotorpy_flight(spec: RotorpyFlightSpec) -> SimulatedFlight:
+def simulate_rotorpy_flight(
+    spec: RotorpyFlightSpec, reference: Trajectory | None = None, vertical_gains: float = 1.0
+) -> SimulatedFlight:
     """Fly one closed loop of RotorPy and return its log and its truth.
 
     Parameters
     ----------
     spec : RotorpyFlightSpec
-        The flight. The result is a pure function of it.
+        The flight. The result is a pure function of the arguments.
+    reference : Trajectory, optional
+        Fly this in place of the specification's.
+    vertical_gains : float
+        Gain of the vertical velocity loop over the tuned one; that of the height stays.
 
     Returns
     -------
@@ -132,7 +138,9 @@ def simulate_rotorpy_flight(spec: RotorpyFlightSpec) -> SimulatedFlight:
     )
     parts = _Parts(
         parameters=vehicle_parameters(spec.vehicle, spec.actuator_lag),
-        reference=altitude_reference(spec.trajectory, count=spec.count, step_s=STEP_S, rng=shape),
+        reference=altitude_reference(spec.trajectory, count=spec.count, step_s=STEP_S, rng=shape)
+        if reference is None
+        else reference,
         wind=gusts(
             count=spec.count,
             axes=3,
@@ -143,7 +151,7 @@ def simulate_rotorpy_flight(spec: RotorpyFlightSpec) -> SimulatedFlight:
         ),
         errors=sensor_errors(spec.noise, count=spec.count, axes=3, rng=sensors),
     )
-    log, flew = _fly(spec, parts)
+    log, flew = _fly(spec, parts, vertical_gains)
     truth = _truth(spec, parts, log)
     return SimulatedFlight(_recording(spec, parts, log), truth, flew)
 
@@ -171,7 +179,7 @@ class _Log:
     command: Float[np.ndarray, "n rotors"]
 
 
-def _fly(spec: RotorpyFlightSpec, parts: _Parts) -> tuple[_Log, bool]:
+def _fly(spec: RotorpyFlightSpec, parts: _Parts, vertical_gains: float) -> tuple[_Log, bool]:
     """Run the loop; the second result is False when the vehicle was lost."""
     from rotorpy.vehicles.multirotor import Multirotor
 
@@ -180,6 +188,7 @@ def _fly(spec: RotorpyFlightSpec, parts: _Parts) -> tuple[_Log, bool]:
     options = integrator_options(float(parts.parameters["tau_m"]))
     vehicle = Multirotor(parts.parameters, dict(state), "cmd_motor_speeds", integrator_kwargs=options)
     controller = tuned_controller(parts.parameters, spec.delay)
+    controller.kd_pos = controller.kd_pos * np.array([1.0, 1.0, vertical_gains])
     pending = deque([hover] * round(spec.delay / STEP_S))
     rows = []
     flew = True

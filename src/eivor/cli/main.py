@@ -19,6 +19,8 @@ from eivor.cli.inspect import inspect
 from eivor.cli.interruptible import InterruptibleGroup
 from eivor.cli.paper import EXIT_CODES as PAPER_EXIT_CODES
 from eivor.cli.paper import paper
+from eivor.cli.plan import EXIT_CODES as PLAN_EXIT_CODES
+from eivor.cli.plan import plan
 from eivor.cli.readable_help import ReadableCommand
 from eivor.cli.simulate import EXIT_CODES as SIMULATE_EXIT_CODES
 from eivor.cli.simulate import simulate
@@ -42,6 +44,7 @@ for command, exit_codes in (
     (identify, EXIT_CODES),
     (inspect, INSPECT_EXIT_CODES),
     (validate, VALIDATE_EXIT_CODES),
+    (plan, PLAN_EXIT_CODES),
     (simulate, SIMULATE_EXIT_CODES),
     (study, STUDY_EXIT_CODES),
     (paper, PAPER_EXIT_CODES),

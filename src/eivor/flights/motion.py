@@ -487,6 +487,14 @@ class Motion(ABC, Generic[P]):
         """
         return ()
 
+    # -- for planning ---------------------------------------------------------------------------------------
+
+    def flown(
+        self, _problem: P, _estimate: Estimate, _flights: tuple[PreparedFlight, ...], /
+    ) -> Mapping[str, object]:
+        """How the flights were flown: what simulating another one needs, for JSON; by default nothing."""
+        return {}
+
     # -- for reports --------------------------------------------------------------------------------------
 
     @abstractmethod

@@ -128,6 +128,7 @@ def _covariance(estimate: Estimate) -> Json:
 def _prediction(result: FlightEstimate, fit: Fit) -> Json:
     """What a prediction of the same motion needs beside the quantities."""
     first = result.prepared[0]
+    flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
     intercepts = {
         name: [number(value) for value in result.quantities[name].by_run]
         for name, words in result.motion.wording.items()
@@ -148,6 +149,7 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
             name: {"words": simple.words, "values": {key: number(one) for key, one in simple.values.items()}}
             for name, simple in result.motion.simple_models(fit.problem, fit.estimate).items()
         },
+        "flown": dict(result.motion.flown(fit.problem, fit.estimate, flying)),
     }
 
 

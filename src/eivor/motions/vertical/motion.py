@@ -36,6 +36,7 @@ from eivor.motions.vertical.balance import apparent_gravity, balance_sums
 from eivor.motions.vertical.curve import settled_curve
 from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.flown import flown
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import predictions, simple_models
@@ -211,6 +212,12 @@ class Vertical(Motion[VerticalFlights]):
     def predictions(self, problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
         """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
         return predictions(problem, values)
+
+    def flown(
+        self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
+    ) -> Mapping[str, object]:
+        """Residual, controller and tilt of the flights, see `Motion.flown`."""
+        return flown(problem, estimate, flights)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What U is in this flight."""

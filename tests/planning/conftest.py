@@ -1,0 +1,33 @@
+"""A plan without its simulations: shapes and limits, and half-widths that were written down."""
+
+from __future__ import annotations
+
+import pytest
+
+from eivor.inference.verdict import Status
+from eivor.planning.limits import FlightLimits
+from eivor.planning.plan import FlightPlan, Predicted
+from eivor.planning.setpoints import candidates
+from eivor.planning.vehicle import VehicleGuess
+
+LIMITS = FlightLimits(duration_s=30.0)
+
+
+def planned(kind: str) -> FlightPlan:
+    """The first shape of that kind."""
+    shape = next(candidates(LIMITS, (kind,), 0))
+    predicted = {
+        word: Predicted(width, value, (Status.IDENTIFIED, Status.WEAK))
+        for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
+    }
+    return FlightPlan(VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
+
+
+@pytest.fixture(scope="session")
+def multisine() -> FlightPlan:
+    return planned("multisine")
+
+
+@pytest.fixture(scope="session")
+def steps() -> FlightPlan:
+    return planned("steps")

@@ -1,0 +1,205 @@
+"""Plans: what a flight tells of the next one, shapes within limits, the formula, and the choice."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import InputError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.inference.verdict import Status
+from eivor.models.instruments import NoInstruments
+from eivor.motions.vertical.flown import NODES_HZ, Taken, controller_gains, residual_densities
+from eivor.motions.vertical.motion import Vertical
+from eivor.planning import plan as planning
+from eivor.planning.flown import fly
+from eivor.planning.limits import FlightLimits
+from eivor.planning.plan import FlightPlan
+from eivor.planning.ranking import ranked_std_errors
+from eivor.planning.setpoints import ROOM, STEP_S, Shape, candidates
+from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle, vehicle_of_result
+from eivor.report.planned import plan_document, plan_json
+from eivor.report.terminal import on_terminal
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from flights.flight_logs import prepare_vertical
+
+LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)
+
+
+@pytest.fixture(scope="module")
+def flown_first():
+    """A flight of the simulator, made ready, and its specification."""
+    spec = VerticalFlightSpec(gust_rms=0.5, seed=3, duration=40.0)
+    (flight,) = simulate_vertical_flights([spec])
+    prepared = prepare_vertical(flight.recording, FlightOptions())
+    return spec, prepared, Vertical().problem((prepared,), NoInstruments())
+
+
+def test_the_controller_is_read_off_a_flight(flown_first):
+    spec, prepared, problem = flown_first
+    numbers = Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
+    gains = controller_gains(problem, numbers, (prepared,))
+    for name, value in gains.items():
+        assert value == pytest.approx(getattr(spec.controller, name), rel=0.1), name
+
+
+def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
+    spec, _, problem = flown_first
+    found = residual_densities(problem, Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0))
+    gust = 4.0 * spec.gust_rms**2 / (1.0 + (2.0 * np.pi * NODES_HZ) ** 2)
+    slow = slice(2, 6)
+    expected = (spec.viscous_friction**2 * gust)[slow].mean()
+    assert np.mean(found["force"][slow]) == pytest.approx(expected, rel=0.5)
+    assert np.mean(found["accelerometer"][5:]) == pytest.approx(spec.noise.acceleration**2 / 50.0, rel=0.15)
+    assert found["velocity"][0] == pytest.approx(spec.noise.velocity**2 / 50.0, rel=0.15)
+
+
+def test_simulated_flights_have_the_densities_that_were_asked_for(flown_first):
+    """What was read off a flight comes back from a simulated one."""
+    vehicle = VehicleGuess(gust_rms=0.5)
+    shape = next(candidates(FlightLimits(duration_s=40.0), ("multisine",), 0))
+    (flown,) = fly([shape], vehicle, [1])
+    prepared = prepare_vertical(flown.recording, FlightOptions())
+    problem = Vertical().problem((prepared,), NoInstruments())
+    numbers = Taken(vehicle.viscous_friction, vehicle.input_gain, vehicle.lag_s, 0.0)
+    found = residual_densities(problem, numbers)
+    slow = slice(2, 6)
+    expected = vehicle.left.at("force", NODES_HZ)[slow].mean()
+    assert np.mean(found["force"][slow]) == pytest.approx(expected, rel=0.5)
+    assert found["velocity"][0] == pytest.approx(vehicle.velocity_noise**2 / 50.0, rel=0.15)
+    assert np.abs(flown.height - shape.offset).max() < 0.5
+
+
+@pytest.mark.parametrize("kind", ["multisine", "steps"])
+def test_shapes_keep_their_limits_and_rest_at_the_ends(kind):
+    shapes = list(candidates(LIMITS, (kind,), 0))
+    assert len(shapes) > 10
+    for shape in shapes:
+        velocity, acceleration = shape.derivatives
+        used = (
+            np.abs(shape.offset).max() / (ROOM * 1.5),
+            np.abs(velocity).max() / (ROOM * LIMITS.speed),
+            np.abs(acceleration).max() / LIMITS.acceleration,
+        )
+        assert max(used) == pytest.approx(1.0)
+        assert shape.offset.size == round(LIMITS.duration_s / STEP_S)
+        for end in (slice(0, 100), slice(-50, None)):
+            assert np.abs(velocity[end]).max() < 0.02 * LIMITS.speed
+            assert np.abs(shape.offset[end]).max() < 0.05
+
+
+def test_the_formula_knows_what_slow_and_quick_flights_tell():
+    time = STEP_S * np.arange(6000)
+    window = np.sin(np.pi * time / time[-1]) ** 2
+
+    def sines(*hertz: float) -> Shape:
+        series = sum(np.sin(2.0 * np.pi * f * time + f) / f for f in hertz)
+        return Shape("multisine", "", window * series).within(FlightLimits())
+
+    slow, quick = (ranked_std_errors(sines(*f), VehicleGuess()) for f in ((0.1, 0.2, 0.3), (0.6, 1.0, 1.5)))
+    assert slow[0] < quick[0]
+    assert quick[2] < slow[2]
+    calm, windy = (ranked_std_errors(sines(0.1, 0.9), VehicleGuess(gust_rms=g)) for g in (0.1, 1.0))
+    assert (calm < windy).all()
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_plan_is_chosen_by_flying_it(monkeypatch):
+    monkeypatch.setattr(planning, "FINALISTS", 2)
+    monkeypatch.setattr(planning, "RUNS", 2)
+    made = ev.plan(rough_vehicle(friction=0.5, gusts=0.1), target="lag", limits=LIMITS, shape="multisine")
+    assert made.target == "lag"
+    found = made.predicted["lag"]
+    assert len(found.verdicts) == 2
+    assert 0.5 < found.half_width < 20.0
+    assert found.value == 50.0
+    low, high, speed = made.reached
+    assert LIMITS.height_m[0] <= low < high <= LIMITS.height_m[1]
+    assert speed <= LIMITS.speed
+    assert made.height.shape == made.velocity.shape == made.acceleration.shape == made.time_s.shape
+    assert f"{found.half_width:.2g} ms" in made.sentence
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
+    for name in ("FINALISTS", "RUNS", "OFTEN"):
+        monkeypatch.setattr(planning, name, 1)
+    tight = FlightLimits(height_m=(2.0, 2.5), speed=0.2, duration_s=20.0)
+    with pytest.raises(InputError, match="a flight that keeps its limits"):
+        ev.plan(VehicleGuess(gust_rms=3.0, viscous_friction=1.0), limits=tight)
+
+
+def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
+    quantity = {"value": 0.42, "interval": [0.3, 0.5], "verdict": "weak"}
+    document = {
+        "model": {"name": "vertical_motion", "input_map": "square"},
+        "parameters": {"viscous_friction": quantity, "input_gain": {**quantity, "verdict": "identified"}},
+        "derived": {"effective_lag": quantity, "hover_input": {**quantity, "value": 0.6}},
+        "prediction": {
+            "flown": {
+                "taken": {"viscous_friction": 0.42, "lag_s": 0.03},
+                "residual": {
+                    name: [1.0, 2.0] for name in ("frequency_hz", "force", "accelerometer", "velocity")
+                },
+                "controller": {"position_gain": 1.0, "velocity_gain": 2.0, "integral_gain": 0.1},
+                "tilt_rms": 0.5,
+            }
+        },
+    }
+    vehicle = vehicle_of_result(document)
+    assert (vehicle.viscous_friction, vehicle.lag_s, vehicle.hover_input) == (0.42, 0.03, 0.6)
+    assert vehicle.follows.velocity_gain == 2.0
+    assert vehicle.tilt_rms == 0.2  # the most that is flown
+    assert vehicle.asked == "friction"
+    without = vehicle_of_result({**document, "prediction": None})
+    assert replace(without, hover_input=0.5, asked="") == VehicleGuess()
+    with pytest.raises(UsageError, match="'rover_motion'"):
+        vehicle_of_result({**document, "model": {"name": "rover_motion"}})
+
+
+def test_a_vehicle_is_read_from_a_file(tmp_path):
+    path = tmp_path / "vehicle.toml"
+    path.write_text("hover_input = 0.4\nlag_s = 0.08\n")
+    assert read_vehicle(path) == VehicleGuess(hover_input=0.4, lag_s=0.08)
+    path.write_text("mass = 1.2\n")
+    with pytest.raises(InputError, match="mass"):
+        read_vehicle(path)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: FlightLimits(height_m=(0.0, 3.0)), "a lowest height above zero"),
+        (lambda: FlightLimits(height_m=(3.0, 3.2)), "half a metre or more"),
+        (lambda: FlightLimits(speed=0.0), "speed between"),
+        (lambda: FlightLimits(duration_s=5.0), "duration_s between"),
+        (lambda: VehicleGuess(lag_s=1.0), "lag_s between"),
+        (lambda: ev.plan(VehicleGuess(), target="drag"), "one of friction, gain, lag"),
+        (lambda: ev.plan(VehicleGuess(), shape="chirp"), "one of multisine, steps"),
+        (lambda: ev.plan(3), "a result, the path of its JSON file, or a vehicle"),
+    ],
+)
+def test_wrong_arguments_are_told(call, words):
+    with pytest.raises(UsageError, match=words):
+        call()
+
+
+def test_a_plan_is_told(multisine: FlightPlan):
+    assert "± 0.05 1/s" in multisine.summary()
+    assert "identified in 1 of 2 simulated flights" in multisine.sentence
+    assert not multisine.telling
+    always = replace(multisine.predicted["friction"], verdicts=(Status.IDENTIFIED,))
+    assert replace(multisine, predicted={**multisine.predicted, "friction": always}).telling
+    assert on_terminal(plan_document(multisine)).renderables
+    document = json.loads(json.dumps(plan_json(multisine), allow_nan=False))
+    assert document["predicted"]["lag"] == {
+        "half_width": 3.0,
+        "value": 50.0,
+        "unit": "ms",
+        "verdicts": ["identified", "weak"],
+    }

@@ -1,0 +1,51 @@
+"""The study of planned flights: its vehicles fly, and its table tells what they reached."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eivor.planning.limits import FlightLimits
+from eivor.planning.setpoints import candidates
+from eivor.simulation.flights.trajectories import Trajectory
+from validation.plan.flights import OTHER_CONTROLLER, OWN, ROTORPY
+from validation.plan.study import Outcome, outcomes, table
+
+SHORT = FlightLimits(duration_s=20.0)
+
+
+def test_vehicles_follow_a_plan_under_both_controllers():
+    vehicle = OWN[2]
+    shape = next(candidates(SHORT, ("multisine",), 0))
+    reference = Trajectory(shape.offset, *shape.derivatives)
+    heights = []
+    for gains in (1.0, OTHER_CONTROLLER):
+        flown = vehicle.fly(reference, 1, gains=gains)
+        assert np.abs(flown.height - shape.offset).max() < 0.6
+        heights.append(flown.height)
+    assert np.abs(heights[0] - heights[1]).max() > 0.005
+
+
+def test_six_vehicles_are_flown():
+    assert len({vehicle.name for vehicle in (*OWN, *ROTORPY)}) == 6
+
+
+def test_the_table_has_medians_and_shares():
+    own = [
+        Outcome("a", "lag", "steps", 2.0, reached, True, kept)
+        for reached, kept in ((2.0, True), (4.0, False))
+    ]
+    other = Outcome("b", "friction", "steps", 0.1, 0.05, False, True)
+    lines = table([*own, other]).splitlines()
+    assert "| a | effective lag | 2 | 2 ms | 3 ms | 1.50 | 2 of 2 | 1 of 2 |" in lines
+    assert "| **all** | viscous friction | 1 | 0.1 1/s | 0.05 1/s | 0.50 | 0 of 1 | 1 of 1 |" in lines
+
+
+@pytest.mark.calibration
+def test_planned_flights_reach_what_was_predicted():
+    """Bounds of the study, with room for six flights."""
+    found = list(outcomes(OWN[1], 3, 1))
+    ratios = {target: [one.ratio for one in found if one.target == target] for target in ("friction", "lag")}
+    assert 0.6 < np.median(ratios["friction"]) < 1.6
+    assert 0.5 < np.median(ratios["lag"]) < 2.0
+    assert all(one.kept for one in found)
