@@ -45,7 +45,7 @@ def test_the_controller_is_read_off_a_flight(flown_first):
     numbers = Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
     gains = controller_gains(problem, numbers, (prepared,))
     for name, value in gains.items():
-        assert value == pytest.approx(getattr(spec.controller, name), rel=0.1), name
+        assert value == pytest.approx(getattr(spec.controller, name), rel=0.2), name
 
 
 def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
