@@ -33,17 +33,17 @@ LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration
 
 @pytest.fixture(scope="module")
 def flown_first():
-    """A flight of the simulator, made ready, and its specification."""
-    spec = VerticalFlightSpec(gust_rms=0.5, seed=3, duration=40.0)
-    (flight,) = simulate_vertical_flights([spec])
-    prepared = prepare_vertical(flight.recording, FlightOptions())
-    return spec, prepared, Vertical().problem((prepared,), NoInstruments())
+    """Flights of the simulator, made ready, and the specification of the first."""
+    specs = [VerticalFlightSpec(gust_rms=0.5, seed=seed, duration=40.0) for seed in range(4)]
+    flights = simulate_vertical_flights(specs)
+    prepared = tuple(prepare_vertical(flight.recording, FlightOptions()) for flight in flights)
+    return specs[0], prepared, Vertical().problem(prepared, NoInstruments())
 
 
 def test_the_controller_is_read_off_a_flight(flown_first):
     spec, prepared, problem = flown_first
     numbers = Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
-    gains = controller_gains(problem, numbers, (prepared,))
+    gains = controller_gains(problem, numbers, prepared)
     for name, value in gains.items():
         assert value == pytest.approx(getattr(spec.controller, name), rel=0.2), name
 
