@@ -10,7 +10,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -45,17 +46,26 @@ class Taken:
     ----------
     friction, gain, lag_s, delay_s : float
         K [1/s], K_u [m/s^2], lag and delay [s].
+    others : mapping of str to float
+        Further parameters and nuisances of the problem, by name.
     """
 
     friction: float
     gain: float
     lag_s: float
     delay_s: float
+    others: Mapping[str, float] = field(default_factory=dict)
 
     @property
-    def at(self) -> dict[str, float]:
-        """Nuisances by name."""
-        return {ACTUATOR_LAG.name: self.lag_s, DELAY.name: self.delay_s}
+    def values(self) -> dict[str, float]:
+        """Every parameter and nuisance by name."""
+        return {
+            **self.others,
+            VISCOUS_FRICTION.name: self.friction,
+            INPUT_GAIN.name: self.gain,
+            ACTUATOR_LAG.name: self.lag_s,
+            DELAY.name: self.delay_s,
+        }
 
 
 def flown(
@@ -90,7 +100,8 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
     if not _half_width(estimate, INPUT_GAIN.name) <= TOLD_GAIN * abs(gain):
         sums = balance_sums(problem, {**at, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
-    return Taken(friction, gain, lag, delay)
+    linear = dict(zip((p.name for p in problem.parameters), estimate.best.theta.tolist(), strict=True))
+    return Taken(friction, gain, lag, delay, {**at, **linear})
 
 
 def _half_width(estimate: Estimate, name: str) -> float:
@@ -104,8 +115,8 @@ def residual_densities(problem: VerticalFlights, numbers: Taken) -> dict[str, li
     `force` and `accelerometer` are in (m/s^2)^2/Hz, `velocity` in (m/s)^2/Hz. Without an accelerometer all
     that the velocity's derivative leaves is force above the velocity's own noise at the highest node.
     """
-    bins = problem.bins(numbers.at)
-    left = bins.residuals(np.array([numbers.friction, numbers.gain]))
+    bins = problem.bins({nuisance.name: numbers.values[nuisance.name] for nuisance in problem.nuisances})
+    left = bins.residuals(np.array([numbers.values[parameter.name] for parameter in bins.parameters]))
     first, second = left[:, 0], left[:, -1]
     frequency, weight = _scales(bins.layout)
     products = {
