@@ -44,6 +44,7 @@ from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, 
 from eivor.motions.vertical.rule import APPARENT_GRAVITY, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, told
+from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
@@ -193,7 +194,7 @@ class Vertical(Motion[VerticalFlights]):
     ) -> tuple[Finding, ...]:
         """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
         told = (*open_loop_findings(flights), *hover_findings(flights, quantities))
-        return (*told, *curve_findings(flights, quantities))
+        return (*told, *supply_findings(flights), *curve_findings(flights, quantities))
 
     def flight_sums(
         self, problem: VerticalFlights, at: Values
