@@ -47,7 +47,7 @@ class UnweightedLeastSquares(Solver):
         """Squares of what is left of b, by one QR of all, see `Solver.objectives`."""
         if systems.shape[1] < systems.shape[2]:
             return np.zeros(systems.shape[0])  # as many equations as unknowns are met exactly
-        roots: Float[np.ndarray, "systems k n_plus_1"] = np.linalg.qr(systems, mode="r")
+        roots = np.asarray(np.linalg.qr(systems, mode="r"))
         return np.asarray(roots[:, -1, -1] ** 2)
 
     def score_correction(
