@@ -12,7 +12,7 @@ from eivor.signals.actuator import actuator_state
 from eivor.simulation.flights.sensor_noise import SensorNoise
 from validation.real_logs.course import altitude
 from validation.real_logs.estimator import estimated
-from validation.real_logs.flights import LoggedFlight, logged_flights
+from validation.real_logs.flights import LoggedFlight, logged_flight
 from validation.real_logs.sensors import topics
 from validation.real_logs.spec import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
 
@@ -21,8 +21,7 @@ QUIET = LoggerSpec(noise=SensorNoise.none())
 
 def flown(vehicle: VehicleSpec, logger: LoggerSpec = QUIET, **flight) -> LoggedFlight:
     chosen = {"duration": 4.0, "reference": Reference.CHIRP, "seed": 7} | flight
-    (found,) = logged_flights([FlightSpec(vehicle, logger, **chosen)])
-    return found
+    return logged_flight(FlightSpec(vehicle, logger, **chosen))
 
 
 def effective(flight: LoggedFlight) -> dict[str, float]:
@@ -57,19 +56,10 @@ def test_a_motor_that_slows_down_slowly_is_late_downwards_only():
 
 def test_controllers_hold_their_commands_at_their_own_rates():
     specs = [FlightSpec(VehicleSpec(controller_hz=rate), QUIET, duration=4.0) for rate in (50.0, 250.0)]
-    slow, quick = (flight.flown.command[:, 0] for flight in logged_flights(specs))
+    slow, quick = (flight.flown.command[:, 0] for flight in map(logged_flight, specs))
     assert np.flatnonzero(np.diff(slow)).size <= 4 * 50
     assert np.all((np.flatnonzero(np.diff(slow)) + 1) % 10 == 0)
     assert 4 * 200 < np.flatnonzero(np.diff(quick)).size <= 4 * 250
-
-
-def test_a_flight_is_the_same_whatever_flies_beside_it():
-    specs = [
-        FlightSpec(VehicleSpec(delay=delay), duration=3.0, seed=seed) for delay, seed in ((0.0, 1), (0.03, 2))
-    ]
-    both, alone = logged_flights(specs), logged_flights(specs[1:])
-    for name, channel in alone[0].recording.channels.items():
-        np.testing.assert_allclose(both[1].recording.channels[name].values, channel.values, rtol=1e-9)
 
 
 def test_effective_values_are_nominal_where_the_model_holds():

@@ -1,4 +1,4 @@
-"""A closed loop of vertical motion with all that real flights have, several flights side by side.
+"""A closed loop of vertical motion with all that real flights have.
 
 At every step of `STEP_S` the rotor state w follows its command exactly, w = c + (w0 - c) exp(-h/tau); the
 thrust is its mean over the step by Simpson's rule, and the friction enters by the trapezoidal rule. With x =
@@ -8,23 +8,29 @@ w over its value at hover,
 
 T the static thrust with its sag under load, s the sag of the voltage, G the ground's effect, K_z and D_x what
 friction along the body's axes leaves along the vertical while the vehicle is pitched.
+
+One flight is a loop over numbers, which is quicker than one over short arrays of several flights.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.flights.closed_loop import THRUST_RANGE
 from validation.real_logs.spec import STEP_S, VehicleSpec
 
+State = TypeVar("State", float, np.ndarray)
+
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the flights meet, arrays of shape (steps, flights).
+    """What a flight meets, arrays of shape (steps,).
 
     Parameters
     ----------
@@ -40,20 +46,25 @@ class Surroundings:
         Errors of what the controller sees [m, m/s].
     """
 
-    position: Float[np.ndarray, "steps flights"]
-    velocity: Float[np.ndarray, "steps flights"]
-    acceleration: Float[np.ndarray, "steps flights"]
-    gust: Float[np.ndarray, "steps flights"]
-    pitch: Float[np.ndarray, "steps flights"]
-    roll: Float[np.ndarray, "steps flights"]
-    horizontal: Float[np.ndarray, "steps flights"]
-    position_noise: Float[np.ndarray, "steps flights"]
-    velocity_noise: Float[np.ndarray, "steps flights"]
+    position: Float[np.ndarray, " steps"]
+    velocity: Float[np.ndarray, " steps"]
+    acceleration: Float[np.ndarray, " steps"]
+    gust: Float[np.ndarray, " steps"]
+    pitch: Float[np.ndarray, " steps"]
+    roll: Float[np.ndarray, " steps"]
+    horizontal: Float[np.ndarray, " steps"]
+    position_noise: Float[np.ndarray, " steps"]
+    velocity_noise: Float[np.ndarray, " steps"]
+
+    @property
+    def cos_tilt(self) -> Float[np.ndarray, " steps"]:
+        """Cosine of the tilt."""
+        return np.asarray(np.cos(self.pitch) * np.cos(self.roll))
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What happened, arrays of shape (steps, flights).
+    """What happened, arrays of shape (steps,).
 
     Parameters
     ----------
@@ -61,169 +72,130 @@ class Motion:
         Command in force from a step on, and the rotor's state.
     position, velocity, force : ndarray
         Height [m], vertical velocity [m/s] and specific force [m/s^2].
-    cos_tilt : ndarray
-        Cosine of the tilt.
     """
 
-    command: Float[np.ndarray, "steps flights"]
-    rotor_state: Float[np.ndarray, "steps flights"]
-    position: Float[np.ndarray, "steps flights"]
-    velocity: Float[np.ndarray, "steps flights"]
-    force: Float[np.ndarray, "steps flights"]
-    cos_tilt: Float[np.ndarray, "steps flights"]
+    command: Float[np.ndarray, " steps"]
+    rotor_state: Float[np.ndarray, " steps"]
+    position: Float[np.ndarray, " steps"]
+    velocity: Float[np.ndarray, " steps"]
+    force: Float[np.ndarray, " steps"]
 
 
-class Vehicles:
-    """Parameters of the flights as arrays of shape (flights,), and what follows from them.
+class Thrust:
+    """Static thrust of a vehicle's rotor.
 
     Parameters
     ----------
-    specs : sequence of VehicleSpec
-        One for each flight.
+    spec : VehicleSpec
+        Its curve, its sag under load, and where it hovers.
     """
 
-    def __init__(self, specs: tuple[VehicleSpec, ...]) -> None:
-        def each(name: str) -> Float[np.ndarray, " flights"]:
-            return np.array([float(getattr(spec, name)) for spec in specs])
-
-        self.friction, self.quadratic, self.hover = (
-            each(name) for name in ("viscous_friction", "quadratic_drag", "hover_input")
-        )
-        self.share, self.power, self.load_sag = (
-            each(name) for name in ("thrust_share", "thrust_power", "load_sag")
-        )
-        self.voltage_sag, self.sideways = each("voltage_sag"), each("horizontal_friction")
-        self.radius, self.least_height = each("rotor_radius"), each("least_height")
-        self.lag_up, self.slower_down = each("actuator_lag"), each("slower_down")
-        self.delay_steps = np.rint(each("delay") / STEP_S).astype(np.int64)
-        self.controller_steps = np.array([spec.controller_steps for spec in specs])
-        gains = [spec.gains for spec in specs]
-        self.position_gain = np.array([gain.position_gain for gain in gains])
-        self.velocity_gain = np.array([gain.velocity_gain for gain in gains])
-        self.integral_gain = np.array([gain.integral_gain for gain in gains])
-        linear, curved = (1.0 - self.share) * self.hover, self.share * self.hover**self.power
+    def __init__(self, spec: VehicleSpec) -> None:
+        self._spec = spec
+        linear = (1.0 - spec.thrust_share) * spec.hover_input
+        curved = spec.thrust_share * spec.hover_input**spec.thrust_power
         self._norm = GRAVITY / (linear + curved)
-        #: Exponent of the thrust near hover, with which the controller turns thrust into commands.
-        self.exponent = (linear + self.power * curved) / (linear + curved)
+        #: Exponent near hover, with which the controller turns thrust into commands.
+        self.exponent = (linear + spec.thrust_power * curved) / (linear + curved)
 
-    def thrust(self, state: Float[np.ndarray, "*k flights"]) -> Float[np.ndarray, "*k flights"]:
-        """Thrust [m/s^2] of rotor states, with what it loses under load."""
-        x = state / self.hover
-        speed = state * (1.0 - self.load_sag * (x**3 - 1.0))
-        return self._norm * ((1.0 - self.share) * speed + self.share * speed**self.power)
+    def __call__(self, state: State) -> State:
+        """Thrust [m/s^2] of a rotor state, with what it loses under load."""
+        spec = self._spec
+        speed = state * (1.0 - spec.load_sag * ((state / spec.hover_input) ** 3 - 1.0))
+        share = spec.thrust_share
+        return self._norm * ((1.0 - share) * speed + share * speed**spec.thrust_power)
 
-    def command(self, thrust: Float[np.ndarray, " flights"]) -> Float[np.ndarray, " flights"]:
+    def command(self, thrust: float) -> float:
         """Command that a controller gives for a thrust [m/s^2]."""
-        return self.hover * (thrust / GRAVITY) ** (1.0 / self.exponent)
+        return float(self._spec.hover_input * (thrust / GRAVITY) ** (1.0 / self.exponent))
 
 
-def fly(specs: tuple[VehicleSpec, ...], met: Surroundings) -> Motion:
-    """Fly every vehicle through its surroundings under altitude control.
+def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
+    """Fly a vehicle through its surroundings under altitude control.
 
     Parameters
     ----------
-    specs : tuple of VehicleSpec
-        One for each flight.
+    spec : VehicleSpec
+        The vehicle.
     met : Surroundings
-        What they meet.
+        What it meets.
 
     Notes
     -----
-    Begins in equilibrium on the reference. Linear in steps; performs no checks.
+    Begins in equilibrium on the reference. Linear in steps, about .2 s for a minute; performs no checks.
     """
-    vehicles = Vehicles(specs)
-    steps, flights = met.position.shape
-    command, rotor, height, climb, force = (np.empty((steps, flights)) for _ in range(5))
-    out = Motion(command, rotor, height, climb, force, _cos_tilt(met))
-    scale = supply(vehicles, steps) * out.cos_tilt
-    friction, coupling = _along_vertical(vehicles, met)
-    floor = met.position.min(axis=0) - vehicles.least_height
-    loop = _Controller(vehicles, met, _due(vehicles, steps))
-    reached = np.tile(vehicles.hover, (int(vehicles.delay_steps.max()) + 1, 1))
-    depth, which = reached.shape[0], np.arange(flights)
-    half = {name: np.exp(-0.5 * STEP_S / lag) for name, lag in _lags(vehicles).items()}
-    state, z, v = vehicles.hover.copy(), met.position[0].copy(), met.velocity[0].copy()
-    thrust = vehicles.thrust(state)
-    for k in range(steps):
-        reached[k % depth] = out.command[k] = loop.command(k, z, v)
-        acting = reached[(k - vehicles.delay_steps) % depth, which]
-        decay = np.where(acting < state, half["down"], half["up"])
-        middle = acting + decay * (state - acting)
-        end = acting + decay**2 * (state - acting)
-        after = vehicles.thrust(np.stack([middle, end]))
-        lift = scale[k] * _over_ground(vehicles, z - floor)
-        still = lift * thrust + coupling[k] - _quadratic(vehicles, v - met.gust[k])
-        out.rotor_state[k], out.position[k], out.velocity[k] = state, z, v
-        out.force[k] = still - friction[k] * (v - met.gust[k])
-        drive = still + lift * (4.0 * after[0] + after[1] - 5.0 * thrust) / 6.0 - GRAVITY
+    thrust_of, controller = Thrust(spec), _Controller(spec, met)
+    scale = (supply(spec, met.position.size) * met.cos_tilt).tolist()
+    friction, coupling = (part.tolist() for part in _along_vertical(spec, met))
+    gust, floor = met.gust.tolist(), float(met.position.min()) - spec.least_height
+    up, down = (math.exp(-0.5 * STEP_S / lag) for lag in (spec.actuator_lag, _lag_down(spec)))
+    late, every = round(spec.delay / STEP_S), spec.controller_steps
+    state, z, v = spec.hover_input, float(met.position[0]), float(met.velocity[0])
+    command, thrust = spec.hover_input, thrust_of(spec.hover_input)
+    commands = [command] * late
+    rows = []
+    for k, lifted in enumerate(scale):
+        if k % every == 0:
+            command = controller.command(k, z, v, thrust_of)
+        commands.append(command)
+        acting = commands[k]
+        decay, away = down if acting < state else up, state - acting
+        end = acting + decay * decay * away
+        middle_thrust, end_thrust = thrust_of(acting + decay * away), thrust_of(end)
+        lift, air = lifted * _over_ground(spec, z - floor), v - gust[k]
+        still = lift * thrust + coupling[k] - spec.quadratic_drag * air * abs(air)
+        rows.append((state, z, v, still - friction[k] * air))
+        drive = still + lift * (4.0 * middle_thrust + end_thrust - 5.0 * thrust) / 6.0 - GRAVITY
         damping = 0.5 * STEP_S * friction[k]
-        velocity = (v * (1.0 - damping) + STEP_S * (drive + friction[k] * met.gust[k])) / (1.0 + damping)
-        z = z + 0.5 * STEP_S * (v + velocity)
-        state, v, thrust = end, velocity, after[1]
-    return out
+        velocity = (v * (1.0 - damping) + STEP_S * (drive + friction[k] * gust[k])) / (1.0 + damping)
+        z += 0.5 * STEP_S * (v + velocity)
+        state, v, thrust = end, velocity, end_thrust
+    return Motion(np.array(commands[late:]), *np.array(rows).T.copy())
 
 
 class _Controller:
-    """Altitude control at each flight's own rate; between its instants the command is held."""
+    """Altitude control: position, velocity and integral around the reference."""
 
-    def __init__(self, vehicles: Vehicles, met: Surroundings, due: Bool[np.ndarray, "steps flights"]) -> None:
-        self._vehicles, self._met, self._due = vehicles, met, due
-        self._any: list[bool] = np.any(due, axis=1).tolist()
-        self._period = STEP_S * vehicles.controller_steps
-        self._integral = np.zeros(vehicles.hover.size)
-        self._held = vehicles.hover.copy()
+    def __init__(self, spec: VehicleSpec, met: Surroundings) -> None:
+        self._gains, self._period = spec.gains, STEP_S * spec.controller_steps
+        wanted = met.velocity + self._gains.position_gain * (met.position - met.position_noise)
+        self._wanted = (wanted - met.velocity_noise).tolist()
+        self._weight = (met.acceleration + GRAVITY).tolist()
+        self._cosine = np.cos(met.pitch).tolist()
+        self._least, self._most = (float(share[0]) * GRAVITY for share in THRUST_RANGE)
+        self._integral = 0.0
 
-    def command(
-        self, k: int, z: Float[np.ndarray, " flights"], v: Float[np.ndarray, " flights"]
-    ) -> Float[np.ndarray, " flights"]:
-        """Command of a step."""
-        if not self._any[k]:
-            return self._held
-        own, met, due = self._vehicles, self._met, self._due[k]
-        wanted = met.velocity[k] + own.position_gain * (met.position[k] - z - met.position_noise[k])
-        error = wanted - v - met.velocity_noise[k]
-        self._integral = np.where(due, self._integral + error * self._period, self._integral)
-        asked = (
-            met.acceleration[k] + own.velocity_gain * error + own.integral_gain * self._integral + GRAVITY
-        ) / np.cos(met.pitch[k])
-        thrust = np.clip(asked, *(THRUST_RANGE[:, 0] * GRAVITY))
-        self._held = np.where(due, own.command(thrust), self._held)
-        return self._held
+    def command(self, k: int, z: float, v: float, thrust_of: Thrust) -> float:
+        """Command that is computed at a step."""
+        gains = self._gains
+        error = self._wanted[k] - float(gains.position_gain) * z - v
+        self._integral += error * self._period
+        feedback = float(gains.velocity_gain) * error + float(gains.integral_gain) * self._integral
+        asked = (self._weight[k] + feedback) / self._cosine[k]
+        return thrust_of.command(min(max(asked, self._least), self._most))
 
 
-def _due(vehicles: Vehicles, steps: int) -> Bool[np.ndarray, "steps flights"]:
-    """At which steps each controller computes."""
-    numbers: Int[np.ndarray, " steps"] = np.arange(steps)
-    return numbers[:, None] % vehicles.controller_steps == 0
+def _lag_down(spec: VehicleSpec) -> float:
+    return spec.actuator_lag * spec.slower_down
 
 
-def _lags(vehicles: Vehicles) -> dict[str, Float[np.ndarray, " flights"]]:
-    return {"up": vehicles.lag_up, "down": vehicles.lag_up * vehicles.slower_down}
-
-
-def _cos_tilt(met: Surroundings) -> Float[np.ndarray, "steps flights"]:
-    return np.cos(met.pitch) * np.cos(met.roll)
-
-
-def supply(vehicles: Vehicles, steps: int) -> Float[np.ndarray, "steps flights"]:
+def supply(spec: VehicleSpec, steps: int) -> Float[np.ndarray, " steps"]:
     """What a falling voltage leaves of the thrust: speed goes with it, and thrust with speed."""
-    left = 1.0 - vehicles.voltage_sag * (np.arange(steps) / steps)[:, None]
-    return np.asarray(left**vehicles.exponent)
+    left = 1.0 - spec.voltage_sag * np.arange(steps) / steps
+    return np.asarray(left ** Thrust(spec).exponent)
 
 
 def _along_vertical(
-    vehicles: Vehicles, met: Surroundings
-) -> tuple[Float[np.ndarray, "steps flights"], Float[np.ndarray, "steps flights"]]:
+    spec: VehicleSpec, met: Surroundings
+) -> tuple[Float[np.ndarray, " steps"], Float[np.ndarray, " steps"]]:
     """Friction [1/s] along the vertical of a pitched vehicle, and what its horizontal speed adds [m/s^2]."""
     sine, cosine = np.sin(met.pitch), np.cos(met.pitch)
-    friction = vehicles.friction * cosine**2 + vehicles.sideways * sine**2
-    return friction, (vehicles.sideways - vehicles.friction) * sine * cosine * met.horizontal
+    sideways, along = spec.horizontal_friction, spec.viscous_friction
+    return along * cosine**2 + sideways * sine**2, (sideways - along) * sine * cosine * met.horizontal
 
 
-def _over_ground(vehicles: Vehicles, height: Float[np.ndarray, " flights"]) -> Float[np.ndarray, " flights"]:
-    share = vehicles.radius / (4.0 * np.maximum(height, 0.5 * vehicles.radius + 1e-9))
-    return np.asarray(1.0 / (1.0 - share**2))
-
-
-def _quadratic(vehicles: Vehicles, speed: Float[np.ndarray, " flights"]) -> Float[np.ndarray, " flights"]:
-    return np.asarray(vehicles.quadratic * speed * np.abs(speed))
+def _over_ground(spec: VehicleSpec, height: float) -> float:
+    if not spec.rotor_radius:
+        return 1.0
+    share = spec.rotor_radius / (4.0 * max(height, 0.5 * spec.rotor_radius))
+    return 1.0 / (1.0 - share * share)

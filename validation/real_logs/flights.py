@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from eivor.signals.recording import Recording
@@ -29,26 +28,18 @@ class LoggedFlight:
     flown: Flown
 
 
-def logged_flights(specs: Sequence[FlightSpec]) -> list[LoggedFlight]:
-    """Fly and log each specification, in order.
+def logged_flight(spec: FlightSpec) -> LoggedFlight:
+    """Fly and log a flight.
 
     Parameters
     ----------
-    specs : sequence of FlightSpec
-        All of one duration, and all of one simulator. Which flights are flown together makes no difference
-        to any of them beyond rounding.
+    spec : FlightSpec
+        The flight; the result is a function of it and of nothing else.
 
     Notes
     -----
-    About .1 s for a minute of flight of the own simulator, ten or more for one of RotorPy's.
+    About .3 s for a minute of flight of the own simulator, ten or more for one of RotorPy's.
     """
-    told = [topics(spec) for spec in specs]
-    if specs[0].multirotor:
-        flown = [fly_rotorpy(spec) for spec in specs]
-    else:
-        seen = [each.seen(spec) for spec, each in zip(specs, told, strict=True)]
-        flown = fly_own(specs, seen)
-    return [
-        LoggedFlight(log_of(spec, each, clocks), each)
-        for spec, each, clocks in zip(specs, flown, told, strict=True)
-    ]
+    told = topics(spec)
+    flown = fly_rotorpy(spec) if spec.multirotor else fly_own(spec, told.seen(spec))
+    return LoggedFlight(log_of(spec, flown, told), flown)

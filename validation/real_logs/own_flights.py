@@ -1,9 +1,8 @@
-"""Flights of this study's own simulator, side by side."""
+"""Flights of this study's own simulator."""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -14,7 +13,7 @@ from eivor.simulation.flights.trajectories import Trajectory
 from eivor.simulation.flights.truth import FlightTruth
 from eivor.simulation.flights.vertical_flight import LOST_M, TILT_CORRELATION_S, TILT_SMOOTHING_S
 from eivor.simulation.flights.wind import gusts
-from validation.real_logs.closed_loop import Motion, Surroundings, Vehicles, fly, supply
+from validation.real_logs.closed_loop import Motion, Surroundings, Thrust, fly, supply
 from validation.real_logs.course import altitude, horizontal_velocity, pitch
 from validation.real_logs.flown import Flown
 from validation.real_logs.spec import STEP_S, FlightSpec
@@ -26,49 +25,31 @@ def stream(spec: FlightSpec, name: str) -> np.random.Generator:
     return np.random.Generator(np.random.PCG64(seed))
 
 
-def fly_own(
-    specs: Sequence[FlightSpec],
-    seen_errors: Sequence[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]],
-) -> list[Flown]:
-    """Fly flights of one duration.
+def fly_own(spec: FlightSpec, seen_errors: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]) -> Flown:
+    """Fly one flight.
 
     Parameters
     ----------
-    specs : sequence of FlightSpec
-        The flights.
-    seen_errors : sequence of (ndarray, ndarray)
-        Errors of the position [m] and velocity [m/s] that each controller sees, at every step.
+    spec : FlightSpec
+        The flight.
+    seen_errors : tuple of two ndarrays
+        Errors of the position [m] and velocity [m/s] that the controller sees, at every step.
     """
-    references = [altitude(spec, stream(spec, "altitude")) for spec in specs]
-    met = _surroundings(specs, references, seen_errors)
-    motion = fly(tuple(spec.vehicle for spec in specs), met)
-    return [
-        _flown(spec, reference, met, motion, number)
-        for number, (spec, reference) in enumerate(zip(specs, references, strict=True))
-    ]
-
-
-def _surroundings(
-    specs: Sequence[FlightSpec],
-    references: Sequence[Trajectory],
-    seen_errors: Sequence[tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]],
-) -> Surroundings:
-    horizontal, angles = [], []
-    for spec, reference in zip(specs, references, strict=True):
-        speed = horizontal_velocity(spec, reference, stream(spec, "horizontal"))
-        horizontal.append(speed)
-        angles.append(_wander(spec) + np.stack([pitch(spec, speed), np.zeros(spec.steps)], axis=1))
-    return Surroundings(
-        position=np.stack([one.position for one in references], axis=1),
-        velocity=np.stack([one.velocity for one in references], axis=1),
-        acceleration=np.stack([one.acceleration for one in references], axis=1),
-        gust=np.stack([_wind(spec) for spec in specs], axis=1),
-        pitch=np.stack([one[:, 0] for one in angles], axis=1),
-        roll=np.stack([one[:, 1] for one in angles], axis=1),
-        horizontal=np.stack(horizontal, axis=1),
-        position_noise=np.stack([position for position, _ in seen_errors], axis=1),
-        velocity_noise=np.stack([velocity for _, velocity in seen_errors], axis=1),
+    reference = altitude(spec, stream(spec, "altitude"))
+    horizontal = horizontal_velocity(spec, reference, stream(spec, "horizontal"))
+    wander = _wander(spec)
+    met = Surroundings(
+        position=reference.position,
+        velocity=reference.velocity,
+        acceleration=reference.acceleration,
+        gust=_wind(spec),
+        pitch=wander[:, 0] + pitch(spec, horizontal),
+        roll=wander[:, 1],
+        horizontal=horizontal,
+        position_noise=seen_errors[0],
+        velocity_noise=seen_errors[1],
     )
+    return _flown(spec, reference, met, fly(spec.vehicle, met))
 
 
 def _wander(spec: FlightSpec) -> Float[np.ndarray, "n 2"]:
@@ -96,35 +77,32 @@ def _wind(spec: FlightSpec) -> Float[np.ndarray, " n"]:
     return np.asarray(spec.vehicle.updraft + blown[:, 0])
 
 
-def _flown(spec: FlightSpec, reference: Trajectory, met: Surroundings, motion: Motion, number: int) -> Flown:
-    theta, phi = met.pitch[:, number], met.roll[:, number]
-    force, horizontal = motion.force[:, number], met.horizontal[:, number]
-    along = np.gradient(horizontal, STEP_S)
-    vehicle = Vehicles((spec.vehicle,))
+def _flown(spec: FlightSpec, reference: Trajectory, met: Surroundings, motion: Motion) -> Flown:
     truth = FlightTruth(
         time_s=STEP_S * np.arange(spec.steps),
-        specific_force_z=force.copy(),
-        air_velocity_z=motion.velocity[:, number] - met.gust[:, number],
-        rotor_state=motion.rotor_state[:, [number]],
-        cos_tilt=motion.cos_tilt[:, number].copy(),
+        specific_force_z=motion.force,
+        air_velocity_z=motion.velocity - met.gust,
+        rotor_state=motion.rotor_state[:, None],
+        cos_tilt=met.cos_tilt,
         actuator_lag=spec.vehicle.actuator_lag,
         delay=spec.vehicle.delay,
         viscous_friction=spec.vehicle.viscous_friction,
         input_gain=GRAVITY / spec.vehicle.hover_input**2,
         hover_input=spec.vehicle.hover_input,
     )
+    along = np.gradient(met.horizontal, STEP_S)
     return Flown(
         truth=truth,
-        thrust=vehicle.thrust,
-        supply=supply(vehicle, spec.steps)[:, 0],
-        command=motion.command[:, [number]],
+        thrust=Thrust(spec.vehicle),
+        supply=supply(spec.vehicle, spec.steps),
+        command=motion.command[:, None],
         reference=reference,
-        position=motion.position[:, number].copy(),
-        velocity=motion.velocity[:, number].copy(),
-        horizontal=horizontal.copy(),
-        attitude=_quaternion(theta, phi),
-        force_body=_in_body(theta, phi, along, force),
-        flew=bool(np.abs(motion.position[:, number] - reference.position).max() < LOST_M),
+        position=motion.position,
+        velocity=motion.velocity,
+        horizontal=met.horizontal,
+        attitude=_quaternion(met.pitch, met.roll),
+        force_body=_in_body(met.pitch, met.roll, along, motion.force),
+        flew=bool(np.abs(motion.position - reference.position).max() < LOST_M),
     )
 
 

@@ -19,16 +19,14 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
 from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE, IntervalEstimate
-from validation.real_logs.flights import LoggedFlight, logged_flights
+from validation.real_logs.flights import LoggedFlight, logged_flight
 from validation.real_logs.grid import Family, published_grid
 from validation.real_logs.named import NAMES, named
 from validation.real_logs.own_flights import stream
 from validation.real_logs.spec import FlightSpec
 
-#: Flights that are flown side by side when they last a minute; their time together is kept for others.
-FLIGHTS_TOGETHER = 25
-#: Pools, and flights of RotorPy, that make one task.
-POOLS_TOGETHER, ROTORPY_TOGETHER = 2, 2
+#: Flights of a minute that make one task; longer ones count as more.
+FLIGHTS_TOGETHER = 10
 #: Verdict of a flight that the recipe did not take.
 FAILED = "failed"
 
@@ -61,12 +59,10 @@ def family_tasks(family: Family) -> tuple[Task, ...]:
 
 
 def _together(family: Family) -> int:
+    """Flights, or pools, that take about as long as ten flights of a minute; RotorPy's take as ten."""
     spec = family.flight(0)
-    if family.pool > 1:
-        return POOLS_TOGETHER
-    if spec.multirotor:
-        return ROTORPY_TOGETHER
-    return int(np.clip(round(FLIGHTS_TOGETHER * 60.0 / spec.duration), 1, FLIGHTS_TOGETHER))
+    minutes = family.pool * spec.duration / 60.0 * (10.0 if spec.multirotor else 1.0)
+    return int(np.clip(round(FLIGHTS_TOGETHER / minutes), 1, FLIGHTS_TOGETHER))
 
 
 def rows_of(task: Task) -> tuple[Row, ...]:
@@ -74,12 +70,7 @@ def rows_of(task: Task) -> tuple[Row, ...]:
     family = published_grid().family(task.family)
     if family.pool > 1:
         return tuple(row for pool in range(task.first, task.last) for row in _pool_rows(family, pool))
-    specs = [family.flight(number) for number in range(task.first, task.last)]
-    flights = logged_flights(specs)
-    return tuple(
-        _flight_row(family, task.first + place, spec, flight)
-        for place, (spec, flight) in enumerate(zip(specs, flights, strict=True))
-    )
+    return tuple(_flight_row(family, number) for number in range(task.first, task.last))
 
 
 @dataclass(frozen=True)
@@ -116,7 +107,9 @@ class _Outcome:
         }
 
 
-def _flight_row(family: Family, number: int, spec: FlightSpec, flight: LoggedFlight) -> Row:
+def _flight_row(family: Family, number: int) -> Row:
+    spec = family.flight(number)
+    flight = logged_flight(spec)
     if not flight.flown.flew:
         return _Outcome(LOST).row(family, spec, number)
     try:
@@ -129,7 +122,7 @@ def _flight_row(family: Family, number: int, spec: FlightSpec, flight: LoggedFli
 def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
     numbers = range(pool * family.pool, (pool + 1) * family.pool)
     specs = [family.flight(number) for number in numbers]
-    flights = logged_flights(specs)
+    flights = [logged_flight(spec) for spec in specs]
     try:
         result = identify_flight([flight.recording for flight in flights])
     except EivorError as error:
