@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
-from eivor.estimation.diagnose import diagnose
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import reference_iv
 from eivor.inference.covariances.estimators import Classical, EqualWeightedCosines
@@ -118,7 +117,7 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
     if problem is None:
         return None
     try:
-        together = _estimated(problem, least)
+        together = estimated(problem, least)
         found = SensorAgreement(together.differences, together.p_value)
         if found.told or together.none_p_value > BEYOND_DOUBT:
             return found
@@ -128,17 +127,26 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _Estimated:
-    """Differences, and p-values of the tests that there is none at all, and that there is no other kind."""
+class Estimated:
+    """Coefficients of columns with their standard errors.
+
+    Parameters
+    ----------
+    differences : dict of str to Difference
+        By parameter.
+    none_p_value, p_value : float
+        Of the tests that all of them are zero, and that no other column is missing (over-identification).
+    """
 
     differences: dict[str, Difference]
     none_p_value: float
     p_value: float
 
 
-def _estimated(problem: LaggedRuns, least: Mapping[str, float]) -> _Estimated:
+def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
+    """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
     estimate = identify(problem, reference_iv())
-    agreement = diagnose(estimate).over_identification
+    _, p_value = estimate.best.inference.over_identification
     parts = [
         part.matrix
         for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
@@ -149,10 +157,10 @@ def _estimated(problem: LaggedRuns, least: Mapping[str, float]) -> _Estimated:
     scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
     named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
-    return _Estimated(
+    return Estimated(
         {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named},
         chi_square_tail(wald, values.size),
-        1.0 if agreement is None or math.isnan(agreement.p_value) else agreement.p_value,
+        1.0 if math.isnan(p_value) else p_value,
     )
 
 
@@ -161,7 +169,7 @@ def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Differe
     found: dict[str, Difference] = {}
     for place, parameter in enumerate(problem.parameters):
         columns = tuple(replace(one, fixed=one.fixed[:, [place]]) for one in problem.columns)
-        alone = _estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
+        alone = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
         one = alone.differences[parameter.name]
         if one.told and one.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
             found[parameter.name] = one

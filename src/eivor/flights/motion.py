@@ -447,9 +447,15 @@ class Motion(ABC, Generic[P]):
         """Quantities that follow from a headline whose interval is another than that of `quantities`."""
         return {}
 
-    def diagnostics(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, float]:
+    def diagnostics(
+        self, _problem: P, _estimate: Estimate, _flights: tuple[PreparedFlight, ...], /
+    ) -> Mapping[str, float]:
         """Numbers behind the verdict that this motion alone has."""
         return {}
+
+    def checks(self, _numbers: Mapping[str, float], /) -> tuple[tuple[str, str], ...]:
+        """What they say: a title and a sentence each, for those that reports show."""
+        return ()
 
     def findings(
         self, _flights: tuple[PreparedFlight, ...], _quantities: Mapping[str, Quantity], /

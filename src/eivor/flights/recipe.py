@@ -135,7 +135,8 @@ def _identified(
             checks = replace(checks, agreement=diagnose(alone).over_identification)
         sets = headline_sets(problem, estimate, motion.headline)
         fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors)
-        numbers = dict(motion.diagnostics(problem, estimate))
+        shortened = tuple(flight.shortened for flight in flying)
+        numbers = dict(motion.diagnostics(problem, estimate, shortened))
         at = replace(
             _circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
         )

@@ -20,7 +20,8 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     if result.fit is None:
         return ()
     makers = (_given_lag, _sensors, _strength, _agreement, _constancy, _memory, _leverage, _least_squares)
-    return tuple(check for maker in makers for check in maker(result, result.fit.checks))
+    shared = tuple(check for maker in makers for check in maker(result, result.fit.checks))
+    return (*shared, *result.motion.checks(result.diagnostics))
 
 
 def _given_lag(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:

@@ -38,12 +38,13 @@ from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.flown import flown
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
+from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
-from eivor.motions.vertical.rule import APPARENT_GRAVITY, all_grounds
+from eivor.motions.vertical.rule import APPARENT_GRAVITY, SIDEWAYS, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
-from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, told
+from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.signals.input_map import input_map
@@ -185,9 +186,20 @@ class Vertical(Motion[VerticalFlights]):
             f"{speed.std():.2g} m/s (standard deviations)."
         )
 
-    def diagnostics(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, float]:
-        """How thrust grows with the command near hover and in the input map, and the gravity that is felt."""
-        return {**thrust_curve(problem, estimate), APPARENT_GRAVITY: apparent_gravity(problem)}
+    def diagnostics(
+        self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
+    ) -> Mapping[str, float]:
+        """Thrust near hover and in the input map, the gravity that is felt, and tests of terms left out."""
+        return {
+            **thrust_curve(problem, estimate),
+            APPARENT_GRAVITY: apparent_gravity(problem),
+            SIDEWAYS: sideways_speed(flights),
+            **left_out_numbers(left_out(problem, estimate, flights)),
+        }
+
+    def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+        """Terms that the model leaves out, and whether they are missed."""
+        return left_out_told(numbers)
 
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]

@@ -38,6 +38,7 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.curve_rule import curve_reasons
+from eivor.motions.vertical.left_out import GROUND, SUPPLY, left_out_sentence, missed
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
 
@@ -59,6 +60,16 @@ OTHER_UNIT = 3.0
 #: Numbers of this motion among those of the circumstances: the exponent of thrust near hover, that of the
 #: input map there, and one for a command of thrust, whose map is linear or mixed.
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
+#: Root mean square of the horizontal speed [m/s]; from where on a tilt between attitude and accelerometer
+#: matters, and how well it must be known [rad].
+SIDEWAYS = "sideways_speed"
+FAST_SIDEWAYS = 3.0
+TILT_KNOWN = float(np.deg2rad(1.5))
+#: Terms that harm the gain when they are missed, and what to do.
+LEFT_OUT = {
+    SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
+    GROUND: "Fly higher over the ground, four radii of a rotor and more.",
+}
 #: And the mean of the specific force where the vehicle does not accelerate [m/s^2].
 APPARENT_GRAVITY = "apparent_gravity"
 
@@ -84,6 +95,7 @@ def all_grounds(
     friction = (
         *friction_reasons(quantities, strength, at),
         *sensor_reasons(at, SCALE, *TILTS.values()),
+        *sideways_reasons(at),
         *shared,
     )
     curve = tuple(thrust_curve_reasons(quantities, at))
@@ -91,6 +103,7 @@ def all_grounds(
         *gain_reasons(quantities["input_gain"], strength, at),
         *curve,
         *sensor_reasons(at, OFFSET, SCALE),
+        *left_out_reasons(at),
         *shared,
     )
     lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
@@ -293,6 +306,37 @@ def sensor_reasons(at: Circumstances, *harmful: Parameter) -> list[Reason]:
             )
         )
     return reasons
+
+
+def left_out_reasons(at: Circumstances) -> list[Reason]:
+    """Grounds against the gain: thrust that goes with the supply, or with the height over the ground."""
+    reasons = []
+    for name, remedy in LEFT_OUT.items():
+        if missed(at.numbers, name):
+            told = left_out_sentence(at.numbers, name)
+            reasons.append(Reason(Status.WEAK, f"{told[0].upper()}{told[1:]}.", remedy))
+    return reasons
+
+
+def sideways_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against the friction: fast sideways flight, with an attitude that may lean."""
+    speed = at.numbers.get(SIDEWAYS, np.nan)
+    if not speed > FAST_SIDEWAYS:
+        return []
+    tilts = {tilt.name for tilt in TILTS.values()}
+    known = {} if at.sensors is None else at.sensors.differences
+    widths = [one.half_width for name, one in known.items() if name in tilts]
+    if widths and max(widths) <= TILT_KNOWN:
+        return []
+    degrees = f"to ±{np.rad2deg(max(widths)):.1f} degrees only" if widths else "not at all"
+    return [
+        Reason(
+            Status.WEAK,
+            f"The vehicle flew sideways at {speed:.1f} m/s (rms), and the angle between attitude and "
+            f"accelerometer is known {degrees}.",
+            "Fly up and down without sideways motion, or sideways at other times than up and down.",
+        )
+    ]
 
 
 def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[Reason]:

@@ -94,6 +94,17 @@ def _columns(own: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisC
     )
 
 
+def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
+    """Root mean square of the horizontal speed, of the fastest flight; NaN where none is logged [m/s]."""
+    found = [float("nan")]
+    for flight in flights:
+        channels = [flight.recording.channels.get(f"velocity_{axis}") for axis in "xy"]
+        parts = [on_grid(one, flight.grid)[0][flight.used] for one in channels if one is not None]
+        if len(parts) == 2:
+            found.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
+    return float(np.nanmax(found)) if len(found) > 1 else found[0]
+
+
 def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
     """A horizontal velocity and lags of it."""
     found = [velocity]

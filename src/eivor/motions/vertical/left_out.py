@@ -1,0 +1,235 @@
+"""Terms that the model leaves out, each with a test that it is missed.
+
+To the equation at its estimate, linear in the lag, one column is added with an instrument of its own, and its
+coefficient is estimated like the flight itself: whitened, with the flight's instruments. That is the score
+test of the term (Engle 1984), whose numerator is the residual's product with the column. The terms:
+
+* quadratic drag, -v |v|: what the friction lacks at speed;
+* ground effect, 1 / z^2 over the ground, or over a place below the flight where the log does not tell it;
+* the supply, U times what the battery's voltage differs from its mean by, as a share; without a voltage in
+  the log U times the time, from -1/2 at the beginning to 1/2 at the end: a battery that sags.
+
+Instruments are the same functions of velocity, height and input as far as the references explain them, as
+voltage and time answer nothing of a second's length.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.agreement import Difference, estimated
+from eivor.flights.grid import on_grid
+from eivor.flights.prepared import PreparedFlight
+from eivor.models.equation import Parameter
+from eivor.models.lagged_runs import AxisColumns, LaggedRuns
+from eivor.models.separable import Values
+from eivor.motions.vertical.flights import VerticalFlights
+
+#: Names of the terms, and what their numbers are called.
+DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
+PREFIX = "left_out_"
+#: A term is missed below this p-value.
+MISSED = 0.005
+#: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground
+#: is taken to be so far below the flight [m].
+ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
+#: Heights below this count as this [m].
+LEAST_HEIGHT = 0.05
+
+Column = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """What the terms are made of in one flight, as measured, and as far as the references explain it."""
+
+    velocity: Column
+    mapped: Column
+    height: Column | None
+    voltage: Column | None
+    time: Column
+
+
+#: From a flight to a term's column; None where the log lacks what it needs.
+_TERMS: dict[str, Callable[[_Flight], Column | None]] = {
+    DRAG: lambda of: -of.velocity * np.abs(of.velocity),
+    GROUND: lambda of: None if of.height is None else np.maximum(of.height, LEAST_HEIGHT) ** -2.0,
+    SUPPLY: lambda of: of.mapped * (of.time if of.voltage is None else of.voltage),
+}
+
+
+def left_out(
+    problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
+) -> dict[str, Difference]:
+    """Coefficient of each term as if it alone were added; none without instruments.
+
+    Parameters
+    ----------
+    problem : VerticalFlights
+        The flights' own problem.
+    estimate : Estimate
+        Of it.
+    flights : sequence of PreparedFlight
+        The same flights, on the same samples.
+
+    Returns
+    -------
+    dict of str to Difference
+        In 1/m, in m^3/s^2, and as a share of the gain: for the voltage's own share, or over the flight.
+    """
+    own = problem.runs.columns
+    if not all(one.instruments.shape[1] for one in own):
+        return {}
+    at = estimate.best.at
+    measured = [_measured(problem, place, flight, at) for place, flight in enumerate(flights)]
+    explained = [_explained(one, of) for one, of in zip(own, measured, strict=True)]
+    base = [_linear(problem, one, estimate) for one in own]
+    found: dict[str, Difference] = {}
+    for name, term in _TERMS.items():
+        columns, instruments = [term(of) for of in measured], [term(of) for of in explained]
+        known = [(x, z) for x, z in zip(columns, instruments, strict=True) if x is not None and z is not None]
+        if len(known) < len(own):
+            continue
+        added = [_with(one, linear, x, z) for one, linear, (x, z) in zip(own, base, known, strict=True)]
+        coefficient = _coefficient(tuple(added), name)
+        if coefficient is not None:
+            found[name] = coefficient
+    if SUPPLY in found:
+        gain = abs(estimate.parameters["input_gain"]) or math.nan
+        supply = found[SUPPLY]
+        found[SUPPLY] = replace(supply, value=supply.value / gain, std_error=supply.std_error / gain)
+    return found
+
+
+def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: Values) -> _Flight:
+    mapped = problem.runs.columns[place].moving(at)[:, 0]
+    used = np.flatnonzero(flight.used)
+    time = flight.grid.time_s
+    span = time[used[-1]] - time[used[0]]
+    share = (time - time[used[0]]) / span - 0.5
+    return _Flight(problem.flights[place].velocity, mapped, _height(flight), _voltage(flight), share)
+
+
+def _height(flight: PreparedFlight) -> Column | None:
+    """Height over the ground; of a log without any, over a place below all of the flight."""
+    channel = flight.recording.channels.get("position_z")
+    if channel is None or np.isfinite(channel.values).sum() < 2:
+        return None
+    height = on_grid(channel, flight.grid)[0]
+    lowest_flown, lowest = float(height[flight.used].min()), float(np.nanquantile(channel.values, 0.005))
+    known = lowest_flown - lowest > ABOVE_GROUND
+    return height - (lowest if known else lowest_flown - BELOW_FLIGHT)
+
+
+def _voltage(flight: PreparedFlight) -> Column | None:
+    """Voltage as a share of its mean, less one."""
+    channel = flight.recording.channels.get("battery_voltage")
+    if channel is None or np.isfinite(channel.values).sum() < 2:
+        return None
+    volts = on_grid(channel, flight.grid)[0]
+    mean = float(volts[flight.used].mean())
+    return volts / mean - 1.0 if mean > 0.0 else None
+
+
+def _explained(own: AxisColumns, of: _Flight) -> _Flight:
+    """The same as far as the instruments of a flight explain it; voltage and time as they are."""
+    B = np.column_stack([own.instruments, np.ones(own.instruments.shape[0])])
+    used = np.concatenate([np.arange(run.start, run.stop) for run in own.runs])
+    known = {"velocity": of.velocity, "mapped": of.mapped} | (
+        {} if of.height is None else {"height": of.height}
+    )
+    targets = np.column_stack(list(known.values()))
+    fitted = B @ np.linalg.lstsq(B[used], targets[used], rcond=None)[0]
+    return replace(of, **dict(zip(known, fitted.T, strict=True)))
+
+
+def _linear(problem: VerticalFlights, own: AxisColumns, estimate: Estimate) -> Float[np.ndarray, "n k"]:
+    """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
+    at = estimate.best.at
+    moving = own.moving(at)
+    theta = estimate.best.theta[own.fixed.shape[1] :]
+    slopes = []
+    for nuisance in problem.nuisances:
+        if nuisance.refined:
+            low, high = nuisance.around(at[nuisance.name])
+            above, below = (own.moving({**at, nuisance.name: value}) for value in (high, low))
+            slopes.append((above - below) @ theta / (high - low))
+    return np.column_stack([own.fixed, moving, *slopes])
+
+
+def _with(own: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
+    """Columns of a flight with a term and its instrument."""
+    nothing = np.empty((x.size, 0))
+
+    def moving(_at: Values) -> Float[np.ndarray, "n 0"]:
+        return nothing
+
+    return replace(
+        own,
+        fixed=np.column_stack([x, linear]),
+        moving=moving,
+        instruments=np.column_stack([own.instruments, z]),
+    )
+
+
+def _coefficient(columns: tuple[AxisColumns, ...], name: str) -> Difference | None:
+    """Coefficient of the first column; None where nothing tells it."""
+    others = (Parameter(f"of the model {place}", "") for place in range(1, columns[0].fixed.shape[1]))
+    try:
+        return estimated(LaggedRuns(columns, (Parameter(name, ""), *others), ()), {}).differences[name]
+    except (EstimationError, InstrumentError, TooFewSamplesError):
+        return None
+
+
+# -- told ---------------------------------------------------------------------------------------------------
+
+
+def left_out_numbers(found: Mapping[str, Difference]) -> dict[str, float]:
+    """Coefficients, half-widths and p-values by name."""
+    numbers: dict[str, float] = {}
+    for name, one in found.items():
+        numbers |= {
+            f"{PREFIX}{name}": one.value,
+            f"{PREFIX}{name}_half_width": one.half_width,
+            f"{PREFIX}{name}_p_value": one.p_value,
+        }
+    return numbers
+
+
+def missed(numbers: Mapping[str, float], name: str) -> bool:
+    """Whether the test of a term says that it is missed."""
+    return numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED
+
+
+def left_out_told(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+    """Terms that are missed, and the tests of the others."""
+    tested = [name for name in _TERMS if f"{PREFIX}{name}" in numbers]
+    said = [left_out_sentence(numbers, name) for name in tested if missed(numbers, name)]
+    quiet = [
+        f"{name.replace('_', ' ')} (p {numbers[f'{PREFIX}{name}_p_value']:.2g})"
+        for name in tested
+        if not missed(numbers, name)
+    ]
+    if quiet:
+        said.append(f"not missed: {', '.join(quiet)}")
+    return (("left out", "; ".join(said)),) if said else ()
+
+
+def left_out_sentence(numbers: Mapping[str, float], name: str) -> str:
+    """What is missed, with number and unit."""
+    value, half = numbers[f"{PREFIX}{name}"], numbers[f"{PREFIX}{name}_half_width"]
+    if name == DRAG:
+        drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
+        return f"{drag} is missed: K is that of these speeds"
+    if name == GROUND:
+        grows = "grows" if value > 0.0 else "falls"
+        return f"thrust {grows} towards the ground, as if the ground were near"
+    moved = "rose" if value > 0.0 else "fell"
+    return f"the thrust of one command {moved} by {abs(value):.0%} (± {half:.0%}) with the supply or the time"

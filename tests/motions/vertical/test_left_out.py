@@ -1,0 +1,120 @@
+"""Terms that the model leaves out: the tests tell those that are missed, and no others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import least_squares, reference_iv
+from eivor.flights.agreement import Difference, SensorAgreement
+from eivor.flights.instruments import instruments
+from eivor.flights.motion import Circumstances
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
+from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.rule import left_out_reasons, sideways_reasons
+from flights.flight_logs import GAIN, flown
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
+VERTICAL = Vertical()
+
+
+@pytest.fixture(scope="module")
+def log():
+    return flown(seconds=30.0, seed=5)[0]
+
+
+def terms_of(log, method=None) -> dict[str, Difference]:
+    chosen = method or reference_iv()
+    flights = (prepare(log, VERTICAL, FlightOptions()),)
+    problem = VERTICAL.problem(flights, instruments(flights, FlightOptions(), chosen).rule)
+    return left_out(problem, identify(problem, chosen), flights)
+
+
+def commanded(log, change):
+    """The log of a vehicle that needed another thrust: its mapped command is changed by what is given."""
+    command = log.channels["rotor_command_1"]
+    values = np.sqrt(change(command.values**2))
+    return replace(log, channels={**log.channels, command.name: replace(command, values=values)})
+
+
+def with_channel(log, name, values):
+    like = log.channels["velocity_z"]
+    return replace(log, channels={**log.channels, name: replace(like, name=name, values=values)})
+
+
+def test_nothing_is_missed_where_the_model_holds(log):
+    found = terms_of(with_channel(log, "position_z", log.channels["reference_position_z"].values))
+    assert list(found) == ["quadratic_drag", "ground_effect", "supply"]
+    assert min(one.p_value for one in found.values()) > 0.005
+    ((title, said),) = left_out_told(left_out_numbers(found))
+    assert title == "left out"
+    assert said.startswith("not missed: quadratic drag (p ")
+
+
+def test_quadratic_drag_is_missed(log):
+    velocity = log.channels["velocity_z"].values
+    found = terms_of(commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity)))
+    drag = found["quadratic_drag"]
+    assert abs(drag.value - 0.2) < 3.0 * drag.half_width
+    assert "a drag of 0.2" in left_out_told(left_out_numbers(found))[0][1]
+
+
+def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log):
+    count = log.channels["velocity_z"].values.size
+    share = np.linspace(0.0, 1.0, count)
+    sags = commanded(log, lambda U: U / (1.0 - 0.1 * share))
+    found = terms_of(sags)["supply"]
+    assert abs(found.value + 0.105) < 3.0 * found.half_width < 0.1
+    ((_, said),) = left_out_told(left_out_numbers({"supply": found}))
+    assert said.startswith("the thrust of one command fell by 1")
+    volts = terms_of(with_channel(sags, "battery_voltage", 12.0 * (1.0 - 0.05 * share)))["supply"]
+    assert volts.value == pytest.approx(2.05, abs=3.0 * volts.half_width)  # thrust goes as its square
+
+
+def test_ground_effect_is_missed(log):
+    height = log.channels["reference_position_z"].values
+    over = height - height.min() + 0.5
+    closer = commanded(with_channel(log, "position_z", height), lambda U: U / (1.0 + 0.05 / over**2))
+    found = terms_of(closer)
+    assert found["ground_effect"].p_value < 0.005
+    assert "thrust grows towards the ground" in left_out_told(left_out_numbers(found))[0][1]
+
+
+def test_without_instruments_nothing_is_tested(log):
+    assert terms_of(log, least_squares()) == {}
+    assert left_out_told({}) == ()
+
+
+def at(numbers: dict[str, float], sensors: SensorAgreement | None = None) -> Circumstances:
+    return Circumstances(1, 100.0, 100.0, exogenous=True, direct=False, numbers=numbers, sensors=sensors)
+
+
+def test_what_is_missed_makes_the_gain_weak():
+    sure, unsure = Difference(-0.1, 0.01), Difference(-0.1, 0.1)
+    (reason,) = left_out_reasons(at(left_out_numbers({"supply": sure, "ground_effect": unsure})))
+    assert reason.sentence.startswith("The thrust of one command fell by 10% (± 2%)")
+    (reason,) = left_out_reasons(at(left_out_numbers({"supply": unsure, "ground_effect": sure})))
+    assert reason.sentence.startswith("Thrust falls towards the ground")
+    assert left_out_reasons(at(left_out_numbers({"quadratic_drag": sure}))) == []
+
+
+def test_fast_sideways_flight_asks_for_a_known_tilt():
+    def agreement(std_error: float) -> SensorAgreement:
+        return SensorAgreement({"tilt_x": Difference(0.0, std_error)}, 0.5)
+
+    assert sideways_reasons(at({"sideways_speed": 2.9})) == []
+    assert sideways_reasons(at({"sideways_speed": float("nan")})) == []
+    assert sideways_reasons(at({"sideways_speed": 4.0}, agreement(0.005))) == []
+    (unknown,) = sideways_reasons(at({"sideways_speed": 4.0}))
+    assert (
+        "4.0 m/s (rms), and the angle between attitude and accelerometer is known not at all."
+        in unknown.sentence
+    )
+    (rough,) = sideways_reasons(at({"sideways_speed": 4.0}, agreement(0.02)))
+    assert "is known to ±2.4 degrees only" in rough.sentence
