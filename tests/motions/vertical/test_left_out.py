@@ -102,6 +102,7 @@ def test_what_is_missed_makes_the_gain_weak():
     (reason,) = left_out_reasons(at(left_out_numbers({"supply": unsure, "ground_effect": sure})))
     assert reason.sentence.startswith("Thrust falls towards the ground")
     assert left_out_reasons(at(left_out_numbers({"quadratic_drag": sure}))) == []
+    assert left_out_reasons(at(left_out_numbers({"supply": Difference(0.01, 0.001)}))) == []
 
 
 def test_fast_sideways_flight_asks_for_a_known_tilt():

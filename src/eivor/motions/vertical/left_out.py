@@ -37,6 +37,8 @@ DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
 PREFIX = "left_out_"
 #: A term is missed below this p-value.
 MISSED = 0.005
+#: Smaller ones matter to nothing.
+LEAST = {SUPPLY: 0.02}
 #: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground
 #: is taken to be so far below the flight [m].
 ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
@@ -204,8 +206,9 @@ def left_out_numbers(found: Mapping[str, Difference]) -> dict[str, float]:
 
 
 def missed(numbers: Mapping[str, float], name: str) -> bool:
-    """Whether the test of a term says that it is missed."""
-    return numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED
+    """Whether the test of a term says that it is missed, by so much that it matters."""
+    told = numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED
+    return told and abs(numbers[f"{PREFIX}{name}"]) >= LEAST.get(name, 0.0)
 
 
 def left_out_told(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
