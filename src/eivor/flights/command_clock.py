@@ -34,6 +34,8 @@ BEYOND_CHANCE = 3.2
 AS_WELL = 0.02
 #: So small a share of distances that are no multiples of the usual one are a logger's slips.
 ODD_SHARE = 0.002
+#: So many stamps say as much as all of a day.
+MOST_STAMPS = 20_000
 #: No controller of a vehicle's height runs at shorter steps [s].
 SHORTEST_STEP_S = 0.001
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
@@ -160,7 +162,7 @@ def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
     on the circle of a step at the angles 2 pi d / h, which are zero where it is theirs, and jitter about zero
     where stamps do. Only those that are no multiples of the usual distance tell that the step is finer.
     """
-    distances = np.diff(time_s)
+    distances = np.diff(time_s[:MOST_STAMPS])
     if not distances.size:
         return None
     usual = float(np.sort(distances)[distances.size // 2])  # one of them: of two kinds the median is neither
