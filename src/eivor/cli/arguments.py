@@ -100,6 +100,15 @@ LagFromOption = Annotated[
         show_default=False,
     ),
 ]
+PoolFrictionOption = Annotated[
+    str,
+    typer.Option(
+        "--pool-friction",
+        metavar="WAY",
+        help="Of several flights: auto, common (one friction for all) or separate (each its own, and their "
+        "mean). auto takes them as common where they agree.",
+    ),
+]
 MapOption = Annotated[
     str,
     typer.Option(

@@ -81,6 +81,7 @@ def identify(
     align: Annotated[
         bool, typer.Option("--align", help="Take offset and scale out of sensors that disagree.")
     ] = False,
+    pool_friction: arguments.PoolFrictionOption = "auto",
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
@@ -111,6 +112,7 @@ def identify(
         lag=lag,
         lag_from=lag_from,
         align=align,
+        pool_friction=pool_friction,
     )
     recordings, windows = chosen.read(options)
     check_named_instruments(recordings, options.instruments)

@@ -134,6 +134,7 @@ def flight_options(
     lag: str = "",
     lag_from: str = "",
     align: bool = False,
+    pool_friction: str = "auto",
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -170,6 +171,7 @@ def flight_options(
         lag=given_lag(lag, lag_from),
         align=align,
         accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
+        pool_friction=pool_friction,
     )
     motion.check(options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)

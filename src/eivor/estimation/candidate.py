@@ -34,7 +34,9 @@ class Candidate:
     covariance_estimator : CovarianceEstimator
         How the covariance is estimated.
     streamed_covariance : JointCovariance, optional
-        Covariance made by a second pass over chunks, for an estimate from moments.
+        Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
+    pooled_criterion : float, optional
+        Criterion of the pool that the estimate is a part of.
     """
 
     at: Mapping[str, float]
@@ -42,6 +44,7 @@ class Candidate:
     profiles: tuple[NuisanceProfile, ...] = ()
     covariance_estimator: CovarianceEstimator = DEFAULT
     streamed_covariance: JointCovariance | None = field(default=None, repr=False)
+    pooled_criterion: float | None = None
 
     @cached_property
     def values(self) -> Float[np.ndarray, " n"]:
@@ -111,7 +114,7 @@ class Candidate:
     @property
     def criterion(self) -> float:
         """What candidates are compared by, see `Inference.criterion`."""
-        return self.inference.criterion
+        return self.inference.criterion if self.pooled_criterion is None else self.pooled_criterion
 
     @cached_property
     def covariance(self) -> JointCovariance:

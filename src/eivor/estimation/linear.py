@@ -176,7 +176,7 @@ def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str,
         found = _minimum(method, problem, weights, fixed)
     solved = method.solve(weights.rows(found.at))
     refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
-    columns = [_slope(weights, nuisance, found) for nuisance in refined]
+    columns = [slope(weights, nuisance, found.at, found.solution.theta) for nuisance in refined]
     precision = [0.0 if nuisance.prior is None else nuisance.prior.std**-2.0 for nuisance in refined]
     known = [nuisance for nuisance in problem.nuisances if nuisance.searched and nuisance.prior is not None]
     solved = replace(
@@ -214,8 +214,10 @@ def _minimum(
     return Search(sought, fixed, solve, objectives, unit).minimum(coarse=weights.renewal is not None)
 
 
-def _slope(weights: WeightedRows, nuisance: Nuisance, found: Minimum) -> Float[np.ndarray, " rows"]:
-    """Derivative of Phi theta by a nuisance at a minimum, by a central difference."""
-    low, high = nuisance.around(found.at[nuisance.name])
-    below, above = (weights.rows({**found.at, nuisance.name: value}).regressors for value in (low, high))
-    return (above - below) @ found.solution.theta / (high - low)
+def slope(
+    weights: WeightedRows, nuisance: Nuisance, at: Values, theta: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " rows"]:
+    """Derivative of Phi theta by a nuisance, by a central difference."""
+    low, high = nuisance.around(at[nuisance.name])
+    below, above = (weights.rows({**at, nuisance.name: value}).regressors for value in (low, high))
+    return (above - below) @ theta / (high - low)

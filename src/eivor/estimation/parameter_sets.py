@@ -34,6 +34,7 @@ from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
+from eivor.estimation.nuisance_scan import NuisanceScan, Places
 from eivor.estimation.products.nodes import Nodes, nodes_of
 from eivor.estimation.weighting.whitening import SpectralWhitening, whitened_by_residuals
 from eivor.inference.quantiles import check_level, chi_square_quantile, t_quantile
@@ -43,14 +44,6 @@ from eivor.models.separable import SeparableProblem
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
 DEGREES = 8
-#: Places between two nodes at which minima are looked for.
-BETWEEN = 4
-#: Points and rounds of a closer look: each round is finer by half the points.
-POINTS, ROUNDS = 17, 6
-#: Places over each stretch of a nuisance, closer towards its ends.
-PLACES = 65
-
-Places = Float[np.ndarray, " k"]
 
 
 @dataclass(frozen=True)
@@ -114,53 +107,16 @@ class CandidateCriterion:
         return least_ratio(*self._forms(places)) + self.misfit(places)
 
     @cached_property
-    def scanned(self) -> tuple[Places, Places]:
-        """Places between the nodes and all minima among them, in order, and the least J there."""
-        if not self.nodes.axes:
-            places = np.zeros(1)
-            return places, self.least(places)
-        (own,) = self.nodes.places
-        steps = np.arange((own.size - 1) * BETWEEN + 1) / BETWEEN
-        places = np.interp(steps, np.arange(own.size), own)
-        J = self.least(places)
-        padded = np.concatenate([[np.inf], J, [np.inf]])
-        lowest = np.flatnonzero((padded[:-2] >= J) & (padded[2:] >= J))
-        found = [self._minimum(places[max(at - 1, 0)], places[min(at + 1, places.size - 1)]) for at in lowest]
-        places = np.unique(np.concatenate([places, found]))
-        return places, self.least(places)
-
-    def _minimum(self, low: float, high: float) -> float:
-        for _ in range(ROUNDS):
-            places = np.linspace(low, high, POINTS)
-            at = int(np.argmin(self.least(places)))
-            low, high = float(places[max(at - 1, 0)]), float(places[min(at + 1, POINTS - 1)])
-        return 0.5 * (low + high)
-
-    def _end(self, inside: float, outside: float, bound: float) -> float:
-        """Last place with J <= bound on the way from one that has it to one that has not."""
-        for _ in range(ROUNDS):
-            places = np.linspace(inside, outside, POINTS)
-            first_out = int(np.argmax(self.least(places[1:]) > bound)) + 1
-            inside, outside = float(places[first_out - 1]), float(places[first_out])
-        return inside
+    def scan(self) -> NuisanceScan:
+        """The least J over the continuous nuisance."""
+        return NuisanceScan(self.nodes, self.least)
 
     def below(self, bound: float) -> list[tuple[float, float]]:
         """Values of the parameter at which J is at most a bound, as pieces that may overlap."""
-        places, J = self.scanned
-        fits = np.concatenate([[False], bound >= J, [False]])
-        starts, stops = np.flatnonzero(~fits[:-1] & fits[1:]), np.flatnonzero(fits[:-1] & ~fits[1:])
         found: list[tuple[float, float]] = []
-        for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-            low, high = float(places[start]), float(places[stop - 1])
-            if start > 0:
-                low = self._end(low, float(places[start - 1]), bound)
-            if stop < places.size:
-                high = self._end(high, float(places[stop]), bound)
-            turned = 0.5 - 0.5 * np.cos(np.pi * np.arange(PLACES) / (PLACES - 1))
-            within = np.unique(np.concatenate([low + (high - low) * turned, places[start:stop]]))
+        for within, cut_short in self.scan.stretches(bound):
             fitting = allowed(*self._forms(within), bound - self.misfit(within))
-            open_ended = stop == places.size and any(axis.nuisance.positive for axis in self.nodes.axes)
-            pieces = fitting.continued() if open_ended else fitting.pieces()
+            pieces = fitting.continued() if cut_short else fitting.pieces()
             found += [(self.centre + a * self.scale, self.centre + b * self.scale) for a, b in pieces]
         return found
 
@@ -210,7 +166,7 @@ def parameter_sets(
     try:
         least: dict[tuple[float, ...], float] = {}
         for kind, one in zip(classes, criteria, strict=True):
-            least[kind] = min(float(one.scanned[1].min()), least.get(kind, np.inf))
+            least[kind] = min(one.scan.minimum[1], least.get(kind, np.inf))
     except np.linalg.LinAlgError:
         return None
     best = estimate.best

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import ClassVar, Generic, TypeVar
 
@@ -260,6 +260,16 @@ class SimpleModel:
     values: Mapping[str, float]
 
 
+def joined(traces: tuple[Trace, ...]) -> Trace:
+    """Traces of one axis of several flights, one after the other."""
+    return replace(
+        traces[0],
+        measured=np.concatenate([trace.measured for trace in traces]),
+        predicted=np.concatenate([trace.predicted for trace in traces]),
+        driven=np.concatenate([trace.driven for trace in traces]),
+    )
+
+
 @dataclass(frozen=True)
 class Panel:
     """A series of a flight to look at when nothing could be estimated.
@@ -321,6 +331,9 @@ class Motion(ABC, Generic[P]):
     """Channels that may be instruments."""
     channels: ClassVar[tuple[CanonicalChannel, ...]] = ()
     """Channels that it adds to the canonical ones."""
+    of_flight: ClassVar[tuple[str, ...]] = ()
+    """Linear parameters that belong to the flight (wind, load) and not to the vehicle: flights of a pool have
+    each their own. Names out of the problem's parameters; what belongs to a run is none of them."""
     memory_s: ClassVar[float] = MEMORY_S
     """Time before a sample that decides the state of what drives the vehicle [s]: 25 of the longest lags."""
     logged_parameters: ClassVar[tuple[str, ...]] = ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.models.separable import Bounds, Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
@@ -18,6 +18,9 @@ FIT_MAP = "fit"
 ACCELEROMETER_BIAS = 0.1
 #: Longest lag that bounds may reach [s].
 LONGEST_LAG_S = 1.0
+
+#: What flights of a pool may share of what belongs to a flight.
+POOL_FRICTIONS = ("auto", "common", "separate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,10 @@ class FlightOptions:
     accelerometer_bias : float
         What a map that is found out rests on: the standard deviation of the accelerometer's bias [m/s^2];
         infinite for nothing known of it.
+    pool_friction : str
+        What flights of a pool share of what belongs to a flight, such as the friction: "auto" for each
+        flight's own and a common value where they agree, "separate" for each flight's own and their mean,
+        "common" for one value throughout.
 
     Raises
     ------
@@ -69,6 +76,7 @@ class FlightOptions:
     lag: Prior | Bounds | None = None
     align: bool = False
     accelerometer_bias: float = ACCELEROMETER_BIAS
+    pool_friction: str = "auto"
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -90,6 +98,12 @@ class FlightOptions:
                 f"{self.lag.low:g} and {self.lag.high:g} s",
                 "Give them in seconds: ev.Bounds(0.050, 0.090).",
             )
+        if self.pool_friction not in POOL_FRICTIONS:
+            raise UsageError(
+                f"pool_friction out of {', '.join(POOL_FRICTIONS)}",
+                f"'{self.pool_friction}'",
+                did_you_mean(self.pool_friction, POOL_FRICTIONS, "The default is auto."),
+            )
         if self.window is not None and not self.window[0] < self.window[1]:
             raise UsageError(
                 "a window START:END with START before END",
@@ -100,7 +114,7 @@ class FlightOptions:
     def _check_types(self) -> None:
         checks.number("max_tilt_deg", self.max_tilt_deg)
         checks.number("accelerometer_bias", self.accelerometer_bias)
-        for name in ("input", "input_map", "method"):
+        for name in ("input", "input_map", "method", "pool_friction"):
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
         checks.flag("compare", self.compare)

@@ -1,17 +1,17 @@
-"""The recipe: recordings and a motion in, quantities with intervals and a verdict out."""
+"""The recipe: prepared flights and a motion in, quantities with intervals and a verdict out."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EstimationError
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
-from eivor.estimation.methods import TABLE, by_name
+from eivor.estimation.methods import by_name
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.allowance import Allowance, widened
 from eivor.flights.diagnostics import (
@@ -25,90 +25,45 @@ from eivor.flights.given_lag import GivenLag, check_lag_searched, with_given_lag
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
-from eivor.flights.pool import check_poolable, without_duplicates
-from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged
-from eivor.flights.result import Fit, FlightEstimate, FlightRow
+from eivor.flights.result import Fit, FlightEstimate, Unaided
 from eivor.flights.telemetry import telemetry_lag
+from eivor.inference.diagnostics.over_identification import OverIdentification
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
-from eivor.signals.recording import Finding, Recording
+from eivor.signals.recording import Finding
 
 #: Method that serves when no instrument is at hand.
 FALLBACK = "least_squares"
 
-Window = tuple[float, float] | None
 
-
-def identified(
-    logs: Sequence[Recording], motion: Motion[Any], options: FlightOptions, windows: Sequence[Window]
+def estimated(
+    motion: Motion[Any],
+    prepared: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    agreement: OverIdentification | None = None,
 ) -> FlightEstimate:
-    """Identify a motion from the logs of one or several flights of one vehicle.
+    """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
 
     Parameters
     ----------
-    logs : sequence of Recording
-        Several are pooled: the parameters are shared, what belongs to a run is not. A log given twice is
-        used once.
     motion : Motion
         What to identify.
+    prepared : tuple of PreparedFlight
+        One flight, or several that have all parameters in common.
     options : FlightOptions
         Choices.
-    windows : sequence of (start, end) or None
-        A window [s] for each log, in place of the options' for those that have one.
-
-    Raises
-    ------
-    InputError
-        When a channel that is needed is absent.
-    UsageError
-        For options that do not fit, windows outside a log among them.
-    PoolingError
-        When the flights are of vehicles with different input maps or parameters.
+    agreement : OverIdentification, optional
+        Whether the instruments agree, where that is known better than from the estimate.
     """
-    by_name(options.method)  # unknown names are told before anything is estimated
-    motion.check(options)
-    if len(windows) != len(logs):
-        raise UsageError(
-            f"{len(logs)} windows, one for each log", f"{len(windows)}", "Use None for a whole log."
-        )
-    kept, dropped = without_duplicates(logs, windows)
-    prepared = tuple(
-        prepare(log, motion, options if window is None else replace(options, window=window))
-        for log, window in kept
-    )
-    check_poolable(prepared, motion)
-    result = _identified(motion, prepared, options)
-    result = replace(result, findings=(*dropped, *result.findings))
-    if len(prepared) > 1:
-        rows = [_row(flight.recording.name, _identified(motion, (flight,), options)) for flight in prepared]
-        result = replace(result, flights=tuple(rows))
-    if options.compare:
-        rows = [
-            _row(name, _identified(motion, prepared, replace(options, method=name, compare=False)))
-            for name in TABLE
-        ]
-        result = replace(result, comparisons=tuple(rows))
-    return result
-
-
-def _row(label: str, result: FlightEstimate) -> FlightRow:
-    shown = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
-    return FlightRow(label, result.verdict.status, shown, result.verdict.sentences)
-
-
-def _identified(
-    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions
-) -> FlightEstimate:
-    """Estimate with the method asked for, or with the fallback when it has no instruments."""
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
-        return _without_fit(motion, prepared, options, _grounded(motion, prepared))
+        return without_fit(motion, prepared, options, _grounded(motion, prepared))
     if all(flight.constant_input for flight in flying):
         sentence = "The input is constant: it tells nothing about the vehicle."
         reason = Reason(Status.REFUSED, sentence, motion.words.fly)
-        return _without_fit(motion, prepared, options, reason)
+        return without_fit(motion, prepared, options, reason)
     method = by_name(options.method)
     chosen = instruments(flying, options, method)
     if method.needs_instruments and chosen.absent:
@@ -121,33 +76,37 @@ def _identified(
             prepared = motion.aligned(prepared, sensors)
             flying = tuple(flight for flight in prepared if flight.runs)
             problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        estimated = partial(identify, method=method)
-        problem, alone = motion.settled(problem, estimated, options)
-        given, noticed = _known_lag(motion, flying, options, problem, alone)
+        solve = partial(identify, method=method)
+        problem, alone = motion.settled(problem, solve, options)
+        whole = problem
+        given, noticed = known_lag(motion, flying, options, problem, alone)
         estimate = alone
         if given is not None:
             problem = with_given_lag(problem, given.for_the_log, alone.best.at)
-            problem, estimate = motion.settled(problem, estimated, options)
+            problem, estimate = motion.settled(problem, solve, options)
         prepared = motion.as_settled(prepared, problem)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         if given is not None:
             # what was given is compared with the flight by itself, and is nothing that instruments say
             checks = replace(checks, agreement=diagnose(alone).over_identification)
+        if agreement is not None and checks.agreement is not None:
+            checks = replace(checks, agreement=agreement)
         sets = headline_sets(problem, estimate, motion.headline)
-        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors)
+        unaided = None if given is None else Unaided(whole, alone)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, unaided)
         shortened = tuple(flight.shortened for flight in flying)
         numbers = dict(motion.diagnostics(problem, estimate, shortened))
         at = replace(
-            _circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
+            circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
         )
-        result = _with_fit(motion, prepared, options, fit, at)
+        result = with_fit(motion, prepared, options, fit, at)
         return replace(result, findings=(*result.findings, *noticed))
     except EstimationError as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
-        return _without_fit(motion, prepared, options, reason)
+        return without_fit(motion, prepared, options, reason)
 
 
-def _known_lag(
+def known_lag(
     motion: Motion[Any],
     flying: tuple[PreparedFlight, ...],
     options: FlightOptions,
@@ -174,12 +133,13 @@ def _known_lag(
     return None, (Finding("telemetry_contradicts", sentence),)
 
 
-def _circumstances(
+def circumstances(
     motion: Motion[Any],
     flying: tuple[PreparedFlight, ...],
     chosen: Instruments,
     numbers: Mapping[str, float],
 ) -> Circumstances:
+    """What a verdict needs to know of flights beside the numbers."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != "command"] for f in flying]
     return Circumstances(
         flights=len(flying),
@@ -195,13 +155,14 @@ def _circumstances(
     )
 
 
-def _with_fit(
+def with_fit(
     motion: Motion[Any],
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
     fit: Fit,
     at: Circumstances,
 ) -> FlightEstimate:
+    """Result of a fit: quantities with intervals and verdicts."""
     unjudged = with_robust_intervals(motion, motion.quantities(fit.problem, fit.estimate), fit)
     flying = tuple(flight for flight in prepared if flight.runs)
     unjudged = with_allowances(
@@ -281,9 +242,10 @@ def judged(
     return verdict(list(against)), quantities
 
 
-def _without_fit(
+def without_fit(
     motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions, reason: Reason
 ) -> FlightEstimate:
+    """Result of flights that gave no estimate."""
     quantities = not_estimated(motion, motion.known(tuple(flight for flight in prepared if flight.runs)))
     return FlightEstimate(
         motion,

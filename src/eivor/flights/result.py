@@ -12,10 +12,11 @@ from jaxtyping import Float
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
+from eivor.estimation.pools.pooled import Pooled
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, Trace, joined
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class FlightRow:
-    """One flight's own result beside a pool, or one method's beside the chosen one.
+    """One flight's result beside that of a pool, or one method's beside the chosen one.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ class FlightRow:
     verdict : Status
         Overall verdict.
     quantities : mapping of str to Quantity
-        The motion's `rows`; empty when nothing was estimated.
+        The motion's `rows`, or all; empty when nothing was estimated.
     reasons : tuple of str
         Sentences.
     """
@@ -52,6 +53,28 @@ class FlightRow:
     verdict: Status
     quantities: Mapping[str, Quantity]
     reasons: tuple[str, ...]
+
+
+def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
+    """Measured and predicted, each flight by its own parameters; one flight after the other."""
+    made = [motion.traces(problem, pool.member(number)) for number, problem in enumerate(pool.problems)]
+    return tuple(joined(traces) for traces in zip(*made, strict=True))
+
+
+@dataclass(frozen=True)
+class Unaided:
+    """What flights tell by themselves, without what was given beside them.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        Of all flights that have runs.
+    estimate : Estimate
+        Its solution.
+    """
+
+    problem: SeparableProblem
+    estimate: Estimate
 
 
 @dataclass(frozen=True)
@@ -74,6 +97,11 @@ class Fit:
         95 % sets of the motion's headline parameters, where the method has them.
     sensors : SensorAgreement or None
         Whether two measurements of the response agree, as logged; None where there is but one.
+    unaided : Unaided or None
+        The same without what was known of the lag.
+    pooled : Pooled or None
+        Behind a pool some of whose parameters belong to the flight: there `problem` has all parameters in
+        common, and `estimate` the mean of each that is not.
     """
 
     problem: SeparableProblem
@@ -83,6 +111,19 @@ class Fit:
     given_lag: GivenLag | None = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
     sensors: SensorAgreement | None = None
+    unaided: Unaided | None = None
+    pooled: Pooled | None = None
+
+    @property
+    def by_itself(self) -> Unaided:
+        """What the flights tell without what was given beside them."""
+        return Unaided(self.problem, self.estimate) if self.unaided is None else self.unaided
+
+    def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
+        """Measured and predicted, each flight of a pool by its own parameters."""
+        if self.pooled is None:
+            return motion.traces(self.problem, self.estimate)
+        return pooled_traces(motion, self.pooled)
 
     @property
     def weak_instruments(self) -> bool:
@@ -102,7 +143,12 @@ class Fit:
         """Confidence interval of a parameter: the hull of its robust set where it is judged by that one."""
         robust = self.robust_sets.get(name)
         if robust is not None and level != 0.95:
-            sets = parameter_sets(self.problem, self.estimate, name, level)
+            pooled = self.pooled
+            sets = (
+                parameter_sets(self.problem, self.estimate, name, level)
+                if pooled is None
+                else pooled.whole_sets(name, level)
+            )
             robust = None if sets is None else sets.robust
         return self.estimate.interval(name, level) if robust is None else robust.hull
 
@@ -131,7 +177,10 @@ class FlightEstimate:
     findings : tuple of Finding
         Named diagnostics of logs and flights.
     flights : tuple of FlightRow
-        One for each flight of a pool.
+        One for each flight of a pool, as it is alone.
+    by_flight : tuple of FlightRow
+        One for each flight of a pool some of whose parameters belong to the flight: what the pool says of
+        it, every quantity.
     comparisons : tuple of FlightRow
         One for each method, when asked for.
     """
@@ -145,6 +194,7 @@ class FlightEstimate:
     diagnostics: Mapping[str, float]
     findings: tuple[Finding, ...]
     flights: tuple[FlightRow, ...] = ()
+    by_flight: tuple[FlightRow, ...] = ()
     comparisons: tuple[FlightRow, ...] = ()
 
     @property

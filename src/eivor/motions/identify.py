@@ -11,8 +11,8 @@ from eivor import checks
 from eivor.errors import UsageError, did_you_mean
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
-from eivor.flights.recipe import identified
 from eivor.flights.result import FlightEstimate
+from eivor.flights.together import identified
 from eivor.models.separable import Bounds, Prior
 from eivor.motions import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
@@ -34,6 +34,7 @@ class Choices(TypedDict, total=False):
     lag: Prior | Bounds | None
     align: bool
     accelerometer_bias: float
+    pool_friction: str
 
 
 def identify_flight(
@@ -49,7 +50,7 @@ def identify_flight(
     Parameters
     ----------
     recordings : Recording or sequence of Recording
-        From `read_log`. Several are pooled: friction, gain and lag are shared, intercepts are not.
+        From `read_log`. Several are pooled: gain and lag are shared; friction and intercepts are not.
         A log given twice is used once.
     options : FlightOptions, optional
         Default: the recipe's.
@@ -61,6 +62,7 @@ def identify_flight(
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
         ``accelerometer_bias=``.
+        ``pool_friction=``.
 
     Returns
     -------

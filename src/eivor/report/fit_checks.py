@@ -8,9 +8,12 @@ from math import isfinite
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.quantity import Wording
 from eivor.flights.result import FlightEstimate
+from eivor.inference.diagnostics.diagnostic import told
 from eivor.inference.diagnostics.leverage import LARGE_LEVERAGE
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 
+#: Outcomes of the tests of a pool.
+AGREEMENT = ("agree", "may differ", "differ")
 #: A check's title and its sentence.
 Check = tuple[str, str]
 
@@ -19,7 +22,17 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
     if result.fit is None:
         return ()
-    makers = (_given_lag, _sensors, _strength, _agreement, _constancy, _memory, _leverage, _least_squares)
+    makers = (
+        _given_lag,
+        _pool,
+        _sensors,
+        _strength,
+        _agreement,
+        _constancy,
+        _memory,
+        _leverage,
+        _least_squares,
+    )
     shared = tuple(check for maker in makers for check in maker(result, result.fit.checks))
     return (*shared, *result.motion.checks(result.diagnostics))
 
@@ -34,6 +47,17 @@ def _sensors(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Chec
     sensors = None if result.fit is None else result.fit.sensors
     if sensors is not None:
         yield "sensors", result.motion.sensors_told(sensors)
+
+
+def _pool(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+    pool = None if result.fit is None else result.fit.pooled
+    if pool is not None:
+        own = ", ".join(result.motion.wording[name].symbol for name in pool.own)
+        yield (
+            "pool",
+            f"the flights {told(pool.own_p_value, AGREEMENT)} in {own} {_tail(pool.own_p_value)} and "
+            f"{told(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
+        )
 
 
 def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:

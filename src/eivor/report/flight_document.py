@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from eivor.flights.motion import CardSection
@@ -55,6 +56,8 @@ def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
     parts = (Fact(words, sentence) for words, sentence in told.systematic)
     yield from section("Systematic parts", Facts, parts)
+    if told.by_flight:
+        yield Section("What belongs to each flight of the pool", (_own_table(told),))
     if told.flights:
         reasons = _row_reasons(told)
         yield Section("Flights one by one", (_row_table(told.flights, "log"), *reasons))
@@ -118,6 +121,15 @@ def _row_table(rows: tuple[ToldRow, ...], label: str) -> TableOf:
     titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
     columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
     return TableOf(columns, tuple(_row(row) for row in rows))
+
+
+def _own_table(told: ToldFlight) -> TableOf:
+    """One row for each flight of a pool, with the quantities that are its own."""
+    rows = [
+        replace(row, quantities=tuple(one for one in row.quantities if one.name in told.own))
+        for row in told.by_flight
+    ]
+    return _row_table(tuple(rows), "log")
 
 
 def _row(row: ToldRow) -> tuple[Cell, ...]:

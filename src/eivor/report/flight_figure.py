@@ -107,7 +107,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 def _panels(result: FlightEstimate, fit: Fit) -> Panels:
     """Panels of an estimate, in order; where there are several of a kind, they say what they are of."""
     estimate, runs = fit.estimate, flight_runs(result)
-    traces = result.motion.traces(fit.problem, estimate)
+    traces = fit.traces(result.motion)
     panels: Panels = {}
     for trace in traces:
         of_axis = f" of {trace.axis}" if len(traces) > 1 else ""

@@ -74,6 +74,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "diagnostics": {name: number(value) for name, value in told.diagnostics.items()},
         "findings": findings_list(told.findings),
         "flights": [_row("log", row) for row in told.flights],
+        "by_flight": [_row("log", row) for row in told.by_flight],
         "comparisons": [_row("method", row) for row in told.comparisons],
         "provenance": {
             "version": version("eivor"),

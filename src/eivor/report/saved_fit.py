@@ -69,6 +69,8 @@ class SavedFit:
         `limits`, `beside`; empty without an estimate.
     document : mapping of str to object
         The whole document.
+    by_flight : mapping of str to mapping of str to Quantity
+        For each flight of a pool its quantities, those that are its own among them; empty otherwise.
     """
 
     verdict: Status
@@ -78,6 +80,7 @@ class SavedFit:
     candidates: tuple[SavedCandidate, ...]
     prediction: Mapping[str, Any]
     document: Mapping[str, Any] = field(repr=False)
+    by_flight: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -211,6 +214,12 @@ def _fit_of(document: Mapping[str, Any]) -> SavedFit:
         candidates=tuple(_candidate(one) for one in covariance["candidates"]),
         prediction=dict(document.get("prediction") or {}),
         document=document,
+        by_flight={
+            str(row["log"]): {
+                str(name): _quantity(one) for name, one in {**row["parameters"], **row["derived"]}.items()
+            }
+            for row in document.get("by_flight") or ()
+        },
     )
 
 

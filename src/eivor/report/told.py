@@ -107,6 +107,10 @@ class ToldFlight:
         All that was noticed.
     flights, comparisons : tuple of ToldRow
         Flights by themselves, and methods.
+    by_flight : tuple of ToldRow
+        What a pool says of each flight, every quantity.
+    own : tuple of str
+        Quantities of which each flight of a pool has its own.
     fly : str
         What to fly when nothing else helps.
     card : tuple of CardSection
@@ -130,6 +134,8 @@ class ToldFlight:
     findings: tuple[Finding, ...]
     flights: tuple[ToldRow, ...]
     comparisons: tuple[ToldRow, ...]
+    by_flight: tuple[ToldRow, ...]
+    own: tuple[str, ...]
     fly: str
     card: tuple[CardSection, ...]
     rows: tuple[str, ...]
@@ -247,6 +253,8 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         findings=result.findings,
         flights=tuple(_row(row, result) for row in result.flights),
         comparisons=tuple(_row(row, result) for row in result.comparisons),
+        by_flight=tuple(_whole_row(row, result) for row in result.by_flight),
+        own=_own(result),
         fly=motion.words.fly,
         card=flight_card(result),
         rows=motion.rows,
@@ -275,6 +283,16 @@ def _row(row: FlightRow, result: FlightEstimate) -> ToldRow:
     quantities = not_estimated(motion, {}) | dict(row.quantities)
     wording = {name: motion.wording[name] for name in motion.rows}
     return ToldRow(row.label, row.verdict, row.reasons, _told(quantities, wording))
+
+
+def _whole_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
+    return ToldRow(row.label, row.verdict, row.reasons, _told(row.quantities, result.motion.wording))
+
+
+def _own(result: FlightEstimate) -> tuple[str, ...]:
+    """Quantities of a pool that are not alike in all flights."""
+    tables = [row.quantities for row in result.by_flight]
+    return tuple(name for name in result.motion.shown if len({table[name].value for table in tables}) > 1)
 
 
 def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:

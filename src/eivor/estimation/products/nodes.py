@@ -123,14 +123,21 @@ def _misfits(prior: Prior, values: Float[np.ndarray, " k"]) -> Float[np.ndarray,
     return np.array([prior.misfit(value) for value in values.tolist()])
 
 
-def nodes_of(nuisances: tuple[Nuisance, ...]) -> Nodes:
+def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:
     """Nodes of the nuisances that are searched for between the values of their grids.
 
     They are the grids; finer where a grid is coarse, thinned where several would have too many.
+
+    Parameters
+    ----------
+    nuisances : tuple of Nuisance
+        All.
+    fewest : int
+        Nodes of one nuisance, at least.
     """
     sought = tuple(nuisance for nuisance in nuisances if nuisance.refined)
     grids = product_grids(sought, MOST_NODES)
-    fewest = min(FEWEST_NODES, int(MOST_NODES ** (1.0 / max(len(sought), 1))))
+    fewest = min(fewest, int(MOST_NODES ** (1.0 / max(len(sought), 1))))
     return Nodes(
         tuple(
             NodeAxis(nuisance, _fine(nuisance, grid, fewest))

@@ -61,6 +61,7 @@ class Vertical(Motion[VerticalFlights]):
     wording = QUANTITIES
     shown = SHOWN
     headline = ("viscous_friction",)
+    of_flight = ("viscous_friction",)
     rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
     words = WORDS
     inputs = INPUTS

@@ -9,7 +9,7 @@ On the viscous friction K, which is the overall verdict:
 * provisional: no exogenous reference, so that a direct method had to serve;
 * identified: every first-stage F 10 or more, K's half-width <= K/2 with what is reserved for an estimator
   (and a lower end above that), the lag's <= 0.1 s, the lag below the
-  top of its grid, J's p-value >= .001 (in pools of ten or more flights a finding only), the command logged
+  top of its grid, J's p-value >= .001 (of a pool that of half its flights), the command logged
   at 45 Hz or more, instruments that contain no feedback, and an intercept that is not clearly beyond
   5 m/s^2;
 * weak otherwise.
@@ -52,7 +52,6 @@ COMMAND_RATE_HZ = 45.0
 GAIN_RATE_HZ = 20.0
 CLEAR_INTERCEPT = 0.4
 LEAST_EXPONENT = 0.95
-LARGE_POOL = 10
 LARGE_INTERCEPT = 5.0
 #: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
 OTHER_UNIT = 3.0
@@ -140,7 +139,7 @@ def friction_reasons(
         reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
     reasons.extend(_rough_lag_reasons(quantities, strength))
     reasons.extend(_unit_reasons(quantities))
-    if strength.p_value < BEYOND_DOUBT and at.flights < LARGE_POOL:
+    if strength.p_value < BEYOND_DOUBT:
         reasons.append(
             Reason(
                 Status.WEAK,

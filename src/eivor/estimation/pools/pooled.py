@@ -1,0 +1,483 @@
+"""A pool: one value of what its flights share, and values of their own of what belongs to a flight.
+
+A flight is first estimated alone, with instruments and weights of its own. The pool is estimated with these
+weights, and with weights by its own residuals again: a flight alone that cannot tell its lag has a residual
+at a wrong one. For each combination of the discrete nuisances the pool's criterion is least over everything
+else, see `criterion`, once with parameters of each flight's own, and once with these shared as well. The
+difference of the two tells whether flights agree in them. Against the sum of what is least for each flight
+alone, it tells whether flights differ in what they share: by so much as chance does not explain, the
+variance of what is shared is multiplied (Birge 1932).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.methods import by_name
+from eivor.estimation.parameter_sets import DEGREES, ParameterSets
+from eivor.estimation.pools.criterion import PoolCriterion
+from eivor.estimation.pools.joint import PoolJoint, member_slopes
+from eivor.estimation.pools.mean import RandomEffectsMean, random_effects_mean
+from eivor.estimation.pools.member import pool_member
+from eivor.estimation.products.nodes import Nodes, nodes_of
+from eivor.estimation.search import NuisanceProfile
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.quantiles import chi_square_quantile, chi_square_tail, t_quantile
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.models.regression import Regression
+from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.spectral import BinRows
+
+#: Nodes of a nuisance, at least: products of lags that are close make differences that are small.
+FEWEST_NODES = 33
+#: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
+DIFFERENT = 0.05
+
+
+@dataclass(frozen=True)
+class PoolCandidate:
+    """A pool at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    separate, common : PoolCriterion
+        With parameters of each flight's own, and with all shared.
+    at : mapping of str to float
+        Every nuisance, where `separate` is least.
+    theta : tuple of ndarray, shapes (n,)
+        Linear parameters of each flight there.
+    joint : PoolJoint
+        Linearised there.
+    """
+
+    separate: PoolCriterion
+    common: PoolCriterion
+    at: Values
+    theta: tuple[Float[np.ndarray, " n"], ...]
+    joint: PoolJoint
+
+    @property
+    def criterion(self) -> float:
+        """J."""
+        return self.separate.minimum[1]
+
+    @cached_property
+    def common_theta(self) -> Float[np.ndarray, " n"]:
+        """Linear parameters where `common` is least."""
+        return self.common.parameters(self.common.minimum[0])[0]
+
+    @property
+    def profiles(self) -> tuple[NuisanceProfile, ...]:
+        """J over the nodes of each continuous nuisance, at the best of the others."""
+        axes = self.separate.nodes.axes
+        if not axes:
+            return ()
+        table = self.separate.least(self.separate.nodes.places).reshape([axis.values.size for axis in axes])
+        return tuple(
+            NuisanceProfile(
+                axis.nuisance,
+                axis.values,
+                np.moveaxis(table, number, 0).reshape(axis.values.size, -1).min(axis=1),
+            )
+            for number, axis in enumerate(axes)
+        )
+
+
+@dataclass(frozen=True)
+class OwnMean:
+    """One value for all flights of a parameter that belongs to the flight.
+
+    Parameters
+    ----------
+    value : float
+        The common one, or the mean.
+    weights : ndarray, shape (F,)
+        What each flight counts.
+    differing : RandomEffectsMean or None
+        The mean over flights that differ; None where they agree.
+    """
+
+    value: float
+    weights: Float[np.ndarray, " F"]
+    differing: RandomEffectsMean | None
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Estimates of a pool.
+
+    Parameters
+    ----------
+    estimates : tuple of Estimate
+        Of each flight alone.
+    own : tuple of str
+        Linear parameters that belong to the flight.
+    candidates : tuple of PoolCandidate
+        One for each combination of discrete nuisances.
+    nuisances : tuple of Nuisance
+        With what is known of them beforehand.
+    shared_p_value : float
+        Of the test that flights agree in what they share.
+    separate : bool
+        Never take flights as agreeing in what is their own.
+    """
+
+    estimates: tuple[Estimate, ...]
+    own: tuple[str, ...]
+    candidates: tuple[PoolCandidate, ...]
+    nuisances: tuple[Nuisance, ...]
+    shared_p_value: float
+    separate: bool = False
+
+    @property
+    def problems(self) -> tuple[SeparableProblem, ...]:
+        """Of each flight."""
+        return tuple(member.problem for member in self.candidates[0].separate.members)
+
+    @property
+    def _method(self) -> LinearMethod:
+        method = by_name(self.estimates[0].method)
+        check_linear(method)
+        return cast("LinearMethod", method)
+
+    @property
+    def best(self) -> int:
+        """Place of the candidate that fits best."""
+        return int(np.argmin([one.criterion for one in self.candidates]))
+
+    @property
+    def inflation(self) -> float:
+        """Factor of the variance of what is shared."""
+        return self.candidates[0].joint.inflation
+
+    @cached_property
+    def own_p_value(self) -> float:
+        """Of the test that flights agree in what is their own."""
+        together = min(one.common.minimum[1] for one in self.candidates)
+        apart = min(one.criterion for one in self.candidates)
+        degrees = (len(self.estimates) - 1) * len(self.own)
+        return chi_square_tail(max(together - apart, 0.0), degrees)
+
+    @property
+    def differs(self) -> bool:
+        """Whether flights differ in what is their own, or are not taken as agreeing."""
+        return self.separate or self.own_p_value < DIFFERENT
+
+    # -- one flight ------------------------------------------------------------------------------------------
+
+    def member(self, number: int) -> Estimate:
+        """Estimate of one flight, with what the pool says of what it shares."""
+        return self._estimate(
+            [
+                _Solution(
+                    pool.separate.members[number].rows_at(pool.at),
+                    pool.theta[number],
+                    pool.joint.slopes[number].nuisance_columns,
+                    pool.joint.of_member(number),
+                )
+                for pool in self.candidates
+            ]
+        )
+
+    def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
+        """Sets of a parameter of each flight's own; None where several nuisances are continuous.
+
+        The profile set is that of all flights. In place of the Anderson-Rubin set of all instruments stands
+        that of the flight's own, beside what the pool says of the rest: J above its least by the quantile of
+        chi-square with a degree of freedom for each of the flight's instruments.
+        """
+        if len(self.candidates[0].separate.nodes.axes) > 1:
+            return (None,) * len(self.estimates)
+        place = self._places([name])[0]
+        members = self.candidates[self.best].separate.members
+
+        def below(excess: float) -> list[ConfidenceSet]:
+            found = self._below([one.separate for one in self.candidates], excess, place)
+            return [ConfidenceSet.union(pieces) for pieces in found]
+
+        profiles = below(t_quantile(level, DEGREES) ** 2)
+        robust = {
+            count: below(chi_square_quantile(level, count)) for count in {m.instruments for m in members}
+        }
+        return tuple(
+            ParameterSets(
+                ConfidenceSet((self.member(number).interval(name, level),)),
+                profiles[number],
+                robust[member.instruments][number],
+            )
+            for number, member in enumerate(members)
+        )
+
+    # -- all flights -----------------------------------------------------------------------------------------
+
+    def whole(self) -> Estimate:
+        """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
+        return self._estimate([self._of_all(pool) for pool in self.candidates])
+
+    def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
+        """Sets of a parameter that all flights have in common, or of the common value of one that is not.
+
+        None where flights differ in it, and where several nuisances are continuous.
+        """
+        own = name in self.own
+        if len(self.candidates[0].separate.nodes.axes) > 1 or (own and self.differs):
+            return None
+        place = self._places([name])[0]
+        criteria = [one.common if own else one.separate for one in self.candidates]
+        instruments = max(member.instruments for member in criteria[0].members)
+
+        def below(excess: float) -> ConfidenceSet:
+            return ConfidenceSet.union(self._below(criteria, excess, place)[0])
+
+        return ParameterSets(
+            ConfidenceSet((self.whole().interval(name, level),)),
+            below(t_quantile(level, DEGREES) ** 2),
+            below(chi_square_quantile(level, instruments)),
+        )
+
+    def _below(
+        self, criteria: Sequence[PoolCriterion], excess: float, place: int
+    ) -> list[list[tuple[float, float]]]:
+        """For each flight pieces where J exceeds the least of those it competes with by no more."""
+        classes = [self._class_of(one.at) for one in self.candidates]
+        least: dict[tuple[float, ...], float] = {}
+        for kind, one in zip(classes, criteria, strict=True):
+            least[kind] = min(one.minimum[1], least.get(kind, np.inf))
+        found: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
+        for kind, one in zip(classes, criteria, strict=True):
+            for pieces, more in zip(found, one.below(least[kind] + excess, place), strict=True):
+                pieces.extend(more)
+        return found
+
+    @property
+    def _bounded(self) -> tuple[tuple[str, ...], ...]:
+        return tuple((one.name, *one.known_with) for one in self.nuisances if one.bounds is not None)
+
+    def _class_of(self, at: Values) -> tuple[float, ...]:
+        """Value of every sum that is known between bounds, see `Estimate.class_of`."""
+        return tuple(round(sum(at[name] for name in names), 9) for names in self._bounded)
+
+    def mean(self, name: str, candidate: PoolCandidate | None = None) -> OwnMean:
+        """One value for all flights of a parameter that is their own."""
+        pool = self.candidates[self.best] if candidate is None else candidate
+        place = self._places([name])[0]
+        values = np.array([theta[place] for theta in pool.theta])
+        rows = [places[place] for places in pool.joint.places]
+        if self.differs:
+            found = random_effects_mean(values, pool.joint.own_variance(rows))
+            return OwnMean(found.value, found.weights, found)
+        covariance = pool.joint.classical[np.ix_(rows, rows)]
+        weights = np.linalg.solve(covariance, np.ones(values.size))
+        return OwnMean(float(pool.common_theta[place]), weights / weights.sum(), None)
+
+    def _places(self, names: Sequence[str]) -> list[int]:
+        parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
+        return [parameters.index(name) for name in names]
+
+    def _of_all(self, pool: PoolCandidate) -> _Solution:
+        """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
+        joint, places = pool.joint, self._places(self.own)
+        means = {place: self.mean(name, pool) for name, place in zip(self.own, places, strict=True)}
+        theta = pool.theta[0].copy()
+        theta[places] = [means[place].value for place in places]
+        made = [member.rows_at(pool.at) for member in pool.separate.members]
+        tests = [rows.instruments @ slopes.seen for rows, slopes in zip(made, joint.slopes, strict=True)]
+        rows = Regression(
+            np.concatenate(
+                [
+                    one.response - one.regressors @ (own - theta)
+                    for one, own in zip(made, pool.theta, strict=True)
+                ]
+            ),
+            np.concatenate([one.regressors for one in made]),
+            np.concatenate(tests),
+            made[0].parameters,
+            _joined([one.layout for one in made]),
+        )
+        columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
+        vector = np.eye(joint.criterion.unknowns)[joint.places[0]]
+        for place, mean in means.items():
+            vector[place] = 0.0
+            vector[place, [each[place] for each in joint.places]] = mean.weights
+        return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
+
+    def _covariance(
+        self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, OwnMean]
+    ) -> JointCovariance:
+        """Of the mean and of what is shared; where flights differ, with a part for that."""
+        found = joint.of(vector)
+        variances = np.zeros(vector.shape[0])
+        for place, mean in means.items():
+            if mean.differing is not None:
+                variances[place] = mean.differing.variance + joint.shared_variance(vector[place])
+        if not variances.any():
+            return found
+        between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
+        return JointCovariance((*found.parts, between))
+
+    def _estimate(self, found: Sequence[_Solution]) -> Estimate:
+        """Estimate whose candidates are at values that the pool has."""
+        first = self.estimates[0]
+        sought = tuple(one for one in self.nuisances if one.refined)
+        candidates = tuple(
+            self._candidate(pool, one, sought) for pool, one in zip(self.candidates, found, strict=True)
+        )
+        joint = (*first.best.rows.parameters, *(one.parameter for one in sought))
+        return Estimate(first.method, joint, candidates, bounded=self._bounded)
+
+    def _candidate(self, pool: PoolCandidate, found: _Solution, sought: tuple[Nuisance, ...]) -> Candidate:
+        solved = self._method.solve(found.rows)
+        system = solved.system
+        solution = replace(
+            solved.solution,
+            theta=found.theta,
+            residual=system.right - system.matrix @ found.theta,
+            objective=pool.criterion,
+        )
+        known = [one for one in self.nuisances if one.searched and one.prior is not None]
+        solved = replace(
+            solved,
+            solution=solution,
+            nuisance_columns=found.nuisance_columns,
+            precision=np.array([0.0 if one.prior is None else one.prior.std**-2.0 for one in sought]),
+            misfits=tuple(one.misfit(pool.at) for one in known),
+        )
+        return Candidate(
+            {one.name: pool.at[one.name] for one in self.nuisances},
+            solved,
+            pool.profiles,
+            self.estimates[0].best.covariance_estimator,
+            found.covariance,
+            pool.criterion,
+        )
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Rows, and what a pool says of them."""
+
+    rows: Regression
+    theta: Float[np.ndarray, " n"]
+    nuisance_columns: Float[np.ndarray, "rows c"]
+    covariance: JointCovariance
+
+
+def _joined(layouts: Sequence[object]) -> BinRows:
+    """Rows of several flights, one after the other."""
+    runs = [
+        replace(run, flight=number)
+        for number, layout in enumerate(layouts)
+        if isinstance(layout, BinRows)
+        for run in layout.runs
+    ]
+    return BinRows(tuple(runs))
+
+
+def pooled(
+    problems: Sequence[SeparableProblem],
+    estimates: Sequence[Estimate],
+    own: Sequence[str],
+    *,
+    nuisances: tuple[Nuisance, ...],
+    separate: bool = False,
+) -> Pooled:
+    """Pool flights that share some parameters.
+
+    Parameters
+    ----------
+    problems : sequence of SeparableProblem
+        Of each flight, with the same nuisances.
+    estimates : sequence of Estimate
+        Of each, by whitened instruments.
+    own : sequence of str
+        Linear parameters that belong to the flight.
+    nuisances : tuple of Nuisance
+        Those of the pool: those of the problems, with what is known of them beforehand.
+    separate : bool
+        Never take flights as agreeing in what is their own.
+    """
+    nodes = nodes_of(nuisances, FEWEST_NODES)
+    parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
+    places = tuple(parameters.index(name) for name in own)
+    criteria = [
+        _criterion(problems, estimates, places, nodes, fixed)
+        for fixed in problems[0].with_nuisances(nuisances).combinations()
+    ]
+    p_value, inflation = _differences(criteria)
+    candidates = tuple(_pool_candidate(criterion, inflation) for criterion in criteria)
+    return Pooled(tuple(estimates), tuple(own), candidates, nuisances, p_value, separate)
+
+
+def _criterion(
+    problems: Sequence[SeparableProblem],
+    estimates: Sequence[Estimate],
+    own: tuple[int, ...],
+    nodes: Nodes,
+    fixed: Values,
+) -> PoolCriterion:
+    alone = [_nearest(estimate, fixed) for estimate in estimates]
+    known = {
+        axis.nuisance.name: replace(
+            prior, mean=prior.mean - sum(fixed[name] for name in axis.nuisance.known_with)
+        )
+        for axis in nodes.axes
+        if (prior := axis.nuisance.prior) is not None
+    }
+
+    def weighted(at: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
+        shared = np.median(theta, axis=0)
+        members = []
+        for problem, values, parameters in zip(problems, at, theta, strict=True):
+            centre = shared.copy()
+            centre[list(own)] = parameters[list(own)]
+            members.append(pool_member(problem, nodes, {**values, **fixed}, parameters, centre))
+        return PoolCriterion(tuple(members), own, nodes, known)
+
+    first = weighted([one.at for one in alone], [one.theta for one in alone])
+    nuisances = first.minimum[0]
+    return weighted([nuisances] * len(alone), first.parameters(nuisances))
+
+
+def _nearest(estimate: Estimate, fixed: Values) -> Candidate:
+    """The candidate of a flight alone whose discrete nuisances are nearest to some values."""
+    refined = {profile.nuisance.name for profile in estimate.best.profiles}
+    names = [name for name in fixed if name not in refined]
+    return min(estimate.candidates, key=lambda one: sum(abs(one.at[name] - fixed[name]) for name in names))
+
+
+def _differences(criteria: Sequence[PoolCriterion]) -> tuple[float, float]:
+    """P-value of agreement in what is shared, and by what its variance is multiplied."""
+    first = criteria[0]
+    together = min(replace(one, known={}).minimum[1] for one in criteria)
+    alone = sum(
+        min(replace(one, members=(one.members[number],), known={}).minimum[1] for one in criteria)
+        for number in range(len(first.members))
+    )
+    degrees = (len(first.members) - 1) * (len(first.shared) + len(first.nodes.axes))
+    excess = max(together - alone, 0.0)
+    p_value = chi_square_tail(excess, degrees)
+    return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0
+
+
+def _pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
+    nuisances, _ = criterion.minimum
+    theta = criterion.parameters(nuisances)
+    sought = tuple(axis.nuisance for axis in criterion.nodes.axes)
+    slopes = tuple(
+        member_slopes(member, sought, nuisances, own)
+        for member, own in zip(criterion.members, theta, strict=True)
+    )
+    at = {**criterion.members[0].fixed, **nuisances}
+    joint = PoolJoint(criterion, slopes, inflation)
+    centre = criterion.members[0].centre
+    shared = tuple(member.recentred(centre) for member in criterion.members)
+    return PoolCandidate(criterion, replace(criterion, members=shared, own=()), at, tuple(theta), joint)
