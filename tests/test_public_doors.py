@@ -232,6 +232,7 @@ def doors(folder):
                 "lag": None,
                 "align": False,
                 "accelerometer_bias": 0.1,
+                "pool_friction": "auto",
             },
         ),
         "FlightLimits": (

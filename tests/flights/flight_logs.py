@@ -41,6 +41,7 @@ def flown(
     gust: float = 0.0,
     delay_s: float = 0.0,
     hertz: tuple[float, ...] = (0.15, 0.4, 0.9, 1.7),
+    friction: float = FRICTION,
 ) -> list[Recording]:
     """Flights along random sums of sines; `amplitude` 0 is a hover."""
     rng = np.random.default_rng(seed)
@@ -62,7 +63,7 @@ def flown(
         acceleration_noise=errors[2],
     )
     every = np.ones(count)
-    vehicles = VerticalVehicles(FRICTION * every, GAIN * every, LAG_S * every, delay_s * every)
+    vehicles = VerticalVehicles(friction * every, GAIN * every, LAG_S * every, delay_s * every)
     motion = simulate_vertical(vehicles, met, step_s=STEP_S, controller=AltitudeController(1.2, 3.0, 0.5))
     return [
         recording(

@@ -72,6 +72,7 @@ SCHEMA: dict[str, Any] = {
     "diagnostics": dict,
     "findings": [{"name": str, "message": str}],
     "flights": [{"log": str, **ROW}],
+    "by_flight": [{"log": str, "verdict": VERDICTS, "reasons": [str], "parameters": dict, "derived": dict}],
     "comparisons": [{"method": str, **ROW}],
     "provenance": {
         "version": str,
@@ -87,6 +88,7 @@ SCHEMA: dict[str, Any] = {
             "lag": (dict, type(None)),
             "align": bool,
             "accelerometer_bias": float,
+            "pool_friction": {"auto", "common", "separate"},
         },
     },
 }

@@ -61,8 +61,7 @@ def identify_flight(
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
-        ``accelerometer_bias=``.
-        ``pool_friction=``.
+        ``accelerometer_bias=``, ``pool_friction=``.
 
     Returns
     -------

@@ -1,0 +1,142 @@
+"""Pools: lag, delay and gain once for all flights, and a friction for each."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_logs import FRICTION, GAIN, LAG_S, flown
+
+import eivor as ev
+from eivor.estimation.pools.mean import random_effects_mean
+from eivor.flights.diagnostics import FitDiagnostics
+from eivor.flights.pool_verdict import agreement, not_below
+from eivor.flights.result import FlightEstimate
+from eivor.inference.diagnostics.over_identification import OverIdentification
+from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.signals.recording import Recording
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+K = "viscous_friction"
+
+
+def named(logs: list[Recording]) -> list[Recording]:
+    return [replace(log, name=f"flight {n}", sha256=f"flight {n}") for n, log in enumerate(logs)]
+
+
+@pytest.fixture(scope="module")
+def alike() -> FlightEstimate:
+    """Three flights of one friction."""
+    return ev.identify_flight(named(flown(3, seconds=20.0, seed=5)))
+
+
+MORE = (-0.25, 0.0, 0.3, 0.6)
+
+
+@pytest.fixture(scope="module")
+def one_sine() -> FlightEstimate:
+    """Flights along one sine, in air that drags them differently."""
+    logs = [
+        flown(1, seconds=30.0, seed=20 + n, hertz=(0.35,), friction=FRICTION + more)[0]
+        for n, more in enumerate(MORE)
+    ]
+    return ev.identify_flight(named(logs))
+
+
+def test_flights_that_agree_have_one_friction_and_one_for_each(alike):
+    assert [row.label for row in alike.by_flight] == ["flight 0", "flight 1", "flight 2"]
+    truth = {K: FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}
+    for name, value in truth.items():
+        low, high = alike.quantities[name].interval
+        assert low < value < high
+        for row in alike.by_flight:
+            low, high = row.quantities[name].interval
+            assert low < value < high
+            assert row.quantities[name].verdict is Status.IDENTIFIED
+    values = {row.quantities[K].value for row in alike.by_flight}
+    assert len(values) == 3
+    assert len({row.quantities["input_gain"].value for row in alike.by_flight}) == 1
+    assert min(values) < alike.quantities[K].value < max(values)
+    assert alike.diagnostics["pool_own_p_value"] > 0.05
+    # flight by flight the pool tells the lag better than the flight does, and the friction no worse
+    for row, own in zip(alike.by_flight, alike.flights, strict=True):
+        assert row.quantities["effective_lag"].half_width < own.quantities["effective_lag"].half_width
+        assert row.quantities[K].half_width < 1.1 * own.quantities[K].half_width
+
+
+def test_common_and_separate_are_what_they_say(alike):
+    logs = [flight.recording for flight in alike.prepared]
+    common = ev.identify_flight(logs, pool_friction="common")
+    assert common.by_flight == ()
+    assert common.quantities[K].value == pytest.approx(
+        alike.quantities[K].value, abs=0.5 * common.quantities[K].std_error
+    )
+    separate = ev.identify_flight(logs, pool_friction="separate")
+    assert separate.fit.estimate.best.covariance.part("between_flights").degrees == 2.0
+    assert [finding.name for finding in separate.findings].count("flights_differ") == 1
+    with pytest.raises(ev.errors.UsageError, match="pool_friction out of auto, common, separate"):
+        ev.FlightOptions(pool_friction="seperate")
+
+
+def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
+    low, high = one_sine.quantities["effective_lag"].interval
+    assert low < LAG_S < high
+    assert high - low < min(row.quantities["effective_lag"].half_width for row in one_sine.flights)
+    found = {finding.name: finding.message for finding in one_sine.findings}
+    assert "the lag rests on the differences of the viscous friction" in found["lag_by_differences"]
+    assert "The flights differ in viscous friction" in found["flights_differ"]
+    for row, more in zip(one_sine.by_flight, MORE, strict=True):
+        low, high = row.quantities[K].interval
+        assert low < FRICTION + more < high
+
+
+def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
+    document = json.loads(one_sine.to_json())
+    assert [row["log"] for row in document["by_flight"]] == [row.label for row in one_sine.by_flight]
+    file = tmp_path / "fit.json"
+    file.write_text(one_sine.to_json())
+    read = ev.load_fit(file)
+    for row in one_sine.by_flight:
+        own = read.by_flight[row.label][K]
+        assert (own.value, own.interval) == (row.quantities[K].value, row.quantities[K].interval)
+    for level in (0.8, 0.95):
+        assert read.interval(K, level) == pytest.approx(one_sine.interval(K, level))
+
+
+def test_the_mean_of_flights_that_differ_counts_the_differences():
+    """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
+    y = np.array([0.1, 0.3, 0.8])
+    found = random_effects_mean(y, np.full(3, 1e-4))
+    assert found.value == pytest.approx(0.4)
+    assert found.between == pytest.approx(np.var(y, ddof=1) - 1e-4)
+    assert found.variance == pytest.approx(np.var(y, ddof=1) / 3.0)
+    # estimates closer to each other than their errors: never below what these say
+    assert random_effects_mean(np.full(3, 0.4), np.full(3, 1e-4)).variance == pytest.approx(1e-4 / 3.0)
+
+
+def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
+    def checks(p_value: float) -> FitDiagnostics:
+        return replace(alike.fit.checks, agreement=OverIdentification(9.0, 3, p_value, None))
+
+    assert agreement([checks(p) for p in (1e-9, 0.4, 0.6, 0.8)]).p_value == pytest.approx(0.8)
+    assert agreement([checks(p) for p in (1e-9, 1e-8, 0.6)]).p_value == pytest.approx(1.5e-8)
+    assert agreement([checks(0.5)] * 3).J == 27.0
+    assert agreement([]) is None
+
+
+@pytest.mark.parametrize(
+    ("found", "in_pool", "alone", "told"),
+    [
+        ("refused", ["identified", "identified", "refused"], ["refused"] * 3, "identified"),
+        ("refused", ["weak", "refused", "refused"], ["refused", "weak", "refused"], "weak"),
+        ("weak", ["refused", "refused"], ["refused", "refused"], "weak"),
+        ("weak", ["identified", "weak", "weak"], ["weak"] * 3, "weak"),
+    ],
+)
+def test_a_pool_is_not_judged_below_half_its_flights(found, in_pool, alone, told):
+    reasons = (Reason(Status(found), "The mean is rough.", "Fly on."),)
+    verdict = not_below(Verdict(Status(found), reasons), [*map(Status, in_pool)], [*map(Status, alone)])
+    assert verdict.status is Status(told)
+    assert all(reason.status is Status(told) for reason in verdict.reasons)
