@@ -4,8 +4,8 @@ Notation: G Jacobian of a flight's rows by its own vector (linear parameters, co
 instruments, A = Q'G, test functions Q A, S what puts its vector into that of the pool. Flights are
 independent, so that sensitivity and covariance of the scores are sums over flights of S'A'A S and S'M S.
 Cosine averages are taken in each flight by itself: a parameter of one flight is told by that flight's time
-alone. Their degrees of freedom for one parameter are those of a sum of independent variances (Satterthwaite
-1946).
+alone. Student's t has the degrees of freedom of one flight, also for what all flights tell together: with
+those of a sum of independent variances (Satterthwaite 1946) simulated pools covered .88 to .90 for .95.
 """
 
 from __future__ import annotations
@@ -150,15 +150,10 @@ class PoolJoint:
         return self._widened(sandwich(self.sensitivity, self.variance * self.sensitivity))
 
     @cached_property
-    def by_cosines(self) -> list[Float[np.ndarray, "m m"]]:
-        """What each flight adds to the covariance by cosine averages; last what is known beforehand."""
-        width, found = self.criterion.unknowns, []
-        for places, one in zip(self.places, self.slopes, strict=True):
-            meat = np.zeros((width, width))
-            meat[places[:, None], places] = one.meat
-            found.append(self._widened(sandwich(self.sensitivity, meat)))
-        known = self.variance**2 * self._prior
-        return [*found, self._widened(sandwich(self.sensitivity, known))]
+    def by_cosines(self) -> Float[np.ndarray, "m m"]:
+        """Covariance by cosine averages in each flight, and what is known beforehand."""
+        meat = self._summed([one.meat for one in self.slopes]) + self.variance**2 * self._prior
+        return self._widened(sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
         """With the variance of what is shared times the inflation, and what that moves."""
@@ -175,25 +170,17 @@ class PoolJoint:
         Parameters
         ----------
         mapping : ndarray, shape (v, m)
-            One row for each combination. Degrees of freedom are those of the one that has the fewest.
+            One row for each combination. Degrees of freedom are those of one flight.
         """
-        parts = [mapping @ one @ mapping.T for one in self.by_cosines]
-        variances = np.array([np.diag(part) for part in parts[:-1]])
-        total = np.sum(variances, axis=0)
-        squares = np.sum(variances**2, axis=0)
-        ratios = np.divide(total**2, squares, out=np.ones(total.size), where=squares > 0.0)
-        cosines = CovariancePart(
-            "equal_weighted_cosines",
-            np.sum(parts, axis=0),
-            COSINE_AVERAGES * float(ratios.min(initial=np.inf)),
-        )
+        robust = mapping @ self.by_cosines @ mapping.T
+        cosines = CovariancePart("equal_weighted_cosines", robust, float(COSINE_AVERAGES))
         return JointCovariance((cosines, CovariancePart("classical", mapping @ self.classical @ mapping.T)))
 
     def shared_variance(self, direction: Float[np.ndarray, " m"]) -> float:
         """What is shared adds so much to the variance of a combination of the flights' own parameters."""
         first, H = self.own_count, self.sensitivity
         moved = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
-        largest = [one[first:, first:] for one in (self.classical, np.sum(self.by_cosines, axis=0))]
+        largest = [one[first:, first:] for one in (self.classical, self.by_cosines)]
         return max(float(moved @ covariance @ moved) for covariance in largest)
 
     def own_variance(self, places: list[int]) -> Float[np.ndarray, " F"]:
