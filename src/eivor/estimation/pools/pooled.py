@@ -271,7 +271,7 @@ class Pooled:
         pool = self.candidates[self.best] if candidate is None else candidate
         place = self._places([name])[0]
         values = np.array([theta[place] for theta in pool.theta])
-        rows = [places[place] for places in pool.joint.places]
+        rows = [int(places[place]) for places in pool.joint.places]
         if self.differs:
             found = random_effects_mean(values, pool.joint.own_variance(rows))
             return OwnMean(found.value, found.weights, found)
