@@ -292,7 +292,8 @@ def _whole_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
 def _own(result: FlightEstimate) -> tuple[str, ...]:
     """Quantities of a pool that are not alike in all flights."""
     tables = [row.quantities for row in result.by_flight]
-    return tuple(name for name in result.motion.shown if len({table[name].value for table in tables}) > 1)
+    names = [name for name in result.motion.shown if all(name in table for table in tables)]
+    return tuple(name for name in names if len({table[name].value for table in tables}) > 1)
 
 
 def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:
