@@ -74,7 +74,7 @@ def _vehicle(source: SavedFit | FlightEstimate | VehicleGuess | str | Path) -> V
         raise UsageError(
             "a result, the path of its JSON file, or a vehicle",
             checks.described(source),
-            'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess(hover_input=0.5)).',
+            'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).',
         )
     return vehicle_of_result(source.document)
 
