@@ -181,7 +181,6 @@ def test_a_vehicle_is_read_from_a_file(tmp_path):
         (lambda: VehicleGuess(lag_s=1.0), "lag_s between"),
         (lambda: ev.plan(VehicleGuess(), target="drag"), "one of friction, gain, lag"),
         (lambda: ev.plan(VehicleGuess(), shape="chirp"), "one of multisine, steps"),
-        (lambda: ev.plan(3), "a result, the path of its JSON file, or a vehicle"),
     ],
 )
 def test_wrong_arguments_are_told(call, words):
