@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +13,10 @@ from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.inference.verdict import Status
+from eivor.flights.motion import Circumstances
+from eivor.flights.quantity import Unjudged
+from eivor.inference.verdict import Status, verdict
+from eivor.motions.vertical.curve_rule import curve_reasons
 from eivor.motions.vertical.curve_told import share_of_both
 from eivor.motions.vertical.fitted_curve import CurveFamily
 from eivor.signals.input_map import InputMap, Mixed, Power
@@ -93,6 +97,35 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(log):
     curve = found.quantities["thrust_curve"]
     assert curve.verdict is Status.REFUSED
     assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
+
+
+@pytest.mark.parametrize(
+    ("curve", "intercept", "status", "said"),
+    [
+        ((0.5, 0.1), (0.0, 0.2), Status.IDENTIFIED, ""),
+        ((0.5, 0.2), (0.0, 0.2), Status.WEAK, "known to +-0.2; identified asks for +-0.15"),
+        ((0.5, 0.6), (0.0, 0.2), Status.REFUSED, "known to +-0.6 only"),
+        ((0.5, math.inf), (0.0, 0.2), Status.REFUSED, "Curvature alone"),
+        ((0.0, 0.1), (6.3, 0.7), Status.REFUSED, "the intercept is still [+]6.3 m/s"),
+    ],
+)
+def test_every_ground_against_a_curve(curve, intercept, status, said):
+    numbers = {
+        name: Unjudged(value, "", 0.5 * half, (value - half, value + half))
+        for name, (value, half) in {"thrust_curve": curve, "intercept": intercept}.items()
+    }
+    at = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False)
+    reasons = curve_reasons(numbers, at)
+    assert verdict(reasons).status is status
+    assert re.search(said, " ".join(reason.sentence for reason in reasons))
+    assert curve_reasons({"intercept": numbers["intercept"]}, at) == []
+
+
+@pytest.mark.parametrize(
+    ("exponent", "hover", "share"), [(0.36, 0.12, 0.0), (0.5, 0.06, 0.0), (1.0, 0.3, 0.0)]
+)
+def test_an_exponent_that_no_share_has_gives_the_least(exponent, hover, share):
+    assert CurveFamily(True).of_exponent(exponent, hover) == share
 
 
 @pytest.mark.parametrize("bias", [0.0, -0.1, math.nan])

@@ -41,11 +41,12 @@ class CurveFamily:
         return Mixed(value) if self.of_share else Power(value)
 
     def of_exponent(self, exponent: float, hover: float) -> float:
-        """Parameter of the map that has an exponent near hover."""
+        """Parameter of the map that has an exponent near hover; the least share where no share has it."""
         if not self.of_share:
             return exponent
         # (1 - s) u + s u^2 has the exponent r at u for s = (r - 1) / ((r - 1) + (2 - r) u)
-        return (exponent - 1.0) / ((exponent - 1.0) + (2.0 - exponent) * hover)
+        whole = (exponent - 1.0) + (2.0 - exponent) * hover
+        return (exponent - 1.0) / whole if whole > 0.0 else float(self.grid[0])
 
 
 def family_of(start: InputMap) -> CurveFamily:

@@ -37,7 +37,7 @@ from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.motions.vertical.curve_rule import curve_reasons
+from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT, curve_reasons
 from eivor.motions.vertical.left_out import GROUND, SUPPLY, left_out_sentence, missed
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
@@ -50,7 +50,6 @@ LAG_SHARE = 0.5
 LAG_KNOWN_S = 0.01
 COMMAND_RATE_HZ = 45.0
 GAIN_RATE_HZ = 20.0
-CLEAR_INTERCEPT = 0.4
 LEAST_EXPONENT = 0.95
 LARGE_INTERCEPT = 5.0
 #: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
