@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -106,7 +105,7 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(log):
         ((0.5, 0.2), (0.0, 0.2), Status.WEAK, "known to +-0.2; identified asks for +-0.15"),
         ((0.5, 0.6), (0.0, 0.2), Status.REFUSED, "known to +-0.6 only"),
         ((0.5, math.inf), (0.0, 0.2), Status.REFUSED, "Curvature alone"),
-        ((0.0, 0.1), (6.3, 0.7), Status.REFUSED, "the intercept is still [+]6.3 m/s"),
+        ((0.0, 0.1), (6.3, 0.7), Status.REFUSED, "the intercept is still +6.3 m/s"),
     ],
 )
 def test_every_ground_against_a_curve(curve, intercept, status, said):
@@ -117,7 +116,7 @@ def test_every_ground_against_a_curve(curve, intercept, status, said):
     at = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False)
     reasons = curve_reasons(numbers, at)
     assert verdict(reasons).status is status
-    assert re.search(said, " ".join(reason.sentence for reason in reasons))
+    assert said in " ".join(reason.sentence for reason in reasons)
     assert curve_reasons({"intercept": numbers["intercept"]}, at) == []
 
 
