@@ -16,6 +16,7 @@ from eivor.flights.pool_verdict import agreement, not_below
 from eivor.flights.result import FlightEstimate
 from eivor.inference.diagnostics.over_identification import OverIdentification
 from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -78,6 +79,24 @@ def test_common_and_separate_are_what_they_say(alike):
     assert [finding.name for finding in separate.findings].count("flights_differ") == 1
     with pytest.raises(ev.errors.UsageError, match="pool_friction out of auto, common, separate"):
         ev.FlightOptions(pool_friction="seperate")
+
+
+class Laden(Vertical):
+    """The same motion of a vehicle whose load is another one in each flight, in air that is not."""
+
+    of_flight = ("input_gain",)
+
+
+def test_a_motion_says_what_belongs_to_the_flight(alike):
+    found = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
+    rows = [row.quantities for row in found.by_flight]
+    assert len({row["input_gain"].value for row in rows}) == 2
+    assert len({row[K].value for row in rows}) == 1
+    for name, value in {K: FRICTION, "input_gain": GAIN}.items():
+        low, high = found.quantities[name].interval
+        assert low < value < high
+    ends = found.fit.sets[K].profile.hull
+    assert ends[0] < found.quantities[K].value < ends[1]
 
 
 def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
