@@ -14,7 +14,7 @@ import numpy as np
 from eivor.errors import EivorError
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity
-from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
@@ -140,7 +140,7 @@ def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
 
 def _of_member(result: FlightEstimate, place: int) -> dict[str, Quantity]:
     """Quantities of a flight of a pool: its own where the pool has them, else the pool's."""
-    members: tuple[FlightRow, ...] = getattr(result, "by_flight", ())
+    members = result.by_flight
     return {**result.quantities, **(members[place].quantities if place < len(members) else {})}
 
 
