@@ -33,8 +33,8 @@ class CurveFamily:
         return SHARES if self.of_share else EXPONENTS
 
     def possible(self, value: float) -> float:
-        """The parameter, or the nearest that is possible."""
-        return float(np.clip(value, self.grid[0], self.grid[-1]))
+        """The parameter to four decimals, which no flight tells more closely, or the nearest possible one."""
+        return round(float(np.clip(value, self.grid[0], self.grid[-1])), 4)
 
     def map(self, value: float) -> InputMap:
         """Input map of a parameter."""
