@@ -148,6 +148,8 @@ class Circumstances:
         Whether two measurements of one response agree.
     aligned : bool
         The differences between them that can be taken out are.
+    used_s : float
+        Time used of all flights [s].
     """
 
     flights: int
@@ -163,6 +165,7 @@ class Circumstances:
     given_lag: GivenLag | None = None
     sensors: SensorAgreement | None = None
     aligned: bool = False
+    used_s: float = np.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -152,6 +152,7 @@ def circumstances(
         excitation=motion.excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         numbers=numbers,
+        used_s=sum(flight.used_s for flight in flying),
     )
 
 

@@ -81,6 +81,7 @@ def test_a_good_flight_has_no_ground_against_it():
 @pytest.mark.parametrize(
     ("fit", "found", "at", "status", "said"),
     [
+        ({}, {}, {"used_s": 15.4}, Status.WEAK, "Only 15 s could be used"),
         ({}, {"viscous_friction": quantity(0.0, 0.1)}, {}, Status.REFUSED, "cannot be told from zero"),
         (
             {},
@@ -171,6 +172,7 @@ def test_each_ground_against_the_friction(fit, found, at, status, said):
         ({"strengths": (10.0, 10.0, 10.0)}, {}, {}),
         ({"p_value": 0.001}, {}, {}),
         ({}, {}, {"command_rate_hz": 45.0}),
+        ({}, {}, {"used_s": 20.0}),
         ({"names": NAMES[:2], "strengths": (50.0, 50.0), "lag_s": 0.3}, {}, {}),
     ],
 )

@@ -10,7 +10,7 @@ On the viscous friction K, which is the overall verdict:
 * identified: every first-stage F 10 or more, K's half-width <= K/2 with what is reserved for an estimator
   (and a lower end above that), the lag's <= 0.1 s, the lag below the
   top of its grid, J's p-value >= .001 (of a pool that of half its flights), the command logged
-  at 45 Hz or more, instruments that contain no feedback, and an intercept that is not clearly beyond
+  at 45 Hz or more, 25 s of flight or more, instruments that contain no feedback, and an intercept that is not clearly beyond
   5 m/s^2;
 * weak otherwise.
 
@@ -49,6 +49,8 @@ LAG_HALF_WIDTH_S = 0.1
 LAG_SHARE = 0.5
 LAG_KNOWN_S = 0.01
 COMMAND_RATE_HZ = 45.0
+#: In simulated flights of 15 s the friction's interval holds it in about four of five [s].
+SHORT_FLIGHT_S = 20.0
 GAIN_RATE_HZ = 20.0
 LEAST_EXPONENT = 0.95
 LARGE_INTERCEPT = 5.0
@@ -154,6 +156,15 @@ def friction_reasons(
                 f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
                 "intervals do not hold.",
                 "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    if at.used_s < SHORT_FLIGHT_S:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Only {at.used_s:.0f} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold the "
+                "friction too seldom.",
+                "Fly longer, or pool several flights.",
             )
         )
     return reasons
