@@ -172,7 +172,7 @@ def test_each_ground_against_the_friction(fit, found, at, status, said):
         ({"strengths": (10.0, 10.0, 10.0)}, {}, {}),
         ({"p_value": 0.001}, {}, {}),
         ({}, {}, {"command_rate_hz": 45.0}),
-        ({}, {}, {"used_s": 20.0}),
+        ({}, {}, {"used_s": 25.0}),
         ({"names": NAMES[:2], "strengths": (50.0, 50.0), "lag_s": 0.3}, {}, {}),
     ],
 )
