@@ -10,8 +10,8 @@ On the viscous friction K, which is the overall verdict:
 * identified: every first-stage F 10 or more, K's half-width <= K/2 with what is reserved for an estimator
   (and a lower end above that), the lag's <= 0.1 s, the lag below the
   top of its grid, J's p-value >= .001 (of a pool that of half its flights), the command logged
-  at 45 Hz or more, 25 s of flight or more, instruments that contain no feedback, and an intercept that is not clearly beyond
-  5 m/s^2;
+  at 45 Hz or more, 25 s of flight or more, instruments that contain no feedback, and an intercept that is
+  not clearly beyond 5 m/s^2;
 * weak otherwise.
 
 Velocity and accelerometer that disagree make weak what their disagreement harms, see `sensors`: an offset the
@@ -49,7 +49,7 @@ LAG_HALF_WIDTH_S = 0.1
 LAG_SHARE = 0.5
 LAG_KNOWN_S = 0.01
 COMMAND_RATE_HZ = 45.0
-#: In simulated flights of 15 and 20 s the interval of the friction held it in .81 and .85, of 25 s in .93 [s].
+#: In simulated flights of 15 and 20 s the friction's interval held it in .81 and .85, of 25 s in .93 [s].
 SHORT_FLIGHT_S = 25.0
 GAIN_RATE_HZ = 20.0
 LEAST_EXPONENT = 0.95
@@ -162,8 +162,8 @@ def friction_reasons(
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"Only {at.used_s:.0f} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold the "
-                "friction too seldom.",
+                f"Only {at.used_s:.0f} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
+                "the friction too seldom.",
                 "Fly longer, or pool several flights.",
             )
         )
