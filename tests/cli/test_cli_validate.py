@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -> None:
     fit, figure = tmp_path / "fit.json", tmp_path / "fit.svg"
-    assert eivor("identify", f"{log}@0:15", "--json", fit).code == 0
+    assert eivor("identify", f"{log}@0:25", "--json", fit).code == 0
     run = eivor("validate", fit, f"{log}@15:30", "--figure", figure)
     assert run.code == 0
     assert "leaves less than the simpler models" in " ".join(run.out.split())

@@ -84,7 +84,16 @@ def test_numbers_of_the_example(example):
 
 def test_checks_are_said_in_words(example):
     said = dict(checks(example))
-    assert list(said) == ["instruments", "agreement", "constancy", "residual", "leverage", "least squares"]
+    assert list(said) == [
+        "sensors",
+        "instruments",
+        "agreement",
+        "constancy",
+        "residual",
+        "leverage",
+        "least squares",
+        "left out",
+    ]
     assert "first-stage F" in said["instruments"]
     assert said["agreement"].startswith("the instruments agree")
     assert said["constancy"].startswith("the parameters stay the same")

@@ -26,7 +26,7 @@ def telemetry(log: Recording, late_s: float) -> Recording:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.02, -0.023])
 def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
-    found = ev.identify_flight(telemetry(flown(seconds=20.0)[0], late_s))
+    found = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
     delay = found.quantities["delay"]
     assert delay.interval[0] < -late_s < delay.interval[1]
     assert delay.half_width < 0.01
@@ -40,7 +40,7 @@ def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
 
 
 def test_the_delay_is_part_of_the_friction_s_interval():
-    log = telemetry(flown(seconds=20.0)[0], 0.0)
+    log = telemetry(flown(seconds=26.0)[0], 0.0)
     found = ev.identify_flight(log)
     problem = found.fit.problem
     known = problem.with_nuisances((problem.lag, problem.delay.known_at(0.0)))

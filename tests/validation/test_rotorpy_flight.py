@@ -162,7 +162,7 @@ def test_controller_sees_the_noise():
 def parked(monkeypatch):
     """No vehicle flies: the reference of a log is drawn before it."""
 
-    def stays(spec, parts):
+    def stays(spec, parts, _gains):
         still = {field.name: np.zeros((spec.count, 3)) for field in fields(rotorpy_flight._Log)}
         upright = np.tile([0.0, 0.0, 0.0, 1.0], (spec.count, 1))
         return rotorpy_flight._Log(**still | {"attitude": upright, "seen_attitude": upright}), True

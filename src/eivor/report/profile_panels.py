@@ -62,9 +62,9 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     low, high = (scale * end for end in quantity.interval)
     if axes.get_xscale() == "log":
         low = max(low, 1e-3 * scale * float(profile.grid[0]))
-    axes.axvspan(low, high, color=SHADE, alpha=0.18, lw=0, label="95 % interval reported")
+    axes.axvspan(low, high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
     axes.axvline(scale * quantity.value, color=SHADE, lw=0.7)
-    axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by the curves alone")
+    axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
     axes.set_yscale("symlog", linthresh=quantile)
     axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
     axes.set_title(f"How well each {wording.words} fits", fontsize=9, parse_math=False)

@@ -81,7 +81,7 @@ def test_a_good_flight_has_no_ground_against_it():
 @pytest.mark.parametrize(
     ("fit", "found", "at", "status", "said"),
     [
-        ({}, {}, {"used_s": 15.4}, Status.WEAK, "Only 15 s could be used"),
+        ({}, {}, {"used_s": 15.4}, Status.WEAK, "Only 15.4 s could be used"),
         ({}, {"viscous_friction": quantity(0.0, 0.1)}, {}, Status.REFUSED, "cannot be told from zero"),
         (
             {},

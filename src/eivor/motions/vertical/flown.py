@@ -95,7 +95,7 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
     lag, delay = at[ACTUATOR_LAG.name], at[DELAY.name]
     if not _half_width(estimate, VISCOUS_FRICTION.name) <= TOLD_FRICTION or not friction > 0.0:
         friction = USUAL_FRICTION
-    if problem.lag.searched and not _half_width(estimate, ACTUATOR_LAG.name) <= TOLD_LAG_S:
+    if ACTUATOR_LAG.name in estimate.names and not _half_width(estimate, ACTUATOR_LAG.name) <= TOLD_LAG_S:
         lag, delay = USUAL_LAG_S, 0.0
     if not _half_width(estimate, INPUT_GAIN.name) <= TOLD_GAIN * abs(gain):
         sums = balance_sums(problem, {**at, ACTUATOR_LAG.name: lag, DELAY.name: delay})

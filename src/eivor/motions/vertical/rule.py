@@ -162,7 +162,7 @@ def friction_reasons(
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"Only {at.used_s:.0f} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
+                f"Only {at.used_s:.3g} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
                 "the friction too seldom.",
                 "Fly longer, or pool several flights.",
             )
