@@ -58,6 +58,7 @@ def test_contracts_hold(copy):
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("file", "line", "contract"),
     [

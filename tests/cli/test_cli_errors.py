@@ -44,13 +44,19 @@ def test_help_loads_nothing_heavy() -> None:
     assert not heavy & loaded
 
 
-def test_help_answers_in_half_a_second(shell: Caller) -> None:
-    # time of the processor, not of the clock: other work on the machine must not fail this test
-    before = os.times()
-    assert shell("--help").code == 0
-    after = os.times()
-    spent = after.children_user + after.children_system - before.children_user - before.children_system
-    assert spent < 0.5
+def test_help_loads_little_more_than_what_draws_it(shell: Caller) -> None:
+    """Half a second on a slow machine, of which most is Python, typer and rich."""
+
+    def spent(run: Callable[[], Any]) -> float:
+        # time of the processor, not of the clock: other work on the machine must not fail this test
+        before = os.times()
+        assert run() == 0
+        after = os.times()
+        return after.children_user + after.children_system - before.children_user - before.children_system
+
+    drawing = [sys.executable, "-c", "import typer.rich_utils, typer.main, importlib.metadata"]
+    bare = min(spent(lambda: subprocess.run(drawing, check=False).returncode) for _ in range(2))
+    assert min(spent(lambda: shell("--help").code) for _ in range(2)) < 2.0 * bare
 
 
 def test_help_says_the_exit_codes(eivor: Caller) -> None:

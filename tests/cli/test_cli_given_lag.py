@@ -32,6 +32,7 @@ def test_bounds_of_a_lag_and_no_lag_are_given(eivor: Caller, log: Path) -> None:
     assert "they contradict each other" in " ".join(run.out.split())
 
 
+@pytest.mark.thorough
 def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0

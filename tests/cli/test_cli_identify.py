@@ -53,6 +53,7 @@ def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals
     assert low < 0.072 < high
 
 
+@pytest.mark.thorough
 def test_json_and_figure_go_to_files(eivor: Caller, log: Path, tmp_path: Path) -> None:
     for ending, magic in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
         figure = tmp_path / f"fit{ending}"
@@ -62,6 +63,7 @@ def test_json_and_figure_go_to_files(eivor: Caller, log: Path, tmp_path: Path) -
     assert json.loads((tmp_path / "fit.json").read_text())["logs"][0]["name"] == "flight.csv"
 
 
+@pytest.mark.thorough
 def test_the_window_is_used(eivor: Caller, log: Path) -> None:
     for arguments in (("--window", "5:20", log), (f"{log}@5:20",), ("--window", "0:9", f"{log}@5:20")):
         document = json.loads(eivor("identify", *arguments, "--json", "-").out)
@@ -96,6 +98,7 @@ def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
     assert document["verdict"] != "identified"
 
 
+@pytest.mark.thorough
 def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     paths = []
     for number, part in enumerate((flight.slice(0, 1500), flight.slice(1500, 1500))):
@@ -117,6 +120,7 @@ def test_the_same_file_twice_is_used_once(eivor: Caller, log: Path, tmp_path: Pa
     assert "Flights one by one" not in run.out
 
 
+@pytest.mark.thorough
 def test_logs_of_one_name_are_told_by_their_paths(
     eivor: Caller, flight: polars.DataFrame, tmp_path: Path
 ) -> None:
@@ -129,6 +133,7 @@ def test_logs_of_one_name_are_told_by_their_paths(
     assert [log["name"] for log in document["logs"]] == [str(path) for path in paths]
 
 
+@pytest.mark.thorough
 def test_parts_of_one_log_are_told_by_their_windows(eivor: Caller, log: Path) -> None:
     document = json.loads(eivor("identify", f"{log}@0:14", f"{log}@15:29", "--json", "-").out)
     assert [row["log"] for row in document["flights"]] == ["flight.csv@0:14", "flight.csv@15:29"]
@@ -149,6 +154,7 @@ def test_a_channel_map_is_used(eivor: Caller, flight: polars.DataFrame, tmp_path
     assert "mine.toml" in run.err
 
 
+@pytest.mark.thorough
 def test_measured_rotor_speeds_have_no_lag(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     path = tmp_path / "measured.csv"
     rotors = {f"rotor_command_{n}": f"rotor_speed_{n}" for n in range(1, 5)}

@@ -33,6 +33,7 @@ def _not_confidently_wrong(result: dict[str, Any]) -> bool:
     return result["verdict"] != "identified" or (low >= 0.2 and high <= 0.8)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     run = eivor("identify", recordings / "px4" / "battery_brownout.ulg")
@@ -43,6 +44,7 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     assert "SDLOG_PROFILE" in card.out
 
 
+@pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
     """Alone it is known to a third of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
@@ -103,6 +105,7 @@ def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recor
     assert "land detector" in inspected.out
 
 
+@pytest.mark.thorough
 def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path) -> None:
     document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
     (message,) = [one["message"] for one in document["findings"] if one["name"] == "hover_estimate"]
@@ -121,6 +124,7 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recording
     assert not any("feedback" in reason for reason in document["reasons"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CLEAN)
 def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name: str) -> None:
     run = eivor("identify", recordings / "nanobench" / f"{name}.csv", "--json", "-")

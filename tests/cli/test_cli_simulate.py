@@ -84,6 +84,7 @@ def test_csv_has_the_same_numbers(eivor):
     assert pl.read_csv("log.csv").equals(pl.read_parquet("log.parquet"))
 
 
+@pytest.mark.thorough
 def test_flight_with_its_weight_is_identified(eivor, tmp_path):
     """From the scenario to the verdict: the truth lies within the interval."""
     (tmp_path / "flight.toml").write_text(FLIGHT, encoding="utf-8")
@@ -165,6 +166,7 @@ velocity = 0.05
 """
 
 
+@pytest.mark.thorough
 def test_a_file_may_describe_a_flight(eivor, tmp_path):
     (tmp_path / "mine.toml").write_text(FLOWN, encoding="utf-8")
     assert eivor("simulate", "mine.toml", "-o", "a.csv", "--truth", "a.json", "--seed", 4).code == 0

@@ -184,6 +184,7 @@ def test_samples_without_history_are_left_out():
     assert found.over_identification.p_value > 1e-4
 
 
+@pytest.mark.thorough
 def test_frequency_rows_have_their_own_degrees_of_freedom():
     """Not those of the samples, of which there are ten times as many in a band of 5 Hz at 100 Hz."""
     fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
@@ -204,6 +205,7 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
         assert getattr(found.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_frequency_rows_are_diagnosed_in_time():
     made = flight_problem(*flights(2, seconds=40.0, noise=Noise()))
     fit = ev.identify(made, ev.methods.reference_iv())

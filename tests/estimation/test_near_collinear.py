@@ -73,6 +73,7 @@ METHODS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", METHODS)
 def test_standard_errors_are_right_or_the_problem_is_refused(name):
     """In total least squares and the compensated methods all noise is declared to be the response's."""

@@ -53,6 +53,7 @@ def named(method: LinearMethod) -> str:
 # -- several continuous nuisances ----------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", [*METHODS, extended_iv()], ids=named)
 def test_two_nuisances_are_found_exactly_without_noise(method):
     fit = ev.identify(problem(lag(), share(), noise=0.0), method)
@@ -220,6 +221,7 @@ def test_a_prior_decides_where_the_data_say_little(method):
         assert np.sqrt(part.matrix[2, 2]) == pytest.approx(prior.std, rel=0.1)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_priors_of_two_nuisances_are_searched_together(method):
     priors = Prior(LAG_S, 0.001), Prior(SHARE, 0.01)

@@ -49,6 +49,7 @@ def rows_of(index: np.ndarray, *, compensated: bool) -> Regression:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scheme", list(BlockScheme))
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, scheme: BlockScheme) -> None:
@@ -118,6 +119,7 @@ def test_the_seed_decides_and_is_told() -> None:
     assert given.seed is None
 
 
+@pytest.mark.thorough
 def test_standard_errors_agree_with_the_spread_of_replicates() -> None:
     problem = rows_of(np.arange(ROWS), compensated=True)
     for method in (methods.least_squares(), methods.total_least_squares(), methods.generalized_iv()):

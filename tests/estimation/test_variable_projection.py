@@ -78,6 +78,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name)
 def test_intervals_include_the_uncertainty_of_the_lag(method):
@@ -108,6 +109,7 @@ def test_delay_is_found_and_told_from_the_others(method, delay_s):
     assert [candidate.at["delay"] for candidate in fit.tenable()] == [delay_s]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), reference_iv()], ids=lambda m: m.name)
 @pytest.mark.parametrize("level", [0.5, 0.95])
@@ -143,6 +145,7 @@ def test_unknown_names_and_levels_are_refused():
             fit.interval("viscous_friction", level)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     "method", [least_squares(), total_least_squares(), TWO_STAGE, reference_iv()], ids=lambda m: m.name

@@ -54,6 +54,7 @@ def test_the_report_says_what_the_flight_alone_says(log):
     assert json.loads(ev.identify_flight(log).to_json())["given_lag"] is None
 
 
+@pytest.mark.thorough
 def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
     bounds = ev.Bounds(0.03, 0.08)
     between = ev.identify_flight(log, lag=bounds)

@@ -41,6 +41,7 @@ def coarse_fit(log):
         return identify_flight(log)
 
 
+@pytest.mark.thorough
 def test_a_result_goes_to_another_process_and_back(fit):
     """With what was asked of it before: a pool of processes, a cache."""
     fit.fit.estimate.interval("viscous_friction")
@@ -265,6 +266,7 @@ def test_a_reference_of_one_frequency_is_told():
 # -- options ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit):
     result = identify_flight(log, FlightOptions(compare=True))
     assert [row.label for row in result.comparisons] == [
@@ -385,12 +387,14 @@ def test_clusters_come_in_from_ten_flights_on(fleet, three):
     assert low < FRICTION < high
 
 
+@pytest.mark.thorough
 def test_order_of_the_flights_does_not_matter(fleet, three):
     one, other = three, identify_flight(fleet[2::-1])
     for name, quantity in one.quantities.items():
         assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.thorough
 def test_a_log_given_twice_is_used_once(fleet):
     first = replace(fleet[0], sha256="a")
     again = replace(fleet[0], sha256="a", name="copy")
@@ -563,6 +567,7 @@ def rich():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(60))
 def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
     rng = np.random.default_rng(seed)

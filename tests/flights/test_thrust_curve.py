@@ -59,6 +59,7 @@ def test_the_curve_is_found_out(log, true, thrust, value):
     assert abs(found.quantities["intercept"].value) < 0.03
 
 
+@pytest.mark.thorough
 def test_what_was_found_is_told_and_can_be_typed(log):
     flight = replace(commanded(log, Mixed(0.5), thrust=True), parameters={"THR_MDL_FAC": 0.0})
     found = ev.identify_flight(flight, input_map="fit")
@@ -77,6 +78,7 @@ def test_what_was_found_is_told_and_can_be_typed(log):
     assert "thrust_curve" not in json.loads(typed.to_json())["parameters"]
 
 
+@pytest.mark.thorough
 def test_the_curve_rests_on_the_accelerometer_s_bias(log):
     flight = commanded(log, Power(1.5), thrust=False)
     curves = [
@@ -89,6 +91,7 @@ def test_the_curve_rests_on_the_accelerometer_s_bias(log):
     assert widths[1] == pytest.approx(1.5 * 1.96 * 0.5 / 9.81, rel=0.5)
 
 
+@pytest.mark.thorough
 def test_curvature_alone_is_refused_when_it_cannot_tell(log):
     found = ev.identify_flight(
         commanded(log, Power(1.5), thrust=False), input_map="fit", accelerometer_bias=math.inf

@@ -37,6 +37,7 @@ def searched(N: np.ndarray, D: np.ndarray, value: float) -> float:
     return float(minimize_scalar(ratio, bounds=(best - 0.06, best + 0.06), method="bounded").fun)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("strength", [3.0, 0.3, 0.05])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_values_are_those_that_a_search_finds(seed, strength):

@@ -50,6 +50,7 @@ def test_wald_path_is_its_formula():
         assert path[k - 10] == pytest.approx(W * (12 - 2 + 1) / (12 * 2), rel=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("unknowns", [1, 2, 3, 6])
 def test_table_is_what_the_simulation_draws(unknowns):
     """Shares of a fresh simulation beyond each quantile, within their binomial error."""

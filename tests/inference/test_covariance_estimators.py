@@ -118,6 +118,7 @@ def chunks_of(record, size, last=None):
     return chunks
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
 def test_chunks_give_the_covariance_of_the_whole_record(record, method, instruments):
     whole = ev.identify(MOTION.regression(record, instruments), method)

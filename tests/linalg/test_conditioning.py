@@ -60,6 +60,7 @@ def normal_equations(A, b, *, total):
     return np.linalg.solve(A.T @ A - s**2 * np.eye(UNKNOWNS), A.T @ b)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("total", [False, True], ids=["least squares", "total least squares"])
 @pytest.mark.parametrize("condition", [1e2, 1e4, 1e6, 1e8])
 def test_reduced_augmented_solver_is_as_good_as_the_full_system(condition, total):

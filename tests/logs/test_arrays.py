@@ -117,6 +117,7 @@ def test_what_cannot_be_written(tmp_path):
         write_recording(Recording("r", "frame", {}), tmp_path / "r.parquet")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "metadata",
     [

@@ -363,6 +363,7 @@ def test_what_is_not_defined_is_no_value(table, text):
     assert "never_valid" in {finding.name for finding in r.findings}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("column", ["*", "^a$", "^.*$", "a.b", "time::x", "𝔞"])
 def test_columns_of_any_name(tmp_path, column):
     frame = pl.DataFrame({"t": [0.0, 1.0], "a": [5.0, 6.0], column: [1.0, 2.0]})

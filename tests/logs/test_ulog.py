@@ -304,6 +304,7 @@ def test_unsound_formats_are_left_out(tmp_path, definition):
     assert "corrupt_parts" in names(r)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("found", "bits"),
     [

@@ -121,6 +121,7 @@ def estimated(fit: FlightEstimate) -> Any:
     return fit.estimate
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ONE_PANEL)
 def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
     figure, (left, right) = page(1, 2)
@@ -318,6 +319,7 @@ def curved(fit: FlightEstimate) -> FlightEstimate:
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("_as_a_user")
 def test_each_continuous_nuisance_has_a_panel(curved: FlightEstimate) -> None:
     figure = flight_figure(curved)

@@ -33,6 +33,7 @@ def _lines(text: str) -> list[str]:
     return [line.rstrip() for line in text.splitlines()]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
     text = _text(on_terminal(flight_document(pool)), width)
@@ -45,6 +46,7 @@ def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
         assert row.label in squeezed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 @pytest.mark.parametrize("name", ["fit", "pool", "still"])
 def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureRequest) -> None:
@@ -136,6 +138,7 @@ def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
     assert text.count("[red]x[/] [link=http://a]y[/link]\\x1b[2J\\n$z$") == 2
 
 
+@pytest.mark.thorough
 def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     channels = {**recording.channels}
     channels["velocity_z"] = replace(channels["velocity_z"], source=HOSTILE)
@@ -148,6 +151,7 @@ def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     assert "MPC_THR_HOVER = 0.35" in text
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80])
 def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) -> None:
     found = inspection(recording, _options(), Vertical())

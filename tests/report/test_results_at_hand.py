@@ -142,6 +142,7 @@ def test_parts_that_lie_are_refused(fit: FlightEstimate, tmp_path: Path):
         ev.load_fit(file)
 
 
+@pytest.mark.thorough
 def test_choices_are_named_one_by_one(fit: FlightEstimate):
     log = ev.example_flight()
     named = ev.identify_flight(log, window=(5.0, 50.0), max_tilt_deg=20.0)

@@ -66,6 +66,7 @@ STATIONARY = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("disturbance", STATIONARY, ids=lambda one: type(one).__name__)
 def test_variance_is_that_of_the_first_and_of_the_last_sample(disturbance):
     series = realisations(disturbance, 60, 1500)

@@ -77,6 +77,7 @@ def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
     return identify(problem, by_name(method)).parameters
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
 @pytest.mark.parametrize("method", list(TABLE))
 def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method, spec):
@@ -107,6 +108,7 @@ def test_recipe_told_the_delay_recovers_the_lag_from_commands(spec):
     assert found["input_gain"] == pytest.approx(spec.input_gain, rel=SPECTRAL)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", FAINT, ids=lambda spec: str(spec.trajectory))
 def test_recipe_tells_the_delay_from_a_tenth_of_a_sensors_noise(spec):
     found = identify_flight(flights()[spec].recording).quantities

@@ -99,6 +99,7 @@ def test_controller_answers_the_noise_that_is_logged():
     np.testing.assert_allclose(thrust, GRAVITY + gains.velocity_gain * error, rtol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # a minute has the shapes of eight seconds
 def test_tilt_has_its_size():
     truth = fly(replace(QUIET, tilt_rms=0.1, duration=60.0)).truth
@@ -130,6 +131,7 @@ def test_actual_state_takes_the_commands_place():
 # ------------------------------------------------------------------------- a flight is its specification
 
 
+@pytest.mark.thorough
 def test_flight_does_not_depend_on_its_batch():
     others = [replace(QUIET, seed=seed, delay=0.02, viscous_friction=0.2) for seed in range(30, 30 + BATCH)]
     batch = list(simulate_vertical_flights([*others, LOUD, QUIET]))
@@ -145,6 +147,7 @@ def test_same_specification_gives_the_same_bytes():
         assert values(first, name).tobytes() == values(second, name).tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "same"),
     [
@@ -182,6 +185,7 @@ def test_durations_must_agree():
         list(simulate_vertical_flights([QUIET, replace(QUIET, duration=9.0)]))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # a minute has the shapes of eight seconds
 def test_vehicle_far_from_its_reference_is_lost():
     storm = replace(QUIET, gust_rms=5.0, viscous_friction=2.0, duration=60.0)

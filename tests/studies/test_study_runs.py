@@ -92,6 +92,7 @@ def test_more_runs_continue(finished, tmp_path):
         run_study(small_study(30), tmp_path)
 
 
+@pytest.mark.thorough
 def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
     run_study(small_study(), tmp_path)
     shard = tmp_path / "shards" / "000001.parquet"
@@ -103,6 +104,7 @@ def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
     assert content(tmp_path) == content(finished.folder)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", np.linspace(0.0, 1.0, 12))
 def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     """Wherever it is in a shard, the next run computes that shard anew, and the table is the same."""
@@ -117,6 +119,7 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     assert content(tmp_path) == content(finished.folder)
 
 
+@pytest.mark.thorough
 def test_shards_of_another_place_are_made_again(finished, tmp_path):
     """One of another study with the same columns, and one of other trials of this study."""
     other = tmp_path / "other"

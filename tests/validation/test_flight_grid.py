@@ -81,6 +81,7 @@ def test_file_is_read_from_a_path(tmp_path, grid):
     assert read_grid(path) == grid
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

@@ -77,6 +77,7 @@ def test_force_follows_the_nominal_parameters_exactly(vehicle, friction, lag):
     np.testing.assert_allclose(truth.specific_force_z, expected, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "low", "high"),
     [(Vehicle.CRAZYFLIE, 0.98, 1.02), (Vehicle.HUMMINGBIRD, 0.99, 1.06), (Vehicle.MEDIUM, 0.99, 1.06)],
@@ -90,6 +91,7 @@ def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
     assert abs(intercept) < 0.15  # one per cent of g, traded against the gain, and the drag's mean
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "lag", "delay"),
     [
@@ -125,6 +127,7 @@ def test_accelerometer_is_that_of_rotorpy():
     np.testing.assert_allclose(read, ours, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_log_without_noise_agrees_with_the_truth():
     flight = fly(calm(gust_rms=1.0))
     recording, truth = flight.recording, flight.truth
@@ -142,6 +145,7 @@ def test_log_without_noise_agrees_with_the_truth():
     np.testing.assert_allclose(np.diff(values(recording, "position_z")), STEP_S * mean_velocity, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_controller_sees_the_noise():
     quiet = fly(calm(trajectory=TrajectoryKind.HOVER, duration=2.0))
     loud = fly(calm(trajectory=TrajectoryKind.HOVER, noise=SensorNoise(), duration=2.0))
