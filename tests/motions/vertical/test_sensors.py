@@ -256,3 +256,11 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     for name in ("velocity_z", "specific_force_z"):
         np.testing.assert_allclose(found.signals.channel(name), right.signals.channel(name), rtol=1e-9)
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1
+
+
+def test_a_tilt_that_no_sensor_has_is_told_as_such():
+    near, far = (sentence("tilt_left", Difference(np.deg2rad(-degrees), 0.01)) for degrees in (3.0, 52.0))
+    assert near == "Attitude and accelerometer differ by 3.0 ± 1.2 degrees to the right."
+    assert far.startswith(
+        "Attitude and accelerometer do not go together: it would take a tilt of 52 ± 1 degrees"
+    )

@@ -42,6 +42,8 @@ TILTS = {name: Parameter(f"tilt_{name}", "rad") for name in ("forward", "left", 
 LEAST = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
     tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
 }
+#: No sensor is mounted so far off [degrees].
+LARGEST_TILT_DEG = 20.0
 #: The vehicle moved sideways when its horizontal speed varied by so much [m/s].
 SIDEWAYS_SPEED = 0.3
 #: Lags of the horizontal velocities that serve as instruments, one behind the other [s].
@@ -166,6 +168,11 @@ def sentence(name: str, found: Difference) -> str:
         "tilt_y": ("along y", "against y"),
     }[name][int(value < 0.0)]
     degrees, width = np.rad2deg([abs(value), half])
+    if degrees > LARGEST_TILT_DEG:
+        return (
+            f"Attitude and accelerometer do not go together: it would take a tilt of {degrees:.0f} ± "
+            f"{width:.0f} degrees {along}. Check their axes and signs."
+        )
     return f"Attitude and accelerometer differ by {degrees:.1f} ± {width:.1f} degrees {along}."
 
 
