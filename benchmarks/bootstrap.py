@@ -66,7 +66,7 @@ def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     problem = replace(fit.fit.problem, flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: unjudged.judged(fit.verdict.status, fit.motion.wording[name])
+        name: unjudged.judged(fit.verdict, fit.motion.wording[name])
         for name, unjudged in fit.motion.quantities(problem, estimate).items()
     }
     return replace(fit, fit=replace(fit.fit, problem=problem, estimate=estimate), quantities=quantities)
