@@ -64,6 +64,21 @@ def number(name: str, value: object) -> None:
         raise UsageError(f"a number below 1.8e308 for {name}", described(value), "Correct the call.")
 
 
+def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
+    """Refuse attributes that are no numbers, or out of their ranges.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(given, name)
+        number(name, value)
+        if not low <= value <= high:
+            raise UsageError(f"{name} between {low:g} and {high:g}", f"{float(value):g}", remedy)
+
+
 def whole(name: str, value: object) -> None:
     """Refuse what is no whole number, and what no count of anything can be.
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -21,6 +21,7 @@ from jaxtyping import Float
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.competing import least_of_competitors
 from eivor.inference.covariances.estimators import CovarianceEstimator, check_covariance_estimator
 from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.sets.ellipse import Ellipse, joint_ellipse
@@ -82,21 +83,13 @@ class Estimate:
         refined = {profile.nuisance.name for profile in self.best.profiles}
         chosen = [name for name in self.best.at if name not in refined and len(self._values_of(name)) > 1]
         allowance = chi_square_quantile(level, max(len(chosen) - len(self.bounded), 1))
-        least = self.least_criterion
-        return tuple(one for one in self.candidates if one.criterion <= least[self.class_of(one)] + allowance)
+        least = self.least_of_competitors([one.criterion for one in self.candidates])
+        compared = zip(self.candidates, least, strict=True)
+        return tuple(one for one, lowest in compared if one.criterion <= lowest + allowance)
 
-    def class_of(self, candidate: Candidate) -> tuple[float, ...]:
-        """Value of every sum of nuisances that is bounded: candidates of one class compete."""
-        return tuple(round(sum(candidate.at[name] for name in names), 9) for names in self.bounded)
-
-    @cached_property
-    def least_criterion(self) -> dict[tuple[float, ...], float]:
-        """Least criterion of each class of candidates."""
-        least: dict[tuple[float, ...], float] = {}
-        for one in self.candidates:
-            place = self.class_of(one)
-            least[place] = min(one.criterion, least.get(place, math.inf))
-        return least
+    def least_of_competitors(self, criteria: Sequence[float]) -> list[float]:
+        """For each candidate the least criterion of those it competes with, see `competing`."""
+        return least_of_competitors(self.bounded, [one.at for one in self.candidates], criteria)
 
     def _values_of(self, nuisance: str) -> set[float]:
         return {candidate.at[nuisance] for candidate in self.candidates}

@@ -15,6 +15,7 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Assembler
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.competing import bounded_sums
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Moments, ProblemMoments
@@ -163,8 +164,8 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     """Estimate with a candidate for each combination of the discrete nuisances' values."""
     candidates = tuple(_candidate(method, problem, fixed) for fixed in problem.combinations())
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
-    bounded = tuple((one.name, *one.known_with) for one in problem.nuisances if one.bounds is not None)
-    return Estimate(method.name, candidates[0].rows.parameters + refined, candidates, bounded=bounded)
+    joint = candidates[0].rows.parameters + refined
+    return Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
 
 
 def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float]) -> Candidate:
@@ -217,7 +218,5 @@ def _minimum(
 def slope(
     weights: WeightedRows, nuisance: Nuisance, at: Values, theta: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " rows"]:
-    """Derivative of Phi theta by a nuisance, by a central difference."""
-    low, high = nuisance.around(at[nuisance.name])
-    below, above = (weights.rows({**at, nuisance.name: value}).regressors for value in (low, high))
-    return (above - below) @ theta / (high - low)
+    """Derivative of Phi theta by a nuisance."""
+    return nuisance.derivative(lambda moved: weights.rows(moved).regressors, at) @ theta

@@ -161,22 +161,19 @@ def parameter_sets(
     ):
         return None
     place = parameters.index(name)
-    classes = [estimate.class_of(candidate) for candidate in estimate.candidates]
     criteria = [_criterion(problem, nodes, candidate, place) for candidate in estimate.candidates]
     try:
-        least: dict[tuple[float, ...], float] = {}
-        for kind, one in zip(classes, criteria, strict=True):
-            least[kind] = min(one.scan.minimum[1], least.get(kind, np.inf))
+        least = estimate.least_of_competitors([one.scan.minimum[1] for one in criteria])
     except np.linalg.LinAlgError:
         return None
     best = estimate.best
     degrees = best.inference.rank + len(best.solved.misfits) - (best.solved.unknowns - 1)
 
     allowance, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
-    compared = list(zip(classes, criteria, strict=True))
+    compared = list(zip(least, criteria, strict=True))
     return ParameterSets(
         ConfidenceSet((estimate.interval(name, level),)),
-        ConfidenceSet.union(piece for kind, one in compared for piece in one.below(least[kind] + allowance)),
+        ConfidenceSet.union(piece for lowest, one in compared for piece in one.below(lowest + allowance)),
         ConfidenceSet.union(piece for one in criteria for piece in one.below(highest)),
     )
 

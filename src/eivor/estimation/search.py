@@ -145,7 +145,7 @@ class Search:
             best, objective = from_grid(self.unit(self._at(first.point)))
         else:
             best, objective = from_grid(0.0)
-        profiles = _profiles(self.sought, grids, objective)
+        profiles = profiles_of(self.sought, grids, objective)
         return Minimum(self._at(best.point), best.objective, best.solution, profiles)
 
     def _at(self, point: Point) -> dict[str, float]:
@@ -188,11 +188,12 @@ def product_grids(
     ]
 
 
-def _profiles(
+def profiles_of(
     sought: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
     objective: Float[np.ndarray, " points"],
 ) -> tuple[NuisanceProfile, ...]:
+    """Objective on a product of grids over each nuisance, at the best of the others."""
     table = objective.reshape([grid.size for grid in grids])
     return tuple(
         NuisanceProfile(nuisance, grid, np.moveaxis(table, number, 0).reshape(grid.size, -1).min(axis=1))

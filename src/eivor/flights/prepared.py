@@ -121,6 +121,12 @@ class PreparedFlight:
         )
 
     @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last second used, of a flight that has runs [s]."""
+        time_s = self.grid.time_s
+        return float(time_s[self.runs[0].start]), float(time_s[self.runs[-1].stop - 1])
+
+    @property
     def used_s(self) -> float:
         """Time used [s]."""
         return float(self.used.sum()) * self.signals.step_s

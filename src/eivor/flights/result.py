@@ -232,9 +232,7 @@ class FlightEstimate:
         """First and last second used [s]; None when there is none, or several logs are pooled."""
         if len(self.prepared) != 1 or not self.prepared[0].runs:
             return None
-        flight = self.prepared[0]
-        time = flight.grid.time_s
-        return float(time[flight.runs[0].start]), float(time[flight.runs[-1].stop - 1])
+        return self.prepared[0].span_s
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a quantity.

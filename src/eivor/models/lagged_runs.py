@@ -108,6 +108,12 @@ class AxisColumns:
         return None if self.valid is None or self.valid[run].all() else self.valid[run]
 
 
+def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
+    """Return the moving columns of an equation that has none, over so many samples."""
+    nothing = np.empty((count, 0))
+    return lambda _at: nothing
+
+
 @dataclass(frozen=True)
 class LaggedRuns(SeparableProblem):
     """Regressions of runs for each value of the nuisances.

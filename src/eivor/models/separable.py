@@ -8,10 +8,10 @@ Pereyra 1973).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,8 @@ from eivor.errors import ParameterError
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
 from eivor.models.spectral import SpectralRegression
+
+Number = TypeVar("Number", float, np.ndarray)
 
 #: The value of every nuisance, by name.
 Values = Mapping[str, float]
@@ -201,6 +203,12 @@ class Nuisance:
         low, high = float(self.grid[0]), float(self.grid[-1])
         step = DIFFERENCE * (high - low)
         return max(value - step, low), min(value + step, high)
+
+    def derivative(self, of: Callable[[Values], Number], at: Values) -> Number:
+        """Derivative of a function of all nuisances by this one, by a central difference, see `around`."""
+        low, high = self.around(at[self.name])
+        below, above = (of({**at, self.name: value}) for value in (low, high))
+        return (above - below) / (high - low)
 
 
 class SeparableProblem(ABC):

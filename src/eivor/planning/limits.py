@@ -48,11 +48,7 @@ class FlightLimits:
                 f"{self.height_m}",
                 remedy,
             )
-        for name, (low, high) in RANGES.items():
-            checks.number(name, getattr(self, name))
-            value = float(getattr(self, name))
-            if not low <= value <= high:
-                raise UsageError(f"{name} between {low:g} and {high:g}", f"{value:g}", "Give another limit.")
+        checks.within(self, RANGES, "Give another limit.")
 
     @property
     def middle_m(self) -> float:

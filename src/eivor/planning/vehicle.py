@@ -103,14 +103,7 @@ class VehicleGuess:
     asked: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            checks.number(name, getattr(self, name))
-            if not low <= getattr(self, name) <= high:
-                raise UsageError(
-                    f"{name} between {low:g} and {high:g}",
-                    f"{getattr(self, name):g}",
-                    "A rough number will do.",
-                )
+        checks.within(self, RANGES, "A rough number will do.")
         if self.densities is not None:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:

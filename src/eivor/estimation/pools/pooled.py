@@ -20,16 +20,17 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.competing import bounded_sums, least_of_competitors
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.parameter_sets import DEGREES, ParameterSets
+from eivor.estimation.pools.candidate import PoolCandidate, pool_candidate
 from eivor.estimation.pools.criterion import PoolCriterion
-from eivor.estimation.pools.joint import PoolJoint, member_slopes
+from eivor.estimation.pools.joint import PoolJoint
 from eivor.estimation.pools.mean import RandomEffectsMean, random_effects_mean
 from eivor.estimation.pools.member import pool_member
 from eivor.estimation.products.nodes import Nodes, nodes_of
-from eivor.estimation.search import NuisanceProfile
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.quantiles import chi_square_quantile, chi_square_tail, t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
@@ -41,55 +42,6 @@ from eivor.models.spectral import BinRows
 FEWEST_NODES = 33
 #: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
 DIFFERENT = 0.05
-
-
-@dataclass(frozen=True)
-class PoolCandidate:
-    """A pool at one combination of the discrete nuisances.
-
-    Parameters
-    ----------
-    separate, common : PoolCriterion
-        With parameters of each flight's own, and with all shared.
-    at : mapping of str to float
-        Every nuisance, where `separate` is least.
-    theta : tuple of ndarray, shapes (n,)
-        Linear parameters of each flight there.
-    joint : PoolJoint
-        Linearised there.
-    """
-
-    separate: PoolCriterion
-    common: PoolCriterion
-    at: Values
-    theta: tuple[Float[np.ndarray, " n"], ...]
-    joint: PoolJoint
-
-    @property
-    def criterion(self) -> float:
-        """J."""
-        return self.separate.minimum[1]
-
-    @cached_property
-    def common_theta(self) -> Float[np.ndarray, " n"]:
-        """Linear parameters where `common` is least."""
-        return self.common.parameters(self.common.minimum[0])[0]
-
-    @property
-    def profiles(self) -> tuple[NuisanceProfile, ...]:
-        """J over the nodes of each continuous nuisance, at the best of the others."""
-        axes = self.separate.nodes.axes
-        if not axes:
-            return ()
-        table = self.separate.least(self.separate.nodes.places).reshape([axis.values.size for axis in axes])
-        return tuple(
-            NuisanceProfile(
-                axis.nuisance,
-                axis.values,
-                np.moveaxis(table, number, 0).reshape(axis.values.size, -1).min(axis=1),
-            )
-            for number, axis in enumerate(axes)
-        )
 
 
 @dataclass(frozen=True)
@@ -248,23 +200,15 @@ class Pooled:
         self, criteria: Sequence[PoolCriterion], excess: float, place: int
     ) -> list[list[tuple[float, float]]]:
         """For each flight pieces where J exceeds the least of those it competes with by no more."""
-        classes = [self._class_of(one.at) for one in self.candidates]
-        least: dict[tuple[float, ...], float] = {}
-        for kind, one in zip(classes, criteria, strict=True):
-            least[kind] = min(one.minimum[1], least.get(kind, np.inf))
+        points = [one.at for one in self.candidates]
+        least = least_of_competitors(
+            bounded_sums(self.nuisances), points, [one.minimum[1] for one in criteria]
+        )
         found: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
-        for kind, one in zip(classes, criteria, strict=True):
-            for pieces, more in zip(found, one.below(least[kind] + excess, place), strict=True):
+        for lowest, one in zip(least, criteria, strict=True):
+            for pieces, more in zip(found, one.below(lowest + excess, place), strict=True):
                 pieces.extend(more)
         return found
-
-    @property
-    def _bounded(self) -> tuple[tuple[str, ...], ...]:
-        return tuple((one.name, *one.known_with) for one in self.nuisances if one.bounds is not None)
-
-    def _class_of(self, at: Values) -> tuple[float, ...]:
-        """Value of every sum that is known between bounds, see `Estimate.class_of`."""
-        return tuple(round(sum(at[name] for name in names), 9) for names in self._bounded)
 
     def mean(self, name: str, candidate: PoolCandidate | None = None) -> OwnMean:
         """One value for all flights of a parameter that is their own."""
@@ -332,7 +276,7 @@ class Pooled:
             self._candidate(pool, one, sought) for pool, one in zip(self.candidates, found, strict=True)
         )
         joint = (*first.best.rows.parameters, *(one.parameter for one in sought))
-        return Estimate(first.method, joint, candidates, bounded=self._bounded)
+        return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
 
     def _candidate(self, pool: PoolCandidate, found: _Solution, sought: tuple[Nuisance, ...]) -> Candidate:
         solved = self._method.solve(found.rows)
@@ -413,7 +357,7 @@ def pooled(
         for fixed in problems[0].with_nuisances(nuisances).combinations()
     ]
     p_value, inflation = _differences(criteria)
-    candidates = tuple(_pool_candidate(criterion, inflation) for criterion in criteria)
+    candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
     return Pooled(tuple(estimates), tuple(own), candidates, nuisances, p_value, separate)
 
 
@@ -466,18 +410,3 @@ def _differences(criteria: Sequence[PoolCriterion]) -> tuple[float, float]:
     excess = max(together - alone, 0.0)
     p_value = chi_square_tail(excess, degrees)
     return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0
-
-
-def _pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
-    nuisances, _ = criterion.minimum
-    theta = criterion.parameters(nuisances)
-    sought = tuple(axis.nuisance for axis in criterion.nodes.axes)
-    slopes = tuple(
-        member_slopes(member, sought, nuisances, own)
-        for member, own in zip(criterion.members, theta, strict=True)
-    )
-    at = {**criterion.members[0].fixed, **nuisances}
-    joint = PoolJoint(criterion, slopes, inflation)
-    centre = criterion.members[0].centre
-    shared = tuple(member.recentred(centre) for member in criterion.members)
-    return PoolCandidate(criterion, replace(criterion, members=shared, own=()), at, tuple(theta), joint)

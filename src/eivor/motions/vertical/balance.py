@@ -65,13 +65,12 @@ def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
 
 
 def _mapped_slope(problem: VerticalFlights, candidate: Candidate, nuisance: Nuisance) -> float:
-    """Derivative of the mean of U by a nuisance, by a central difference."""
-    low, high = nuisance.around(candidate.at[nuisance.name])
-    below, above = (
-        np.concatenate(_columns(problem, {**candidate.at, nuisance.name: value}))[:, 2].mean()
-        for value in (low, high)
-    )
-    return float(above - below) / (high - low)
+    """Derivative of the mean of U by a nuisance."""
+
+    def mean(at: Values) -> float:
+        return float(np.concatenate(_columns(problem, at))[:, 2].mean())
+
+    return nuisance.derivative(mean, candidate.at)
 
 
 def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ 3"]]:

@@ -93,8 +93,7 @@ def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
 
 def _within(flight: PreparedFlight, channel: Channel) -> Bool[np.ndarray, " n"]:
     """Valid samples in the stretch of time that was used."""
-    time = flight.grid.time_s
-    first, last = time[flight.runs[0].start], time[flight.runs[-1].stop - 1]
+    first, last = flight.span_s
     return np.isfinite(channel.values) & (channel.time_s >= first) & (channel.time_s <= last)
 
 

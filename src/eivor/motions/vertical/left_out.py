@@ -28,7 +28,7 @@ from eivor.flights.agreement import Difference, estimated
 from eivor.flights.grid import on_grid
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.equation import Parameter
-from eivor.models.lagged_runs import AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.separable import Values
 from eivor.motions.vertical.flights import VerticalFlights
 
@@ -157,26 +157,16 @@ def _linear(problem: VerticalFlights, own: AxisColumns, estimate: Estimate) -> F
     at = estimate.best.at
     moving = own.moving(at)
     theta = estimate.best.theta[own.fixed.shape[1] :]
-    slopes = []
-    for nuisance in problem.nuisances:
-        if nuisance.refined:
-            low, high = nuisance.around(at[nuisance.name])
-            above, below = (own.moving({**at, nuisance.name: value}) for value in (high, low))
-            slopes.append((above - below) @ theta / (high - low))
+    slopes = [one.derivative(own.moving, at) @ theta for one in problem.nuisances if one.refined]
     return np.column_stack([own.fixed, moving, *slopes])
 
 
 def _with(own: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
     """Columns of a flight with a term and its instrument."""
-    nothing = np.empty((x.size, 0))
-
-    def moving(_at: Values) -> Float[np.ndarray, "n 0"]:
-        return nothing
-
     return replace(
         own,
         fixed=np.column_stack([x, linear]),
-        moving=moving,
+        moving=nothing_moves(x.size),
         instruments=np.column_stack([own.instruments, z]),
     )
 

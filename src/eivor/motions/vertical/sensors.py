@@ -29,8 +29,7 @@ from eivor.flights.grid import on_grid
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
 from eivor.models.equation import Parameter
-from eivor.models.lagged_runs import AxisColumns, LaggedRuns
-from eivor.models.separable import Values
+from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.actuator import first_order_lag
@@ -80,18 +79,13 @@ def _columns(own: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisC
     """Columns of one flight, with its horizontal velocities."""
     A, D = own.responses.T
     a = 0.5 * (A + D)
-    nothing = np.empty((A.size, 0))
-
-    def moving(_at: Values) -> Float[np.ndarray, "n 0"]:
-        return nothing
-
     return replace(
         own,
         responses=(D - A)[:, None],
         fixed=np.column_stack(
             [np.gradient(a, own.step_s), a, *(-np.gradient(v, own.step_s) for v in sideways)]
         ),
-        moving=moving,
+        moving=nothing_moves(A.size),
         instruments=np.column_stack([own.instruments, *(_lags(v, own.step_s) for v in sideways)]),
     )
 

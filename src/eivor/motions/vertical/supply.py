@@ -32,8 +32,7 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> tuple[Finding, ...]:
 
 
 def _of_flight(flight: PreparedFlight) -> list[Finding]:
-    time_s = flight.grid.time_s
-    start, end = float(time_s[flight.runs[0].start]), float(time_s[flight.runs[-1].stop - 1])
+    start, end = flight.span_s
     channel = flight.recording.channels.get(VOLTAGE)
     within = np.zeros(0)
     if channel is not None:
