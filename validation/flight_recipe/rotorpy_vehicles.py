@@ -15,6 +15,9 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import MissingReaderError
+from eivor.motions.rigid_body.rotors import Rotors
+from eivor.motions.rigid_body.vehicle import BodyDrag
+from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 
 #: Step of the controller and of the log [s].
 STEP_S = 0.01
@@ -94,6 +97,28 @@ def vehicle_parameters(vehicle: Vehicle, lag_s: float | None) -> dict[str, Any]:
     if lag_s is not None:
         parameters["tau_m"] = lag_s
     return parameters
+
+
+def rigid_body(parameters: Mapping[str, Any]) -> RigidBody:
+    """Vehicle of Eivor's own simulator with RotorPy's parameters."""
+    moments = tuple(float(parameters[name]) for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"))
+    quadratic = tuple(float(parameters.get(name, 0.0)) for name in ("c_Dx", "c_Dy", "c_Dz"))
+    thrust, torque = float(parameters["k_eta"]), float(parameters["k_m"])
+    rotors = Rotors(
+        positions=tuple(tuple(float(x) for x in place) for place in parameters["rotor_pos"].values()),
+        spins=tuple(int(direction) for direction in parameters["rotor_directions"]),
+        highest_speed=float(parameters["rotor_speed_max"]),
+        lowest_speed=float(parameters["rotor_speed_min"]),
+        thrust_quadratic=thrust,
+        torque_ratio=torque / thrust,
+        lag_up=float(parameters["tau_m"]),
+        lag_down=float(parameters["tau_m"]),
+        drag=float(parameters.get("k_d", 0.0)),
+        inflow=float(parameters.get("k_z", 0.0)),
+        translational_lift=float(parameters.get("k_h", 0.0)),
+        flapping=float(parameters.get("k_flap", 0.0)),
+    )
+    return RigidBody(float(parameters["mass"]), moments, rotors, BodyDrag(quadratic=quadratic))
 
 
 def hover_speed(parameters: Mapping[str, Any]) -> float:

@@ -1,0 +1,37 @@
+"""What the numbers of a vehicle may be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sized
+
+from eivor.errors import ParameterError
+
+_REMEDY = "Correct the vehicle's description."
+
+
+def finite(name: str, *values: float) -> None:
+    """Refuse NaN and infinity."""
+    for value in values:
+        if not math.isfinite(value):
+            raise ParameterError(f"a finite {name}", f"{name}={value}", _REMEDY)
+
+
+def positive(name: str, *values: float) -> None:
+    """Refuse what is not finite and above zero."""
+    for value in values:
+        if not (math.isfinite(value) and value > 0.0):
+            raise ParameterError(f"a finite {name} above zero", f"{name}={value}", _REMEDY)
+
+
+def non_negative(name: str, *values: float) -> None:
+    """Refuse what is not finite and zero or more."""
+    for value in values:
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ParameterError(f"a finite {name} of zero or more", f"{name}={value}", _REMEDY)
+
+
+def triple(name: str, values: Sized) -> None:
+    """Refuse what has not three numbers, one for each axis."""
+    if len(values) != 3:
+        raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)

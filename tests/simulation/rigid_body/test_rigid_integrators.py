@@ -1,0 +1,239 @@
+"""Steps of the rigid body against closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from eivor.errors import ParameterError
+from eivor.motions.rigid_body.coefficients import Coefficients, coefficients_of, side_by_side
+from eivor.motions.rigid_body.rotors import Rotors
+from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.motions.vertical.model import GRAVITY
+from eivor.simulation.rigid_body.integrators import AdaptiveSteps, HeldInputs, RotorCourse, RungeKutta4
+
+ARM = 0.03
+ROTORS = Rotors(
+    positions=((ARM, ARM, 0.0), (ARM, -ARM, 0.0), (-ARM, -ARM, 0.0), (-ARM, ARM, 0.0)),
+    spins=(1, -1, 1, -1),
+    highest_speed=2500.0,
+    thrust_quadratic=2.3e-8,
+    torque_ratio=0.034,
+    lag_up=0.07,
+    lag_down=0.07,
+)
+SMALL = Vehicle(0.03, (1.4e-5, 1.5e-5, 2.6e-5), ROTORS)
+DRAGGED = replace(
+    SMALL, rotors=replace(ROTORS, drag=1e-6, inflow=7.5e-7), drag=BodyDrag(quadratic=(1e-3, 1e-3, 2e-3))
+)
+LEVEL = [0.0] * 6 + [1.0] + [0.0] * 6
+
+
+def turning(rates: Sequence[float]) -> list[float]:
+    return LEVEL[:10] + list(rates)
+
+
+def flown(
+    coefficients: Coefficients,
+    body: list[float],
+    speeds: list[float],
+    held: HeldInputs,
+    *,
+    step_s: float,
+    seconds: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """States of body and rotors at the start and after each step."""
+    stepper = RungeKutta4().stepper(coefficients, step_s)
+    bodies, rotors = [body], [speeds]
+    for _ in range(round(seconds / step_s)):
+        body, speeds = stepper.step(body, speeds, held)
+        bodies.append(body)
+        rotors.append(speeds)
+    return np.array(bodies), np.array(rotors)
+
+
+def rotations(bodies: np.ndarray) -> Rotation:
+    return Rotation.from_quat(bodies[:, 6:10], scalar_first=True)
+
+
+STILL = HeldInputs([0.0] * 4)
+unchecked = pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of the same shapes
+
+
+@unchecked
+def test_free_body_keeps_momentum_and_energy():
+    skew = replace(SMALL, inertia=(1.4e-5, 1.8e-5, 2.6e-5, 1e-6, -2e-6, 1.5e-6))
+    body = turning((2.0, -3.0, 4.0))
+    bodies, _ = flown(coefficients_of(skew), body, [0.0] * 4, STILL, step_s=0.005, seconds=20.0)
+    rates = bodies[:, 10:]
+    momentum = rotations(bodies).apply(rates @ skew.inertia_matrix)
+    assert np.abs(momentum - momentum[0]).max() < 1e-7 * np.linalg.norm(momentum[0])
+    turning_energy = 0.5 * np.sum(rates * (rates @ skew.inertia_matrix), axis=1)
+    assert np.ptp(turning_energy) < 1e-7 * turning_energy[0]
+    falling = 0.5 * np.sum(bodies[:, 3:6] ** 2, axis=1) + GRAVITY * bodies[:, 2]
+    assert np.abs(falling).max() < 1e-7 * GRAVITY * np.abs(bodies[:, 2]).max()
+
+
+@unchecked
+def test_axisymmetric_body_precesses():
+    top = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5))
+    bodies, _ = flown(
+        coefficients_of(top), turning((2.0, 0.0, 5.0)), [0.0] * 4, STILL, step_s=0.005, seconds=20.0
+    )
+    time = 0.005 * np.arange(bodies.shape[0])
+    angle = (2.6 - 1.4) / 1.4 * 5.0 * time
+    expected = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(time.size, 5.0)])
+    np.testing.assert_allclose(bodies[:, 10:], expected, atol=1e-7 * 5.0)
+    # In the world the body's axis turns about the momentum, at the momentum over the lateral inertia.
+    momentum = np.array([1.4 * 2.0, 0.0, 2.6 * 5.0])
+    axis = Rotation.from_rotvec(np.outer(time, momentum / 1.4)).apply([0.0, 0.0, 1.0])
+    np.testing.assert_allclose(rotations(bodies).apply([0.0, 0.0, 1.0]), axis, atol=1e-7)
+
+
+def test_hover_stays():
+    hover = [DRAGGED.hover_speed] * 4
+    bodies, rotors = flown(
+        coefficients_of(DRAGGED), LEVEL, hover, HeldInputs(hover), step_s=0.002, seconds=0.5
+    )
+    np.testing.assert_allclose(bodies, np.tile(LEVEL, (bodies.shape[0], 1)), atol=1e-9)
+    np.testing.assert_array_equal(rotors[-1], hover)
+
+
+def test_climb_is_an_exponential():
+    vehicle = replace(SMALL, rotors=replace(ROTORS, inflow=7.5e-7), drag=BodyDrag(linear=(0.0, 0.0, 4e-3)))
+    speed = 1.1 * vehicle.hover_speed
+    bodies, _ = flown(
+        coefficients_of(vehicle), LEVEL, [speed] * 4, HeldInputs([speed] * 4), step_s=0.01, seconds=2.0
+    )
+    friction = (4.0 * 7.5e-7 * speed + 4e-3) / 0.03
+    final = (1.1**2 - 1.0) * GRAVITY / friction
+    time = 0.01 * np.arange(bodies.shape[0])
+    np.testing.assert_allclose(bodies[:, 5], -final * np.expm1(-friction * time), atol=1e-9)
+
+
+def test_error_goes_with_the_fourth_power_of_the_step():
+    coefficients, hover = coefficients_of(DRAGGED), DRAGGED.hover_speed
+    held = HeldInputs(
+        [1.05 * hover, hover, 0.98 * hover, hover], wind=(1.0, -0.5, 0.3), disturbance=(1e-5, 0.0, 0.0)
+    )
+    ends = []
+    for step_s in (0.02, 0.01, 0.00125):
+        bodies, _ = flown(
+            coefficients, turning((1.0, 2.0, 3.0)), [hover] * 4, held, step_s=step_s, seconds=0.6
+        )
+        ends.append(bodies[-1])
+    ratio = np.linalg.norm(ends[0] - ends[2]) / np.linalg.norm(ends[1] - ends[2])
+    assert 13.0 < ratio < 19.0
+
+
+def test_adaptive_steps_agree_with_small_fixed_ones():
+    vehicle = replace(DRAGGED, rotors=replace(DRAGGED.rotors, lag_down=0.02, inertia=1e-9))
+    coefficients, hover = coefficients_of(vehicle), vehicle.hover_speed
+    held = HeldInputs([1.1 * hover, hover, 0.9 * hover, hover], wind=(2.0, 0.0, 0.0))
+    state = turning((1.0, -2.0, 0.5)), [hover, hover, 1.1 * hover, 0.9 * hover]
+    fixed = flown(coefficients, *state, held, step_s=0.001, seconds=0.1)
+    body, speeds = AdaptiveSteps(rtol=1e-10).stepper(coefficients, 0.1).step(*state, held)
+    np.testing.assert_allclose(body, fixed[0][-1], atol=1e-9)
+    np.testing.assert_allclose(speeds, fixed[1][-1], rtol=1e-12)
+
+
+# ------------------------------------------------------------------------------ rotors with inertia
+
+
+def test_rotors_that_speed_up_turn_the_body_the_other_way():
+    """RotorPy has no inertia of rotors; here the yaw rate is that of the closed form."""
+    vehicle = replace(SMALL, rotors=replace(ROTORS, inertia=2e-9, torque_ratio=0.0, lag_down=0.03))
+    hover = vehicle.hover_speed
+    command = [1.2 * hover, 0.9 * hover, 1.2 * hover, 0.9 * hover]
+    bodies, rotors = flown(
+        coefficients_of(vehicle), LEVEL, [hover] * 4, HeldInputs(command), step_s=0.002, seconds=0.2
+    )
+    time = 0.002 * np.arange(bodies.shape[0])
+    gained = -0.2 * hover * np.expm1(-time / 0.07), 0.1 * hover * np.expm1(-time / 0.03)
+    np.testing.assert_allclose(rotors[:, 0] - hover, gained[0], atol=1e-9)
+    np.testing.assert_allclose(rotors[:, 1] - hover, gained[1], atol=1e-9)
+    # rotors 1 and 3 turn clockwise: as they speed up, the body is pushed counterclockwise
+    expected = 2e-9 / 2.6e-5 * 2.0 * (gained[0] - gained[1])
+    np.testing.assert_allclose(bodies[:, 12], expected, atol=1e-7)
+
+
+def test_spinning_rotors_make_a_gyroscope_of_the_body():
+    alike = replace(ROTORS, spins=(1, 1, 1, 1), inertia=3e-9, torque_ratio=0.0)
+    vehicle = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5), rotors=alike)
+    speed = 1500.0
+    bodies, _ = flown(
+        coefficients_of(vehicle),
+        turning((0.5, 0.0, 0.0)),
+        [speed] * 4,
+        HeldInputs([speed] * 4),
+        step_s=0.002,
+        seconds=1.0,
+    )
+    angle = 3e-9 * 4.0 * speed / 1.4e-5 * 0.002 * np.arange(bodies.shape[0])
+    # The rotors' momentum points down, so the rates turn clockwise about the body's z.
+    np.testing.assert_allclose(bodies[:, 10], 0.5 * np.cos(angle), atol=1e-8)
+    np.testing.assert_allclose(bodies[:, 11], -0.5 * np.sin(angle), atol=1e-8)
+
+
+@unchecked
+def test_rotors_and_body_exchange_momentum():
+    """Rotors that speed up while the body tumbles: the sum of both momenta stays."""
+    idle = replace(ROTORS, inertia=3e-8, torque_ratio=0.0, thrust_quadratic=1e-30)
+    vehicle = replace(SMALL, rotors=idle)
+    bodies, rotors = flown(
+        coefficients_of(vehicle),
+        turning((2.0, -1.0, 1.0)),
+        [0.0] * 4,
+        HeldInputs([1000.0, 200.0, 400.0, 0.0]),
+        step_s=0.001,
+        seconds=1.0,
+    )
+    own = bodies[:, 10:] @ vehicle.inertia_matrix
+    own[:, 2] -= 3e-8 * rotors @ np.array(idle.spins)
+    total = rotations(bodies).apply(own)
+    np.testing.assert_allclose(
+        total, np.tile(total[0], (total.shape[0], 1)), atol=1e-7 * np.linalg.norm(total[0])
+    )
+
+
+# ------------------------------------------------------------------------------------ side by side
+
+
+def test_flights_side_by_side_are_those_alone():
+    heavy = replace(DRAGGED, mass=0.05, inertia=(2e-5, 2e-5, 4e-5, 1e-6, 0.0, 0.0))
+    vehicles = [DRAGGED, heavy]
+    starts = [turning((1.0, 0.0, 2.0)), turning((-1.0, 3.0, 0.0))]
+    commands = [[1500.0, 1600.0, 1400.0, 1550.0], [2000.0, 1900.0, 2100.0, 2000.0]]
+    wind = (np.ones(2), np.zeros(2), np.zeros(2))
+    body, (speeds,) = (
+        RungeKutta4()
+        .stepper(side_by_side(vehicles), 0.01)
+        .step(np.array(starts).T, [np.full((4, 2), 1500.0)], HeldInputs([np.array(commands).T], wind))
+    )
+    for k, vehicle in enumerate(vehicles):
+        alone = (
+            RungeKutta4()
+            .stepper(coefficients_of(vehicle), 0.01)
+            .step(starts[k], [1500.0] * 4, HeldInputs(commands[k], wind=(1.0, 0.0, 0.0)))
+        )
+        np.testing.assert_allclose(body[:, k], alone[0], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(speeds[:, k], alone[1], rtol=1e-12)
+
+
+def test_rotors_follow_with_the_lag_of_their_direction():
+    coefficients = coefficients_of(replace(SMALL, rotors=replace(ROTORS, lag_down=0.02)))
+    up, down = RotorCourse(coefficients, 0.01).after([1000.0, 1000.0], [1200.0, 700.0])
+    assert up == pytest.approx(1200.0 - 200.0 * np.exp(-0.01 / 0.07), rel=1e-12)
+    assert down == pytest.approx(700.0 + 300.0 * np.exp(-0.01 / 0.02), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"), [({"rtol": 0.0}, "tolerances above zero"), ({"method": "euler"}, "a method out of")]
+)
+def test_adaptive_steps_are_checked(wrong, message):
+    with pytest.raises(ParameterError, match=message):
+        AdaptiveSteps(**wrong)
