@@ -354,6 +354,23 @@ def test_what_the_decoder_prints_is_a_finding(tmp_path, capfd, monkeypatch):
     assert capfd.readouterr().out == ""
 
 
+def test_the_decoder_gets_one_message_of_each_topic(tmp_path, monkeypatch):
+    from pyulog import core
+
+    given = []
+
+    class Counting(core.ULog):
+        def __init__(self, *arguments, **options):
+            super().__init__(*arguments, **options)
+            given.extend(data.data["timestamp"].size for data in self.data_list)
+
+    monkeypatch.setattr(core, "ULog", Counting)
+    r = read(tmp_path, flight())
+    assert len(given) > 3
+    assert set(given) == {1}
+    assert r.channels["attitude_w"].time_s.size > 100
+
+
 def test_a_nested_format(tmp_path):
     writer = UlogWriter()
     writer.definitions += message("F", b"vehicle_status:uint64_t timestamp;inner[2] part;uint8_t nav_state;")

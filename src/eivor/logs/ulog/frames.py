@@ -5,6 +5,9 @@ the sizes and the field lists that it reads: a few wrong bytes can make it seek 
 expand nested arrays without bound, or print to the terminal. So this module walks the chain first and
 hands on a *clean* log in memory: only complete messages of the needed topics whose definitions are
 sound. Its cost is one pass over the file; its memory is that of the needed topics.
+
+The decoder gets the definitions and one message of each topic. The others of a topic have the layout of
+that one, so they are kept aside, and read as one table.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from eivor.errors import CorruptLogError
 
 SYNC_MARK = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
 _HEADER_BYTES = 16
+_DATA = ord("D")
 _KNOWN_TYPES = frozenset(b"FDIMPQARSOLCB")
 #: Three bytes that may head a message: a size that is not zero, and a known type.
 _CANDIDATE = re.compile(rb"(?s)(?:[^\x00].|.[^\x00])[FDIMPQARSOLCB]")
@@ -54,7 +58,9 @@ class CleanLog:
     Parameters
     ----------
     definitions, data : bytearray
-        The two sections of a ULog file with the needed messages only.
+        The two sections of a ULog file with the needed messages only, but those of the topics.
+    rows : dict of int to list of bytes
+        Messages of each topic, by the number of its subscription, all of one length.
     skipped_bytes : int
         Bytes that belong to no plausible message.
     rejected_messages : int
@@ -67,6 +73,7 @@ class CleanLog:
 
     definitions: bytearray
     data: bytearray = field(default_factory=bytearray)
+    rows: dict[int, list[bytes]] = field(default_factory=dict)
     skipped_bytes: int = 0
     rejected_messages: int = 0
     cut_bytes: int = 0
@@ -80,8 +87,11 @@ class CleanLog:
 
     @property
     def content(self) -> bytes:
-        """The clean file."""
-        return bytes(self.definitions + self.data)
+        """The clean file, with the first message of each topic."""
+        first = [
+            _message(_DATA, struct.pack("<H", number) + rows[0]) for number, rows in self.rows.items() if rows
+        ]
+        return b"".join((self.definitions, self.data, *first))
 
 
 def clean_log(data: mmap | bytes, topics: Collection[str], name: str) -> CleanLog:
@@ -118,7 +128,7 @@ def clean_log(data: mmap | bytes, topics: Collection[str], name: str) -> CleanLo
             if in_definitions:
                 _take_definition(log, kind, payload)
             else:
-                _take_data(log, kind, payload, topics)
+                _take_other(log, kind, payload, topics)
         start = end
     return log
 
@@ -146,12 +156,26 @@ def _appended_offsets(data: mmap | bytes, name: str) -> list[int]:
 
 
 def _messages(data: mmap | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
-    """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
-    unpack = struct.Struct("<HB").unpack_from
+    """Complete messages between two offsets; a broken chain is resumed at the next sync mark.
+
+    Messages of topics, which are nearly all there are, are not handed on but kept here.
+    """
+    head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
+    sizes, rows = log._sizes, log.rows
     position = start
     while position + 3 <= end:
-        size, kind = unpack(data, position)
+        size, kind = head(data, position)
         after = position + 3 + size
+        if kind == _DATA and size > 1 and after <= end:
+            number = subscription(data, position + 3)[0]
+            if number in sizes:
+                least, most = sizes[number]
+                if least <= size - 2 <= most:
+                    rows[number].append(data[position + 5 : position + 5 + least])
+                else:
+                    log.rejected_messages += 1
+            position = after
+            continue
         plausible = kind in _KNOWN_TYPES and size > 0
         if plausible and after <= end:
             yield kind, data[position + 3 : after]
@@ -227,17 +251,9 @@ def _take_definition(log: CleanLog, kind: int, payload: bytes) -> None:
             log.rejected_messages += 1
 
 
-def _take_data(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> None:
-    """Keep subscriptions of needed topics, their data, and dropouts."""
-    if kind == ord("D"):
-        sizes = log._sizes.get(int.from_bytes(payload[:2], "little"))
-        if sizes is None:
-            return
-        if sizes[0] <= len(payload) - 2 <= sizes[1]:
-            log.data += _message(kind, payload)
-        else:
-            log.rejected_messages += 1
-    elif kind == ord("A"):
+def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> None:
+    """Keep subscriptions of needed topics, and dropouts."""
+    if kind == ord("A"):
         _take_subscription(log, payload, topics)
     elif kind == ord("O"):
         if len(payload) == 2:
@@ -271,6 +287,7 @@ def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -
     while flat[-1][0].startswith("_padding"):
         flat.pop()
     log._sizes[number] = (sum(_FIELD_BYTES[kind] for _, kind in flat), full)
+    log.rows[number] = []
     log.data += _message(ord("A"), payload)
 
 

@@ -99,7 +99,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
     ulog, printed = _decode(clean, file)
     findings = _file_findings(clean, ulog, printed)
     parameters = _parameters(ulog)
-    reading = _read_channels(ulog, findings, parameters)
+    reading = _read_channels(ulog, clean.rows, findings, parameters)
     if not reading.channels:
         topics = ", ".join(NEEDED_TOPICS)
         raise EmptyLogError(
@@ -182,12 +182,18 @@ def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
     return findings
 
 
-def _read_channels(ulog: Any, findings: list[Finding], parameters: Mapping[str, float]) -> _Reading:
+def _read_channels(
+    ulog: Any,
+    rows: Mapping[int, list[bytes]],
+    findings: list[Finding],
+    parameters: Mapping[str, float],
+) -> _Reading:
     """All channels that the topics hold."""
     start = np.uint64(ulog.start_timestamp)
     instances: dict[str, list[Topic]] = {}
     for data in ulog.data_list:
-        instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), data.data))
+        fields = _table(data.data, rows[data.msg_id])
+        instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), fields))
     topics = {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
     late = {name: sum((one.seconds for one in causes), 0.0) for name, causes in delays.items()}
@@ -215,6 +221,13 @@ def _read_channels(ulog: Any, findings: list[Finding], parameters: Mapping[str, 
             )
         )
     return reading
+
+
+def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.ndarray]:
+    """Fields of all messages of a topic, of the decoder's fields of the first."""
+    layout = np.dtype([(name, values.dtype) for name, values in first.items()])
+    table = np.frombuffer(b"".join(rows), dtype=layout)
+    return {name: table[name] for name in first}
 
 
 def _by_rate(sources: tuple[Source, ...], topics: Mapping[str, Topic]) -> list[Source]:
