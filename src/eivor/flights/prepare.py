@@ -23,6 +23,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, jumps, named_reference, references
 from eivor.flights.selection import Limit, Selection
+from eivor.signals.fast_length import fast_length
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
@@ -88,7 +89,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
 
 
 def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
-    """Stretches of standing samples, most of them usable, with usable ones at both ends.
+    """Stretches of standing samples, most of them usable, and of a length that spectra are quickly made of.
 
     Short excursions of samples that stand on data but are beyond a limit are bridged.
     """
@@ -102,10 +103,15 @@ def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step
         bridged[excursion] = inside and (excursion.stop - excursion.start) * step_s <= LONGEST_EXCURSION_S
     runs = [
         run
-        for run in stretches(bridged)
+        for run in map(_quick, stretches(bridged))
         if usable[run].sum() * step_s >= SHORTEST_RUN_S and usable[run].mean() >= LEAST_COUNTED_SHARE
     ]
     return runs if sum(usable[run].sum() for run in runs) * step_s >= LEAST_USED_S else []
+
+
+def _quick(run: slice) -> slice:
+    """A run without the last few samples that would make its spectra slow."""
+    return slice(run.start, run.start + fast_length(run.stop - run.start))
 
 
 def _refuse_empty(log: Recording, channel: Channel) -> None:
