@@ -1,4 +1,4 @@
-"""Write the tables of docs/logs.md: where PX4 logs each channel and how often, and the units of channel maps.
+"""Write the tables of docs/logs.md: where PX4 and a Crazyflie log each channel, how often PX4 does, and the units of channel maps.
 
     python docs/log_tables.py
 
@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from eivor.logs.crazyflie.channels import LOOKED_FOR as VARIABLES
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
 from eivor.logs.units import UNITS
 from eivor.studies.generated_page import markdown, page_with
@@ -20,7 +21,12 @@ PAGE = Path(__file__).resolve().parent / "logs.md"
 
 def parts() -> dict[str, str]:
     """Generated parts of the page by name."""
-    return {"ulog sources": ulog_sources(), "ulog rates": ulog_rates(), "units": units()}
+    return {
+        "ulog sources": ulog_sources(),
+        "ulog rates": ulog_rates(),
+        "crazyflie sources": crazyflie_sources(),
+        "units": units(),
+    }
 
 
 def code(words: Iterable[str], joint: str = ", ") -> str:
@@ -48,6 +54,12 @@ def ulog_rates() -> str:
             (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
         )
     return markdown(("topic", "default profile", "full rate with bit"), rows)
+
+
+def crazyflie_sources() -> str:
+    """Where each channel is looked for in a Crazyflie's log."""
+    rows = ((code([name]), code(variables, "<br>")) for name, variables in VARIABLES.items())
+    return markdown(("channel", "variables, in order of preference"), rows)
 
 
 def units() -> str:

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ulog_writer import flight
+from usd_writer import flight as crazyflie_flight
 
 from eivor.errors import InputError
 from eivor.logs import read_log
@@ -84,12 +85,22 @@ def seeds(tmp_path_factory):
     canonical().write_parquet(folder / "t.parquet", metadata={"eivor": "{}"})
     canonical().write_parquet(folder / "plain.parquet", compression="uncompressed", row_group_size=20)
     (folder / "t.ulg").write_bytes(flight().bytes())
+    for version in (1, 2):
+        (folder / f"crazyflie{version}").write_bytes(crazyflie_flight(version).bytes())
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("name", "trials"), [("t.csv", 150), ("t.ulg", 150), ("t.parquet", 15), ("plain.parquet", 15)]
+    ("name", "trials"),
+    [
+        ("t.csv", 150),
+        ("t.ulg", 150),
+        ("t.parquet", 15),
+        ("plain.parquet", 15),
+        ("crazyflie1", 300),
+        ("crazyflie2", 300),
+    ],
 )
 def test_synthetic_files(tmp_path, seeds, name, trials):
     rng = np.random.default_rng(7)
@@ -98,7 +109,10 @@ def test_synthetic_files(tmp_path, seeds, name, trials):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("name", "cuts"), [("t.csv", 150), ("t.ulg", 150), ("t.parquet", 10)])
+@pytest.mark.parametrize(
+    ("name", "cuts"),
+    [("t.csv", 150), ("t.ulg", 150), ("t.parquet", 10), ("crazyflie1", 300), ("crazyflie2", 300)],
+)
 def test_every_length(tmp_path, seeds, name, cuts):
     blob = seeds[name]
     for length in range(0, len(blob), max(1, len(blob) // cuts)):
@@ -108,7 +122,12 @@ def test_every_length(tmp_path, seeds, name, cuts):
 @pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",
-    ["px4/sample_appended_multiple.ulg", "px4/sample_px4_events.ulg", "nanobench/B2_circle_fast_rep1.csv"],
+    [
+        "px4/sample_appended_multiple.ulg",
+        "px4/sample_px4_events.ulg",
+        "nanobench/B2_circle_fast_rep1.csv",
+        "arpl-crazyflie/log10",
+    ],
 )
 def test_real_files(tmp_path, recordings, name):
     rng = np.random.default_rng(11)
@@ -121,6 +140,12 @@ def test_real_files(tmp_path, recordings, name):
 @given(st.binary(max_size=300))
 def test_any_bytes_after_a_ulog_header(tmp_path, blob):
     survives(tmp_path / "u", b"\x55\x4c\x6f\x67\x01\x12\x35\x01" + bytes(8) + blob)
+
+
+@QUICK
+@given(st.binary(max_size=300), st.sampled_from([0, 5, 7, 20, 60, 150]))
+def test_any_bytes_in_a_crazyflie_log(tmp_path, blob, sound):
+    survives(tmp_path / "c", crazyflie_flight(count=20).bytes()[: 1 + sound] + blob)
 
 
 @settings(QUICK, max_examples=10)

@@ -29,7 +29,6 @@ def written(tmp_path, content, name="log"):
         (b"#ROSBAG V2.0\n" + bytes(100), "ROS 1 bag"),
         (b"SQLite format 3\x00" + bytes(100), "ROS 2 bag"),
         (b"\x89MCAP0\r\n" + bytes(100), "MCAP"),
-        (b"\xbc\x02" + bytes(100), "Crazyflie microSD"),
         (gzip.compress(b"time,velocity_z\n0,1\n", mtime=0), "gzip archive.*Unpack"),
         (b"PK\x03\x04" + bytes(100), "zip archive"),
         (b"H Product:Blackbox flight data recorder", "Betaflight"),

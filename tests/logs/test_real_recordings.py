@@ -88,11 +88,63 @@ def test_px4_old_names(recordings):
     ("path", "words"),
     [
         ("ardupilot/log_0036_mechanical_failure.bin", "DataFlash"),
-        ("arpl-crazyflie/log10", "Crazyflie microSD"),
-        ("arpl-crazyflie/log15", "Crazyflie microSD"),
-        ("arpl-crazyflie/log16", "Crazyflie microSD"),
     ],
 )
 def test_formats_without_a_reader(recordings, path, words):
     with pytest.raises(MissingReaderError, match=words):
         read_log(recordings / path)
+
+
+CRAZYFLIE_SOURCES = [f"{group}.{axis}" for group in ("acc", "gyro") for axis in "xyz"]
+CRAZYFLIE_SOURCES += [f"motor.m{rotor}" for rotor in range(1, 5)]
+
+
+@pytest.fixture(scope="module")
+def crazyflie(recordings):
+    return {name: read_log(recordings / "arpl-crazyflie" / name) for name in ("log10", "log15", "log16")}
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "seconds", "gaps"),
+    [
+        ("log10", 50496, 50.007, "1 gap of 5.98 ms"),
+        ("log15", 62774, 62.188, "5 gaps of 4.94 to 7 ms"),
+        ("log16", 47182, 46.726, "1 gap of 3.96 ms"),
+    ],
+)
+def test_crazyflie_logs(crazyflie, name, count, seconds, gaps):
+    r = crazyflie[name]
+    assert sorted(c.source for c in r.channels.values()) == sorted(CRAZYFLIE_SOURCES)
+    assert {c.values.size for c in r.channels.values()} == {count}
+    motor = r.channels["rotor_command_1"]
+    assert motor.time_s[-1] == pytest.approx(seconds, abs=1e-3)
+    assert np.median(np.diff(motor.time_s)) == pytest.approx(0.99e-3, abs=0.005e-3)
+    # the checksum fits, nothing is left out, and the accelerations are near one g
+    assert names(r) == ["dropouts", "sensor_delay"]
+    assert gaps in r.findings[0].message
+
+
+def test_crazyflie_values(crazyflie):
+    force = crazyflie["log15"].channels["specific_force_body_z"].values
+    assert np.median(force) == pytest.approx(9.81, abs=0.05)
+    assert np.abs(crazyflie["log10"].channels["angular_rate_x"].values).max() == pytest.approx(34.2, abs=0.1)
+    for r in crazyflie.values():
+        for motor in r.family("rotor_command_*"):
+            assert motor.values.min() == 0.0
+            assert 0.85 < motor.values.max() < 0.93
+            changed = np.flatnonzero(np.diff(motor.values)) + 1
+            assert np.median(np.diff(changed)) == 2.0  # held for two rows
+
+
+def test_crazyflie_columns_by_a_map(crazyflie, recordings, tmp_path):
+    (tmp_path / "m.toml").write_text(
+        'name = "m"\n[time]\ncolumn = "timestamp"\n'
+        '[channels.input]\nexpression = \'"motor.m1" + "motor.m2"\'\n'
+        '[channels.angular_rate_x]\ncolumn = "fixedFrequency:gyro.x"\nunit = "deg/s"\n'
+    )
+    r = read_log(recordings / "arpl-crazyflie" / "log15", channel_map=tmp_path / "m.toml")
+    known = crazyflie["log15"].channels
+    total = 65535.0 * (known["rotor_command_1"].values + known["rotor_command_2"].values)
+    np.testing.assert_allclose(r.channels["input"].values, total, atol=1e-6)
+    np.testing.assert_array_equal(r.channels["angular_rate_x"].values, known["angular_rate_x"].values)
+    np.testing.assert_array_equal(r.channels["input"].time_s, known["rotor_command_1"].time_s)

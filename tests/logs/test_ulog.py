@@ -274,7 +274,7 @@ def test_unknown_flags(tmp_path):
 def test_a_channel_map_is_refused(tmp_path):
     path = tmp_path / "f.ulg"
     path.write_bytes(flight().bytes())
-    with pytest.raises(UsageError, match="only with a table"):
+    with pytest.raises(UsageError, match="only with logs whose columns have any names"):
         read_log(path, channel_map="nanobench")
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from eivor.errors import UnknownFormatError, UsageError
+from eivor.logs.crazyflie.format import CRAZYFLIE
 from eivor.logs.log_format import LogFormat
 from eivor.logs.table.formats import CSV, PARQUET
 from eivor.logs.ulog.format import ULOG
@@ -18,6 +19,7 @@ from eivor.logs.unread import EIGHT_BIT, RECOGNISED, UTF_16
 FORMATS: tuple[LogFormat, ...] = (
     ULOG,
     PARQUET,
+    CRAZYFLIE,
     *RECOGNISED,
 )
 #: Formats of text, which has no first bytes of its own: asked last.
@@ -91,7 +93,7 @@ def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of a format that is read: "ulog" (PX4), "csv", "parquet".
+        Of a format that is read: "ulog" (PX4), "crazyflie", "csv", "parquet".
     channel : str
         A canonical channel: only the advice for it; empty for the advice on the whole flight.
 

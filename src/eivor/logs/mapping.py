@@ -54,7 +54,7 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
     raise ChannelMapError(
         "canonical column names ('time', 'velocity_z', 'rotor_command_1', ...), or the columns of a "
         f"shipped map ({', '.join(shipped_maps())})",
-        f"'{table}' with the columns {_listed(names)}",
+        f"'{table}' with the columns {listed(names)}",
         "Write a channel map (TOML) that says which column is which channel, and give it with "
         "`channel_map` (--map). Columns that a motion adds are known once it is named (--model, "
         "ev.motion_by_name).",
@@ -93,7 +93,7 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
     if doubled:
         raise ChannelMapError(
             f"columns with names of their own in '{table}'",
-            f"two columns called {_listed(sorted(doubled))}",
+            f"two columns called {listed(sorted(doubled))}",
             "Rename one of them.",
         )
     if not rules:
@@ -110,7 +110,7 @@ def _no_column(
 ) -> ChannelMapError:
     return ChannelMapError(
         f"a column '{column}' ({chosen.origin}, key {key})",
-        f"'{table}' with the columns {_listed(names)}",
+        f"'{table}' with the columns {listed(names)}",
         did_you_mean(column, names, "Correct the map.", most=3),
     )
 
@@ -119,10 +119,11 @@ def ignored_columns(names: Sequence[str]) -> list[Finding]:
     """Return the finding that columns of a canonical table have other names, hence are not used."""
     if not names:
         return []
-    return [Finding("ignored_columns", f"Columns without a canonical name are not used: {_listed(names)}.")]
+    return [Finding("ignored_columns", f"Columns without a canonical name are not used: {listed(names)}.")]
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the first of some names, quoted and cut, and how many more there are."""
     shown = ", ".join(repr(name[:60]) for name in names[:_SHOWN])
     return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
 
@@ -166,7 +167,51 @@ def mapped_recording(
     EmptyLogError
         When no channel has a value, or no row a stamp.
     """
-    found = [*findings, *_text_findings(columns)]
+    channels, found = mapped_channels(chosen, rules, columns, name)
+    if not channels:
+        raise EmptyLogError(
+            "a table with values", f"'{name}', in which every mapped column is empty", "Check the export."
+        )
+    return Recording(
+        name=name,
+        format=log_format,
+        channels=channels,
+        frame=chosen.frame,
+        sha256=sha256,
+        input_map=chosen.input_map,
+        looked_for=looked_for(chosen),
+        findings=(*findings, *found, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
+    )
+
+
+def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
+    """Which column each channel was looked for in, by a map: one of its own name where it has no rule."""
+    looked: dict[str, tuple[str, ...]] = {key: (f"column {key}",) for key in canonical_channels()}
+    return looked | {rule.name: (rule.expression.text,) for rule in chosen.rules}
+
+
+def mapped_channels(
+    chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str
+) -> tuple[dict[str, Channel], list[Finding]]:
+    """Return the channels with a value that rules make of columns of one clock, and what was found.
+
+    Parameters
+    ----------
+    chosen : ChannelMap
+        The map: its time column, its unit and its ranges.
+    rules : sequence of ChannelRule
+        Those whose columns are there.
+    columns : Columns
+        Every column that the rules need.
+    name : str
+        What to call the table in messages.
+
+    Raises
+    ------
+    EmptyLogError
+        When no row has a stamp.
+    """
+    found = _text_findings(columns)
     time_s, stamped, more = _clock(chosen, columns, name)
     found += more
     measured = {
@@ -187,29 +232,15 @@ def mapped_recording(
             channels[rule.name] = channel
         else:
             found.append(Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text})."))
-    if not channels:
-        raise EmptyLogError(
-            "a table with values", f"'{name}', in which every mapped column is empty", "Check the export."
-        )
-    return Recording(
-        name=name,
-        format=log_format,
-        channels=channels,
-        frame=chosen.frame,
-        sha256=sha256,
-        input_map=chosen.input_map,
-        looked_for={key: (f"column {key}",) for key in canonical_channels()}
-        | {rule.name: (rule.expression.text,) for rule in chosen.rules},
-        findings=(*found, *_delay_findings(channels, chosen), *channel_findings(channels)),
-    )
+    return channels, found
 
 
-def _delay_findings(channels: Mapping[str, Channel], chosen: ChannelMap) -> list[Finding]:
-    """Say which delays a map declares."""
+def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding]:
+    """Say which delays have been taken off, and who says so."""
     late = [f"{name} {1e3 * one.delay_s:g} ms" for name, one in channels.items() if one.delay_s]
     if not late:
         return []
-    return [Finding("sensor_delay", f"Taken off the stamps, as {chosen.origin} says: {', '.join(late)}.")]
+    return [Finding("sensor_delay", f"Taken off the stamps, as {origin} says: {', '.join(late)}.")]
 
 
 def _text_findings(columns: Columns) -> list[Finding]:

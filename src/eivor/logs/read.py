@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eivor import checks
 from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UsageError
-from eivor.logs.formats import format_of
+from eivor.logs.formats import format_of, readable_formats
 from eivor.logs.log_format import HEAD_BYTES, ReadOptions
 from eivor.logs.streams import is_stream, kept
 from eivor.signals.recording import Recording
@@ -29,10 +29,12 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, CSV or Parquet file; "-" reads standard input, by way of a temporary file.
+        A ULog, a Crazyflie's microSD log, a CSV or Parquet file; "-" reads standard input, by way of a
+        temporary file.
     channel_map : str or path, optional
-        For tables: a channel map (TOML), or the name of a shipped one ("nanobench", "rotorpy"). Not
-        needed for canonical column names, nor where a shipped map fits by itself.
+        For tables, and variables of a Crazyflie: a channel map (TOML), or the name of a shipped one
+        ("nanobench", "rotorpy"). Not needed for canonical column names, for variables that are known, nor
+        where a shipped map fits by itself.
     max_bytes : int
         Largest file that is read [bytes]; 1 GiB by default.
 
@@ -56,7 +58,7 @@ def read_log(
     InputError
         When there is no such file, or it cannot be opened.
     UsageError
-        When `path` is no path, or a channel map is given for a log that is not a table.
+        When `path` is no path, or a channel map is given for a log that takes none.
 
     Notes
     -----
@@ -93,8 +95,9 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
         raise _unreadable(file, error) from error
     chosen = format_of(head, file)
     if channel_map is not None and chosen.is_read and not chosen.takes_map:
+        taking = ", ".join(row.label for row in readable_formats() if row.takes_map)
         raise UsageError(
-            "a channel map only with a table (CSV or Parquet)",
+            f"a channel map only with logs whose columns have any names ({taking})",
             f"a channel map with the {chosen.label} '{file.name}'",
             f"Leave the map out: what a {chosen.label} holds is known.",
         )

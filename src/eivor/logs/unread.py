@@ -52,15 +52,6 @@ RECOGNISED: tuple[LogFormat, ...] = (
         f"{_BAG} An `[mcap]` extra is planned, but not in this release.",
     ),
     _recognised(
-        "usd",
-        "a Crazyflie microSD log",
-        b"\xbc",
-        "Decode it with `cfusdlog.py` of the Crazyflie firmware, which gives arrays and writes no table: put "
-        "those of one event into `eivor.recording_from_columns`, or into a CSV or Parquet file, with "
-        "canonical names and units (stamps in s, acceleration from g, rates from deg/s). A log without a "
-        "vertical velocity cannot be identified: let the deck log stateEstimate.vz too.",
-    ),
-    _recognised(
         "blackbox",
         "a Betaflight or INAV blackbox log",
         b"H Product:Blackbox",

@@ -1,0 +1,1 @@
+"""The Crazyflie's logs on a microSD card."""

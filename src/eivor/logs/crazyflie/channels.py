@@ -1,0 +1,240 @@
+"""Where each canonical channel is in a Crazyflie log: a table of variables, with their units and signs.
+
+Names, units and signs are those of the firmware's log groups (`stabilizer.c`, `position_controller_pid.c`,
+`estimator_kalman.c`, `pm_stm32f4.c`), which are z up: world east-north-up, body forward-left-up.
+
+* `acc.*` is what the accelerometer measures [g], +1 on z at rest; `gyro.*` are the rates about the same axes
+  [deg/s], both behind a low-pass of the second order (30 Hz and 80 Hz).
+* `stateEstimate.az` is [g] without gravity, 0 at rest, although the firmware documents m/s^2;
+  `stateEstimateZ.az` [mm/s^2] has gravity in it, +9810 at rest. `stateEstimateZ.ratePitch` [mrad/s] is the
+  negative of the rate about y.
+* The angles `roll` and `pitch` of `stateEstimate` and `stabilizer` [deg] are of the older firmware's axes, in
+  which the pitch is negated; the quaternions are not, and turn from the body to the world.
+* `motor.m*` is the duty cycle of a motor, 0 to 65535: 1 is full power. `stabilizer.thrust` and
+  `controller.cmd_thrust` have the same scale.
+* `posCtl.targetVZ` is what the position loop computes from its error, hence feedback.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from eivor.logs.channel_map import ChannelRule
+from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles
+from eivor.logs.units import UNITS
+from eivor.signals.canonical import held_by_default
+from eivor.signals.recording import Channel, Finding
+
+#: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
+FULL_POWER = 65535.0
+#: Cutoffs of the low-passes behind which the sensors are [Hz].
+ACCELEROMETER_HZ = 30.0
+GYRO_HZ = 80.0
+
+#: A quaternion in 32 bits, and the names of its parts once it is unpacked.
+PACKED_QUATERNION = "stateEstimateZ.quat"
+UNPACKED = tuple(f"{PACKED_QUATERNION}.{part}" for part in "xyzw")
+
+#: Setpoints of the velocity, which old firmware overwrites with its feedback, and of the height beside them.
+VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrltargetZ.z"}
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One place where a quantity may be.
+
+    Parameters
+    ----------
+    quantity : str
+        What it is; of several sources of a quantity the first that a log has is used.
+    rules : tuple of ChannelRule
+        The channels that it makes, all of variables of one event.
+    zero_is_absent : bool
+        True when zeros throughout mean that nothing measures or estimates it.
+    """
+
+    quantity: str
+    rules: tuple[ChannelRule, ...]
+    zero_is_absent: bool = True
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Variables that it needs."""
+        return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
+
+
+def low_pass_delay_s(cutoff_hz: float) -> float:
+    """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]."""
+    return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz))
+
+
+def _rule(
+    name: str, column: str, factor: float, *, estimated: bool = False, low_pass_hz: float = 0.0
+) -> ChannelRule:
+    return ChannelRule(
+        name,
+        Expression.of_column(column),
+        factor,
+        held=held_by_default(name),
+        estimated=estimated,
+        delay_s=low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
+    )
+
+
+def _estimates(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+    """Sources of a channel that the estimator makes."""
+    for column, factor in variables:
+        yield Source(name, (_rule(name, column, factor, estimated=True),))
+
+
+def _turned(name: str, column: str, factor: float) -> Source:
+    """Acceleration along z: the accelerometer's, turned by the estimator and as late as it was."""
+    rule = _rule(name, column, factor, estimated=True, low_pass_hz=ACCELEROMETER_HZ)
+    return Source("acceleration", (rule,))
+
+
+def _measured(name: str, column: str, factor: float, low_pass_hz: float = 0.0) -> Source:
+    return Source(name, (_rule(name, column, factor, low_pass_hz=low_pass_hz),))
+
+
+def _set(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+    """Sources of a command or a setpoint, whose zeros are values."""
+    for column, factor in variables:
+        yield Source(name, (_rule(name, column, factor),), zero_is_absent=False)
+
+
+def _quaternion(*columns: str) -> Source:
+    """Attitude of four columns w, x, y, z."""
+    rules = (_rule(f"attitude_{part}", name, 1.0) for part, name in zip("wxyz", columns, strict=True))
+    return Source("attitude", tuple(rules))
+
+
+def _packed() -> Source:
+    """Attitude of the quaternion in 32 bits."""
+    x, y, z, w = UNPACKED
+    rules = _quaternion(w, x, y, z).rules
+    told = (replace(rule.expression, text=PACKED_QUATERNION) for rule in rules)
+    return Source(
+        "attitude", tuple(replace(rule, expression=one) for rule, one in zip(rules, told, strict=True))
+    )
+
+
+def _angles(group: str) -> Source:
+    """Attitude of yaw, negated pitch and roll [deg], in this order."""
+    half = {
+        f"{kind}{axis}": f'{function}("{group}.{angle}" * {sign}{np.pi / 360.0!r})'
+        for kind, function in (("c", "cos"), ("s", "sin"))
+        for axis, angle, sign in (("r", "roll", ""), ("p", "pitch", "-"), ("y", "yaw", ""))
+    }
+    told = f"{group}.roll, .pitch and .yaw"
+    texts = {
+        "w": "{cr} * {cp} * {cy} + {sr} * {sp} * {sy}",
+        "x": "{sr} * {cp} * {cy} - {cr} * {sp} * {sy}",
+        "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
+        "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
+    }
+    return Source(
+        "attitude",
+        tuple(
+            ChannelRule(f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=told))
+            for part, text in texts.items()
+        ),
+    )
+
+
+def _tilt(group: str) -> Source:
+    columns = (f"{group}.roll", f"{group}.pitch")
+    expression = replace(tilt_of_angles(UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch")
+    rule = ChannelRule("cos_tilt", expression, angles=columns, angle_unit="deg")
+    return Source("attitude", (rule,))
+
+
+_G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
+
+#: All sources; of one quantity the preferred first.
+SOURCES: tuple[Source, ...] = (
+    *_estimates("position_z", ("stateEstimate.z", 1.0), ("stateEstimateZ.z", _MILLI), ("kalman.stateZ", 1.0)),
+    _measured("position_z", "locSrv.z", 1.0),
+    *(
+        source
+        for axis in "xyz"
+        for source in _estimates(
+            f"velocity_{axis}", (f"stateEstimate.v{axis}", 1.0), (f"stateEstimateZ.v{axis}", _MILLI)
+        )
+    ),
+    _turned("acceleration_z", "stateEstimate.az", _G),
+    _turned("specific_force_z", "stateEstimateZ.az", _MILLI),
+    *(_measured(f"specific_force_body_{axis}", f"acc.{axis}", _G, ACCELEROMETER_HZ) for axis in "xyz"),
+    _quaternion(*(f"stateEstimate.q{part}" for part in "wxyz")),
+    _packed(),
+    _quaternion(*(f"kalman.q{number}" for number in range(4))),
+    _angles("stateEstimate"),
+    _angles("stabilizer"),
+    _tilt("stateEstimate"),
+    _tilt("stabilizer"),
+    *(_measured(f"angular_rate_{axis}", f"gyro.{axis}", _DEG, GYRO_HZ) for axis in "xyz"),
+    *(
+        _measured(f"angular_rate_{axis}", f"stateEstimateZ.rate{angle}", sign * _MILLI, GYRO_HZ)
+        for axis, angle, sign in (("x", "Roll", 1.0), ("y", "Pitch", -1.0), ("z", "Yaw", 1.0))
+    ),
+    *(
+        source
+        for rotor in range(1, 5)
+        for source in _set(f"rotor_command_{rotor}", (f"motor.m{rotor}", 1.0 / FULL_POWER))
+    ),
+    *(_measured(f"rotor_speed_{rotor}", f"rpm.m{rotor}", UNITS["rpm"][1]) for rotor in range(1, 5)),
+    *_set("input", ("controller.cmd_thrust", 1.0 / FULL_POWER), ("stabilizer.thrust", 1.0 / FULL_POWER)),
+    _measured("battery_voltage", "pm.vbat", 1.0),
+    _measured("battery_voltage", "pm.vbatMV", _MILLI),
+    *_set("reference_position_z", ("ctrltarget.z", 1.0), ("ctrltargetZ.z", _MILLI), ("posCtl.targetZ", 1.0)),
+    *_set("reference_velocity_z", ("ctrltarget.vz", 1.0), ("ctrltargetZ.vz", _MILLI)),
+    *_set("reference_acceleration_z", ("ctrltarget.az", 1.0), ("ctrltargetZ.az", _MILLI)),
+    *_set("feedback_reference_velocity_z", ("posCtl.targetVZ", 1.0)),
+)
+
+#: What was looked for, by channel.
+LOOKED_FOR = {
+    name: tuple(rule.expression.text for source in SOURCES for rule in source.rules if rule.name == name)
+    for name in dict.fromkeys(rule.name for source in SOURCES for rule in source.rules)
+}
+
+
+def delay_findings(channels: Iterable[Channel]) -> list[Finding]:
+    """Say what was taken off the stamps of variables that are behind a low-pass."""
+    told = []
+    for cutoff in (ACCELEROMETER_HZ, GYRO_HZ):
+        late = [channel.source for channel in channels if channel.delay_s == low_pass_delay_s(cutoff)]
+        if late:
+            delay_ms = 1e3 * low_pass_delay_s(cutoff)
+            told.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
+    if not told:
+        return []
+    return [Finding("sensor_delay", f"Taken off the stamps, as the firmware filters: {'; '.join(told)}.")]
+
+
+def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
+    """Return the parts of quaternions in 32 bits, by the names of `UNPACKED`.
+
+    The two highest bits say which part is the largest, which is positive and not stored; the others follow in
+    the order x, y, z, w, each of a sign and nine bits that span 0 to sqrt(1/2).
+
+    Parameters
+    ----------
+    packed : ndarray, shape (n,)
+        Whole numbers from 0 to 2^32 - 1.
+    """
+    bits = packed.astype(np.uint32)
+    largest = bits >> 30
+    parts = np.zeros((4, bits.size))
+    for place in (3, 2, 1, 0):
+        stored = largest != place
+        size = np.sqrt(0.5) * (bits & 511) / 511.0
+        parts[place] = np.where(stored, np.where(bits & 512, -size, size), 0.0)
+        bits = np.where(stored, bits >> 10, bits)
+    rest = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
+    parts[largest, np.arange(bits.size)] = rest
+    return dict(zip(UNPACKED, parts, strict=True))

@@ -1,0 +1,410 @@
+"""Crazyflie microSD logs: both versions, several types of events, and whatever is wrong with a file."""
+
+import contextlib
+import re
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from usd_writer import UsdLog, fixed, flight, with_checksum
+
+from eivor.errors import ChannelMapError, CorruptLogError, EivorError, EmptyLogError
+from eivor.logs import log_format, logging_advice, read_log
+from eivor.logs.crazyflie import records
+from eivor.logs.crazyflie.channels import SOURCES
+from eivor.logs.crazyflie.format import TO_LOG
+from eivor.signals.canonical import canonical_channel
+from eivor.signals.recording import Frame
+
+G = 9.80665
+
+
+def read(tmp_path, content, **options):
+    path = Path(tmp_path) / "log07"
+    path.write_bytes(content.bytes() if isinstance(content, UsdLog) else content)
+    return read_log(path, **options)
+
+
+def messages(recording, name):
+    return [finding.message for finding in recording.findings if finding.name == name]
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_types_of_events_have_clocks_of_their_own(tmp_path, version):
+    r = read(tmp_path, flight(version))
+    assert (r.format, r.frame, r.input_map, len(r.sha256)) == ("crazyflie", Frame.Z_UP, "square", 64)
+    c = r.channels
+    velocity, battery, height = c["velocity_z"], c["battery_voltage"], c["reference_position_z"]
+    np.testing.assert_allclose(velocity.time_s, 0.01 * np.arange(200), atol=1e-9)
+    np.testing.assert_allclose(velocity.values, np.sin(0.01 * np.arange(200)), atol=1e-6)
+    np.testing.assert_allclose(battery.time_s, 0.07 * np.arange(29) + 0.002, atol=1e-9)
+    np.testing.assert_allclose(height.time_s, 0.05 * np.arange(40) + 0.024, atol=1e-9)
+    np.testing.assert_allclose(height.values, 0.001 * (500 + (2 + 5 * np.arange(40)) % 9), atol=1e-9)
+    assert (velocity.estimated, battery.estimated, height.held) == (True, False, True)
+    np.testing.assert_allclose(c["rotor_command_4"].values, 1.0)
+    assert c["rotor_command_4"].held
+    np.testing.assert_array_equal(c["attitude_w"].values, np.ones(40))
+    assert {f.name for f in r.findings} == {"sensor_delay"}
+
+
+def test_delays_of_the_firmware_s_filters_are_taken_off(tmp_path):
+    r = read(tmp_path, flight())
+    force, rate = r.channels["specific_force_body_z"], r.channels["angular_rate_y"]
+    assert force.delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 30.0))
+    np.testing.assert_allclose(force.time_s, 0.01 * np.arange(200) - force.delay_s, atol=1e-9)
+    assert rate.time_s[0] == pytest.approx(-np.sqrt(2.0) / (2.0 * np.pi * 80.0))
+    (told,) = messages(r, "sensor_delay")
+    assert "acc.z: 7.5 ms (low-pass of 30 Hz); gyro.y: 2.8 ms (low-pass of 80 Hz)" in told
+
+
+def one_row(tmp_path, **variables):
+    """Channels of three equal rows."""
+    names = [name.replace("__", ".") for name in variables]
+    r = read(tmp_path, fixed(2, [f"{name}(f)" for name in names], [list(variables.values())] * 3))
+    return {name: channel.values[0] for name, channel in r.channels.items()}, r
+
+
+def test_units_and_signs(tmp_path):
+    values, r = one_row(
+        tmp_path,
+        acc__x=0.5,
+        gyro__y=180.0,
+        stateEstimate__z=1.5,
+        stateEstimate__az=0.25,
+        motor__m1=65535.0,
+        rpm__m1=3000.0,
+        pm__vbatMV=3900.0,
+        ctrltarget__z=1.25,
+        posCtl__targetVZ=0.75,
+        stabilizer__thrust=32767.5,
+    )
+    assert values == pytest.approx(
+        {
+            "specific_force_body_x": 0.5 * G,
+            "angular_rate_y": np.pi,
+            "position_z": 1.5,
+            "acceleration_z": 0.25 * G,
+            "rotor_command_1": 1.0,
+            "rotor_speed_1": 100.0 * np.pi,
+            "battery_voltage": 3.9,
+            "reference_position_z": 1.25,
+            "feedback_reference_velocity_z": 0.75,
+            "input": 0.5,
+        }
+    )
+    estimated = {name for name, channel in r.channels.items() if channel.estimated}
+    assert estimated == {"position_z", "acceleration_z"}
+
+
+def test_the_compressed_state(tmp_path):
+    values, _ = one_row(
+        tmp_path,
+        stateEstimateZ__z=1500.0,
+        stateEstimateZ__vx=-250.0,
+        stateEstimateZ__az=9806.65,
+        stateEstimateZ__ratePitch=2000.0,
+        ctrltargetZ__az=500.0,
+    )
+    assert values == pytest.approx(
+        {
+            "position_z": 1.5,
+            "velocity_x": -0.25,
+            "specific_force_z": G,
+            "angular_rate_y": -2.0,
+            "reference_acceleration_z": 0.5,
+        }
+    )
+
+
+def test_the_pitch_of_the_angles_is_negated(tmp_path):
+    angles = {"stabilizer__roll": 20.0, "stabilizer__pitch": -30.0, "stabilizer__yaw": 40.0}
+    values, _ = one_row(tmp_path, **angles)
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_euler("ZYX", [40.0, 30.0, 20.0], degrees=True).as_quat()
+    expected = {"attitude_w": w, "attitude_x": x, "attitude_y": y, "attitude_z": z}
+    assert values == pytest.approx(expected, abs=1e-7)
+    values, _ = one_row(tmp_path, stabilizer__roll=20.0, stabilizer__pitch=-30.0)
+    assert values == pytest.approx({"cos_tilt": np.cos(np.pi / 9.0) * np.cos(np.pi / 6.0)}, abs=1e-7)
+
+
+def test_the_preferred_source_comes_first_and_zeros_are_none(tmp_path):
+    values, r = one_row(
+        tmp_path, stateEstimateZ__vz=200.0, stateEstimate__vz=0.0, rpm__m1=0.0, motor__m1=0.0, baro__asl=3.0
+    )
+    assert values == pytest.approx({"velocity_z": 0.2, "rotor_command_1": 0.0})
+    assert messages(r, "never_valid") == ["Logged as zero throughout: 'stateEstimate.vz', 'rpm.m1'."]
+    (told,) = messages(r, "ignored_columns")
+    assert "'baro.asl'" in told
+    values, _ = one_row(tmp_path, stateEstimateZ__vz=200.0, stateEstimate__vz=0.5)
+    assert values == pytest.approx({"velocity_z": 0.5})
+
+
+def packed(quaternion):
+    """A quaternion x, y, z, w in 32 bits, by the rule of the firmware in plain Python."""
+    largest = max(range(4), key=lambda place: abs(quaternion[place]))
+    negated = quaternion[largest] < 0
+    bits = largest
+    for place in range(4):
+        if place != largest:
+            size = int(511 * abs(quaternion[place]) / np.sqrt(0.5) + 0.5)
+            bits = bits << 10 | ((quaternion[place] < 0) ^ negated) << 9 | size
+    return bits
+
+
+def test_packed_quaternions(tmp_path):
+    quaternions = np.random.default_rng(0).normal(size=(50, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    rows = [[packed(q)] for q in quaternions]
+    c = read(tmp_path, fixed(2, ["stateEstimateZ.quat(I)"], rows)).channels
+    got = np.column_stack([c[f"attitude_{part}"].values for part in "xyzw"])
+    np.testing.assert_allclose(np.abs(np.sum(got * quaternions, axis=1)), 1.0, atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(got, axis=1), 1.0)
+
+
+def test_a_velocity_setpoint_that_the_position_loop_wrote_is_feedback(tmp_path):
+    steps = np.repeat([0.5, 1.0, 0.5], 20)
+    answers = np.random.default_rng(0).normal(size=60)
+    names = ["ctrltarget.z(f)", "ctrltarget.vz(f)"]
+    r = read(tmp_path, fixed(2, names, np.column_stack([steps, answers])))
+    assert set(r.channels) == {"reference_position_z", "feedback_reference_velocity_z"}
+    assert "it answers the vehicle" in messages(r, "feedback_setpoint")[0]
+    t = 0.01 * np.arange(60)
+    planned = np.column_stack([1.0 + 0.2 * np.sin(t), 0.2 * np.cos(t)])
+    r = read(tmp_path, fixed(2, names, planned))
+    assert set(r.channels) == {"reference_position_z", "reference_velocity_z"}
+
+
+def test_a_variable_of_two_types_is_taken_from_the_one_with_more_records(tmp_path):
+    log = UsdLog()
+    log.add_type(0, "rare", "acc.z(f)")
+    log.add_type(1, "often", "acc.z(f)")
+    for row in range(30):
+        log.add_record(1, 1000 * row, 2.0)
+        if row % 10 == 0:
+            log.add_record(0, 1000 * row + 500, 1.0)
+    assert read(tmp_path, log).channels["specific_force_body_z"].values.size == 30
+    (tmp_path / "m.toml").write_text(
+        'name = "m"\n[time]\ncolumn = "timestamp"\n[channels.specific_force_body_z]\ncolumn = "rare:acc.z"\n'
+        'unit = "g"\n[channels.acceleration_z]\nexpression = \'"often:acc.z" - 1\'\nunit = "g"\n'
+    )
+    c = read(tmp_path, log, channel_map=tmp_path / "m.toml").channels
+    np.testing.assert_allclose(c["specific_force_body_z"].values, [G] * 3)
+    np.testing.assert_allclose(c["specific_force_body_z"].time_s, [0.0005, 0.0105, 0.0205])
+    np.testing.assert_allclose(c["acceleration_z"].values, [G] * 30)
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ('column = "acc.y"', "a column 'acc.y'.*Did you mean 'acc.z'"),
+        (
+            'expression = \'"acc.z" - "pm.vbat"\'',
+            "one type of events for channels.velocity_z.*no type of 'log07'",
+        ),
+    ],
+)
+def test_maps_that_do_not_fit(tmp_path, rule, words):
+    text = f'name = "m"\n[time]\ncolumn = "timestamp"\n[channels.velocity_z]\n{rule}\n'
+    (tmp_path / "m.toml").write_text(text)
+    with pytest.raises(ChannelMapError, match=words):
+        read(tmp_path, flight(), channel_map=tmp_path / "m.toml")
+
+
+# What is wrong with a file.
+
+
+def test_a_cut_log_is_read_as_far_as_it_goes(tmp_path):
+    log = flight()
+    sizes = 3 * (10 + 28) + (10 + 4) + (10 + 6)  # three records, and one of each other type
+    whole = log.head() + bytes(log.body[:sizes])
+    r = read(tmp_path, whole + bytes(log.body[sizes:][:11]))
+    assert r.channels["velocity_z"].values.size == 3
+    (told,) = messages(r, "truncated")
+    assert "11 bytes at its end, of no whole record, were left out" in told
+    (told,) = messages(read(tmp_path, whole), "truncated")
+    assert "no record is broken" in told
+
+
+def test_a_wrong_checksum_is_told(tmp_path):
+    content = bytearray(flight().bytes())
+    content[-20] ^= 1
+    r = read(tmp_path, bytes(content))
+    assert r.channels["velocity_z"].values.size == 200
+    assert "The checksum does not fit" in messages(r, "checksum")[0]
+    assert not messages(r, "truncated")
+
+
+@pytest.mark.parametrize("lost", [1, 37, 100, 650])
+def test_lost_bytes_cost_only_the_records_around_them(tmp_path, lost):
+    log = flight()
+    content = log.head() + bytes(log.body[:2000]) + bytes(log.body[2000 + lost :])
+    r = read(tmp_path, with_checksum(content))
+    assert 200 - lost / 40 - 3 <= r.channels["velocity_z"].values.size < 200
+    assert r.channels["velocity_z"].time_s[-1] == pytest.approx(1.99)
+    told = messages(r, "corrupt_parts") + messages(r, "time_stamps")
+    assert any("bytes that belong to no record" in one or "their stamp cannot be" in one for one in told)
+
+
+@pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"\x37"])
+def test_blocks_that_were_never_written(tmp_path, filler):
+    log = flight()
+    content = log.head() + bytes(log.body[:2000]) + filler * 4096 + bytes(log.body[6096:])
+    c = read(tmp_path, with_checksum(content)).channels["velocity_z"]
+    assert c.time_s[-1] == pytest.approx(1.99)
+    assert np.all(np.diff(c.time_s) > 0.005)
+    np.testing.assert_allclose(c.values[-20:], np.sin(c.time_s[-20:]), atol=1e-6)
+
+
+def test_the_clock_of_version_1_may_wrap(tmp_path):
+    rows = [[0.5 * row] for row in range(10)]
+    log = UsdLog(1)
+    log.add_type(7, "fixedFrequency", "stateEstimate.vz(f)")
+    for row, values in enumerate(rows):
+        log.add_record(7, (2**32 - 45 + 10 * row) % 2**32, *values)
+    np.testing.assert_allclose(read(tmp_path, log).channels["velocity_z"].time_s, 0.01 * np.arange(10))
+
+
+def test_stamps_that_cannot_be(tmp_path):
+    log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 100)
+    size, start = 14, len(log.head())
+    content = bytearray(log.head() + log.body)
+    content[start + 40 * size + 2 + 3] += 1  # ahead by 17 s
+    content[start + 50 * size + 2 + 7] += 1  # by 2000 years
+    content[start + 60 * size + 2 + 2] -= 2  # back by a moment
+    content[start + 2 + 3] += 1  # the first record
+    r = read(tmp_path, with_checksum(bytes(content)))
+    c = r.channels["velocity_z"]
+    assert c.values.size == 96
+    assert c.time_s[-1] == pytest.approx(0.98)
+    assert messages(r, "time_stamps")[0].endswith("cannot be: 3.")
+    assert "dropped" not in messages(r, "time_stamps")[0]
+    assert "velocity_z 1" in messages(r, "time_stamps")[1]
+
+
+def test_clocks_that_jump_back(tmp_path):
+    log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 50, start=5_000_000)
+    for row in range(10):
+        log.add_record(0xFFFF, 1000 * row, 2.0)
+    r = read(tmp_path, log)
+    assert np.all(r.channels["velocity_z"].values == 1.0)
+    assert "velocity_z 10" in messages(r, "time_stamps")[0]
+
+
+def test_gaps_of_regular_events(tmp_path):
+    log = UsdLog()
+    log.add_type(3, "fixedFrequency", "acc.z(f)")
+    log.add_type(4, "estTDOA", "pm.vbat(f)")
+    for row in range(100):
+        if not 20 <= row < 25 and not 60 <= row < 63:
+            log.add_record(3, 1000 * row, 1.0)
+        log.add_record(4, 1000 * row + (row * row * 7919) % 900_000, 3.7)
+    (told,) = messages(read(tmp_path, log), "dropouts")
+    assert told == ("Records are missing in 'fixedFrequency' (2 gaps of 4 to 6 ms, steps of 1 ms otherwise).")
+
+
+def head(*parts):
+    return b"\xbc" + b"".join(struct.pack("<H", one) if isinstance(one, int) else one for one in parts)
+
+
+@pytest.mark.parametrize(
+    ("content", "error", "words"),
+    [
+        (b"\xbc", CorruptLogError, "ends in its head"),
+        (head(2), CorruptLogError, "ends in its head"),
+        (head(7, 1), CorruptLogError, "version 1 or 2.*version 7.*newer"),
+        (head(2, 0), EmptyLogError, "types of events: 0"),
+        (head(2, 65535) + bytes(90), CorruptLogError, "65535 types"),
+        (head(2, 1, 5, b"e\x00", 65535), CorruptLogError, "65535 variables"),
+        (head(2, 1, 5, b"e\x00", 9, b"acc.x(f)\x00"), CorruptLogError, "ends in its head"),
+        (head(2, 1, 5, b"e\x00", 1, b"acc.x(f)"), CorruptLogError, "ends in its head"),
+        (head(2, 1, 5, b"e\x00", 1, b"x" * 10_000 + b"(f)\x00"), CorruptLogError, "more than 255 bytes"),
+        (head(2, 1, 5, b"e" * 10_000 + b"\x00", 0), CorruptLogError, "more than 255 bytes"),
+        (head(2, 1, 5, b"e\x00", 1, b"acc.x(z)\x00"), CorruptLogError, r"'acc.x\(z\)', whose type is not"),
+        (head(2, 1, 5, b"e\x00", 1, b"acc.x\x00"), CorruptLogError, "whose type is not known"),
+        (head(2, 1, 5, b"e\x00", 1, b"acc.x(ff)\x00"), CorruptLogError, "whose type is not known"),
+        (head(2, 1, 5, b"e\x00", 1, b"acc.x(f\x00"), CorruptLogError, "whose type is not known"),
+        (head(2, 2, 5, b"e\x00", 0, 5, b"f\x00", 0), CorruptLogError, "same id"),
+        (
+            head(2, 1, 5, b"e\x00", 1, b"acc.x(f)\x00"),
+            EmptyLogError,
+            "without a whole record.*types of events: 1",
+        ),
+        (head(2, 1, 5, b"e\x00", 0, 5, bytes(8)), EmptyLogError, "variables that are known"),
+        (head(2, 1, 5, b"e\x00", 1, b"odd(B)\x00", 5, bytes(9)), EmptyLogError, "with 'odd'.*channel map"),
+    ],
+)
+def test_heads_that_are_not_sound(tmp_path, content, error, words):
+    with pytest.raises(error, match=f"(?s){words}"):
+        read(tmp_path, content)
+
+
+def test_names_of_all_kinds(tmp_path):
+    log = UsdLog()
+    log.add_type(3, "a\x1b[2J\nb", "acc.z(f)", "acc.z(f)", "a (b)(f)", "\x1b[31m(f)", "é(f)")
+    for row in range(20):
+        log.add_record(3, 1000 * row * (50 if row > 9 else 1), 1.0, 2.0, 3.0, 4.0, 5.0)
+    r = read(tmp_path, log)
+    np.testing.assert_allclose(r.channels["specific_force_body_z"].values, G)
+    text = " ".join(finding.message for finding in r.findings)
+    assert "a (b)" in text
+    assert text.isprintable()
+    assert text.isascii()
+
+
+def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
+    """Runs of one type are found in blocks."""
+    log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 20_000)
+    lengths = []
+    plain = records._run_length
+    monkeypatch.setattr(records, "_run_length", lambda *a: lengths.append(plain(*a)) or lengths[-1])
+    assert read(tmp_path, log).channels["velocity_z"].values.size == 20_000
+    assert sum(lengths) > 19_000
+    assert len(lengths) < 10
+
+
+def test_many_small_damages_are_given_up_too(tmp_path, monkeypatch):
+    asked = []
+    plain = records._candidates
+    monkeypatch.setattr(records, "MAX_SEARCH_BYTES", 1 << 14)
+    monkeypatch.setattr(records, "_candidates", lambda *a: asked.append(1) or plain(*a))
+    content = flight().head() + (bytes(14) + b"\x37") * 1000
+    assert read(tmp_path, content).channels
+    assert len(asked) <= records.MAX_SEARCH_BYTES / records.SEARCH_BLOCK
+
+
+def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(records, "MAX_SEARCH_BYTES", 2048)
+    log = flight()
+    content = log.head() + bytes(log.body[:2000]) + b"\x37" * 8192 + bytes(log.body[2000:])
+    r = read(tmp_path, with_checksum(content))
+    assert 40 < r.channels["velocity_z"].values.size < 60
+    left = int(re.search(r"(\d+) bytes", messages(r, "corrupt_parts")[0])[1])
+    assert left == pytest.approx(8192 + len(log.body) - 2000, abs=40)
+
+
+def survives(tmp_path, content):
+    with contextlib.suppress(EivorError):
+        assert read(tmp_path, content).channels
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_cut_or_changed_anywhere(tmp_path, version):
+    content = flight(version, 12).bytes()
+    for place in range(0, len(content), 37):
+        survives(tmp_path, content[:place])
+        survives(tmp_path, content[:place] + bytes([content[place] ^ 0x5A]) + content[place + 1 :])
+
+
+# What people are told.
+
+
+def test_every_source_and_every_advice_names_a_channel():
+    names = {rule.name for source in SOURCES for rule in source.rules}
+    assert all(canonical_channel(name) is not None for name in names | (set(TO_LOG)))
+    assert set(TO_LOG) <= names
+    assert log_format("crazyflie").takes_map
+    assert logging_advice("crazyflie", "battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
+    assert logging_advice("crazyflie", "pilot_throttle") == ()
+    assert "stateEstimate.z, .vz" in logging_advice("crazyflie")[0]
