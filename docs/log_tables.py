@@ -1,4 +1,4 @@
-"""Write the tables of docs/logs.md: where PX4 and a Crazyflie log each channel, how often PX4 does, and the units of channel maps.
+"""Write the tables of docs/logs.md: where PX4 and a Crazyflie log each channel, how often, and units of maps.
 
     python docs/log_tables.py
 

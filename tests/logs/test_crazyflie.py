@@ -3,12 +3,14 @@
 import contextlib
 import re
 import struct
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
 from usd_writer import UsdLog, fixed, flight, with_checksum
 
+from eivor.cli.main import app
 from eivor.errors import ChannelMapError, CorruptLogError, EivorError, EmptyLogError
 from eivor.logs import log_format, logging_advice, read_log
 from eivor.logs.crazyflie import records
@@ -212,6 +214,32 @@ def test_maps_that_do_not_fit(tmp_path, rule, words):
         read(tmp_path, flight(), channel_map=tmp_path / "m.toml")
 
 
+def test_a_flight_reads_back_as_it_was(tmp_path):
+    """The example flight as a Crazyflie would log it, with the accelerometer on a later clock of its own."""
+    flown = read_log(str(resources.files("eivor.data") / "example_flight.parquet")).channels
+    named = {"stateEstimate.z": "position_z", "stateEstimate.vz": "velocity_z"}
+    named |= {f"stateEstimate.q{part}": f"attitude_{part}" for part in "wxyz"}
+    named |= {"ctrltarget.z": "reference_position_z", "ctrltarget.vz": "reference_velocity_z"}
+    powers = [np.rint(20.0 * flown[f"rotor_command_{rotor}"].values).astype(int) for rotor in range(1, 5)]
+    log = UsdLog()
+    motors = [f"motor.m{rotor}(I)" for rotor in range(1, 5)]
+    log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name in named), *motors)
+    log.add_type(0, "estAcceleration", "acc.z(f)")
+    late_us = round(1e6 * np.sqrt(2.0) / (2.0 * np.pi * 30.0))
+    force = flown["specific_force_body_z"].values / G
+    for row, time_s in enumerate(flown["velocity_z"].time_s):
+        stamp = round(1e6 * time_s) + 5_000_000
+        values = [flown[name].values[row] for name in named.values()]
+        log.add_record(0xFFFF, stamp, *values, *(int(power[row]) for power in powers))
+        log.add_record(0, stamp + late_us, force[row])
+    read_back = read(tmp_path, log).channels
+    for name in (*named.values(), "specific_force_body_z"):
+        np.testing.assert_allclose(read_back[name].values, flown[name].values, atol=1e-5)
+        np.testing.assert_allclose(read_back[name].time_s, flown[name].time_s, atol=2e-6)
+    np.testing.assert_allclose(read_back["rotor_command_2"].values, powers[1] / 65535.0)
+    assert read_back["reference_velocity_z"].held
+
+
 # What is wrong with a file.
 
 
@@ -353,6 +381,20 @@ def test_names_of_all_kinds(tmp_path):
     assert text.isascii()
 
 
+def test_numbers_that_nothing_measures(tmp_path):
+    """Signalling NaN, infinity and what no whole number holds, in variables of other types than usual."""
+    log = UsdLog()
+    log.add_type(3, "fixedFrequency", "acc.z(f)", "gyro.x(d)", "stateEstimateZ.quat(d)", "pm.vbat(e)")
+    for row in range(20):
+        log.add_record(3, 1000 * row, 1.0, 1e308, -1e99, np.inf if row else 3.5)
+    content = bytearray(log.head() + log.body)
+    content[-22:-18] = b"\x01\x00\x80\x7f"
+    c = read(tmp_path, with_checksum(bytes(content))).channels
+    assert np.isnan(c["specific_force_body_z"].values).sum() == 1
+    assert "angular_rate_x" not in c
+    assert np.isfinite(c["battery_voltage"].values).sum() == 1
+
+
 def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
     """Runs of one type are found in blocks."""
     log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 20_000)
@@ -408,3 +450,16 @@ def test_every_source_and_every_advice_names_a_channel():
     assert logging_advice("crazyflie", "battery_voltage") == ("Add pm.vbat to config.txt on the card.",)
     assert logging_advice("crazyflie", "pilot_throttle") == ()
     assert "stateEstimate.z, .vz" in logging_advice("crazyflie")[0]
+
+
+def test_the_command_line_says_what_to_log(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    (tmp_path / "log07").write_bytes(fixed(2, ["acc.z(f)", "motor.m1(I)"], [[1.0, 9]] * 50).bytes())
+    for command, code in (("identify", 1), ("inspect", 0)):
+        with pytest.raises(SystemExit) as left:
+            app([command, str(tmp_path / "log07")], prog_name="eivor")
+        assert int(left.value.code or 0) == code
+        told = " ".join("".join(capsys.readouterr()).split())
+        assert "looked for stateEstimate.vz" in told.replace("looked for:", "looked for")
+        assert "Add stateEstimate.vz to config.txt on the card." in told
+        assert "Name these variables below 'on:fixedFrequency'" in told

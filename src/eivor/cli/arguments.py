@@ -27,8 +27,8 @@ LogsArgument = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="LOG",
-        help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as flights of one vehicle. "
-        "LOG@START:END takes a window of one log.",
+        help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as flights of "
+        "one vehicle. LOG@START:END takes a window of one log.",
         show_default=False,
     ),
 ]
@@ -114,7 +114,8 @@ MapOption = Annotated[
     typer.Option(
         "--map",
         metavar="FILE.toml",
-        help="Channel map of a table or of a Crazyflie's log, or the name of a shipped one: nanobench, rotorpy.",
+        help="Channel map of a table or of a Crazyflie's log, or the name of a shipped one: nanobench, "
+        "rotorpy.",
         show_default=False,
     ),
 ]

@@ -225,9 +225,10 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
     Parameters
     ----------
     packed : ndarray, shape (n,)
-        Whole numbers from 0 to 2^32 - 1.
+        Whole numbers from 1 to 2^32 - 1; zero is what an estimator leaves that makes no quaternion.
     """
-    bits = packed.astype(np.uint32)
+    sound = (packed > 0.0) & (packed < 2.0**32)
+    bits = np.where(sound, packed, 0.0).astype(np.uint32)
     largest = bits >> 30
     parts = np.zeros((4, bits.size))
     for place in (3, 2, 1, 0):
@@ -237,4 +238,5 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
         bits = np.where(stored, bits >> 10, bits)
     rest = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
     parts[largest, np.arange(bits.size)] = rest
+    parts[:, ~sound] = np.nan
     return dict(zip(UNPACKED, parts, strict=True))

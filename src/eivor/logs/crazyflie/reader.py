@@ -166,7 +166,9 @@ def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[Sou
         table = next((one for one in tables if one.has(source.columns)), None)
         if table is None or source.quantity in chosen:
             continue
-        if source.zero_is_absent and not any(np.any(table.values(column)) for column in source.columns):
+        if source.zero_is_absent and not any(
+            np.any(np.nan_to_num(table.values(column))) for column in source.columns
+        ):
             silent += source.columns
             continue
         answers = _answering(source, table)

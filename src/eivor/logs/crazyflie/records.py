@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from eivor.logs.crazyflie.header import EventType, Header
-from eivor.signals.recording import Finding
+from eivor.signals.recording import LARGEST_VALUE, Finding
 
 CHECKSUM_BYTES = 4
 #: Stamps further than this from the first are damaged [s].
@@ -57,8 +57,11 @@ class Event:
     time_s: Float[np.ndarray, " n"]
 
     def values(self, variable: str) -> Float[np.ndarray, " n"]:
-        """Return the values of a variable as logged."""
-        return np.asarray(self.records[str(self.variables.index(variable))], dtype=np.float64)
+        """Return the values of a variable as logged; NaN for what nothing measures."""
+        with np.errstate(invalid="ignore"):
+            values = self.records[str(self.variables.index(variable))].astype(np.float64)
+        values[~(np.abs(values) <= LARGEST_VALUE)] = np.nan
+        return np.asarray(values)
 
 
 @dataclass(slots=True)
