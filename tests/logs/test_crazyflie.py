@@ -188,7 +188,8 @@ def test_a_variable_of_two_types_is_taken_from_the_one_with_more_records(tmp_pat
             log.add_record(0, 1000 * row + 500, 1.0)
     assert read(tmp_path, log).channels["specific_force_body_z"].values.size == 30
     (tmp_path / "m.toml").write_text(
-        'name = "m"\n[time]\ncolumn = "timestamp"\n[channels.specific_force_body_z]\ncolumn = "rare:acc.z"\n'
+        'name = "m"\n[time]\ncolumn = "timestamp"\nunit = "us"\n'
+        '[channels.specific_force_body_z]\ncolumn = "rare:acc.z"\n'
         'unit = "g"\n[channels.acceleration_z]\nexpression = \'"often:acc.z" - 1\'\nunit = "g"\n'
     )
     c = read(tmp_path, log, channel_map=tmp_path / "m.toml").channels

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from usd_writer import fixed
 
-from eivor.logs import read_log
+from eivor.logs import logging_advice, read_log
 from eivor.logs.formats import log_formats, readable_formats
 from eivor.logs.table.parquet import MAX_CELLS, MAX_CELLS_PER_BYTE
 from eivor.studies.generated_page import page_with
@@ -36,6 +37,18 @@ def test_formats_and_limits_are_named():
     assert all(words in formats for words in unread.values())
     assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
     assert f"{MAX_CELLS // 1_000_000} million needed numbers" in formats
+
+
+def test_the_card_of_a_crazyflie_logs_what_is_read(tmp_path):
+    config = PAGE.partition("on:fixedFrequency\n250")[2].partition("```")[0]
+    variables = [line for line in config.splitlines()[2:] if line]
+    rows = np.random.default_rng(0).normal(size=(20, len(variables)))
+    (tmp_path / "log00").write_bytes(fixed(2, [f"{name}(f)" for name in variables], rows).bytes())
+    r = read_log(tmp_path / "log00")
+    assert sorted(channel.source for channel in r.channels.values()) == sorted(variables)
+    assert {"velocity_z", "rotor_command_4", "reference_position_z"} <= set(r.channels)
+    advised = " ".join(logging_advice("crazyflie"))
+    assert all(name.partition(".")[0] in advised for name in variables)
 
 
 @pytest.mark.parametrize(

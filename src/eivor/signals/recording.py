@@ -208,7 +208,7 @@ class Recording:
     name : str
         What to call the log in reports: its file name.
     format : str
-        "ulog", "csv", "parquet", "frame" (made from arrays) or "simulation".
+        "ulog", "crazyflie", "csv", "parquet", "frame" (made from arrays) or "simulation".
     channels : mapping of str to Channel
         By canonical name.
     frame : Frame
