@@ -51,12 +51,14 @@ def test_the_curve_is_found_out(log, true, thrust, value):
     assert curve.half_width < 0.3
     assert curve.value == pytest.approx(value, abs=0.05)
     friction = found.quantities["viscous_friction"]
-    assert friction.value == pytest.approx(FRICTION, abs=3.0 * friction.std_error)
+    assert friction.value == pytest.approx(FRICTION, abs=1.5 * friction.half_width)
     # the map's own error is part of the gain's interval, and the bias of the intercept's
     conditional = found.estimate.interval("input_gain")
     assert found.quantities["input_gain"].interval != pytest.approx(conditional, rel=1e-3)
     assert found.quantities["intercept"].half_width >= 1.9 * 0.1
-    assert abs(found.quantities["intercept"].value) < 0.03
+    # no share is below zero: there an intercept is left that is none within its error
+    left = found.quantities["intercept"]
+    assert abs(left.value) < (0.03 if curve.value > 0.0 else 0.5 * left.half_width)
 
 
 @pytest.mark.thorough

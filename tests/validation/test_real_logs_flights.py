@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.actuator import actuator_state
 from eivor.simulation.flights.sensor_noise import SensorNoise
@@ -81,6 +82,16 @@ def test_effective_values_are_nominal_where_the_model_holds():
 )
 def test_effective_values_are_those_of_the_true_thrust(vehicle, name, expected):
     assert effective(flown(vehicle))[name] == pytest.approx(expected, rel=0.01)
+
+
+def test_motors_of_two_lags_have_an_effective_one_between():
+    even, slower = (VehicleSpec(actuator_lag=0.05, delay=0.01, slower_down=by) for by in (1.0, 1.5))
+    assert effective(flown(even))["effective_lag"] == pytest.approx(0.06, abs=1e-9)
+    lag = effective(flown(slower))["effective_lag"]
+    assert 0.066 < lag < 0.080
+    log = flown(slower, LoggerSpec(), duration=40.0)
+    low, high = identify_flight(log.recording).quantities["effective_lag"].interval
+    assert low < effective(log)["effective_lag"] < high
 
 
 def test_drag_and_ground_change_the_effective_values():

@@ -12,6 +12,7 @@ from eivor.errors import EivorError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.simulation.flights.trajectories import Trajectory
 from eivor.simulation.flights.truth import FlightTruth, effective_parameters
+from validation.real_logs.effective_lag import effective_lag
 
 #: Rotor states, as shares of that at hover, among which the one that carries the weight is looked for.
 NEAR_HOVER = np.linspace(0.5, 1.5, 4001)
@@ -62,8 +63,8 @@ class Flown:
 
         The friction is that of the noise-free specific force on air velocity and true thrust. The gain is
         that of the true thrust at the mean voltage, in the unit of a squared input. The hover input is the
-        one that carried the weight in that flight's air. The lag is that of a rotor speeding up, and its
-        delay.
+        one that carried the weight in that flight's air. The lag is the one first-order lag, with its
+        delay, that describes the true thrust best.
 
         Parameters
         ----------
@@ -75,8 +76,8 @@ class Flown:
         truth = self.truth
         rows = np.interp(truth.time_s, used_s, used.astype(np.float64), left=0.0, right=0.0) > 0.5
         friction, gain, hover = truth.viscous_friction, truth.input_gain, truth.hover_input
+        supplied = replace(truth, cos_tilt=truth.cos_tilt * self.supply)
         try:
-            supplied = replace(truth, cos_tilt=truth.cos_tilt * self.supply)
             found = effective_parameters(supplied, rows, self.thrust)
         except EivorError:  # Rows that tell nothing: the nominal values stand.
             pass
@@ -91,6 +92,6 @@ class Flown:
         return {
             "viscous_friction": friction,
             "input_gain": gain,
-            "effective_lag": truth.actuator_lag + truth.delay,
+            "effective_lag": effective_lag(supplied, self.command, self.thrust, rows),
             "hover_input": hover,
         }

@@ -19,6 +19,7 @@ from eivor.estimation.competing import bounded_sums
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Moments, ProblemMoments
+from eivor.estimation.nested_grids import on_nested_grids
 from eivor.estimation.refusals import check_freedom, check_instruments, check_rank
 from eivor.estimation.search import Minimum, Search
 from eivor.estimation.solved import Solved
@@ -162,15 +163,26 @@ def check_linear(method: object) -> None:
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
     """Estimate with a candidate for each combination of the discrete nuisances' values."""
-    candidates = tuple(_candidate(method, problem, fixed) for fixed in problem.combinations())
+
+    def made(fixed: dict[str, float], beside: Candidate | None) -> Candidate:
+        return _candidate(method, problem, fixed, beside)
+
+    candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion)
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
     joint = candidates[0].rows.parameters + refined
     return Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
 
 
-def _candidate(method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float]) -> Candidate:
-    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
+def _candidate(
+    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], beside: Candidate | None
+) -> Candidate:
+    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights.
+
+    The first pass is spared where a candidate close by has been estimated.
+    """
     weights = method.row_weighting.first_pass(problem)
+    if beside is not None and weights.renewal is not None:
+        weights = weights.renewal(beside.theta, beside.at)
     found = _minimum(method, problem, weights, fixed)
     while weights.renewal is not None:
         weights = weights.renewal(found.solution.theta, found.at)

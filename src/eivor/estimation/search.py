@@ -1,6 +1,7 @@
 """Variable projection: the nuisances that minimise what is left after the linear parameters are solved for.
 
-One continuous nuisance: the objective on its grid, and golden sections between the neighbours of the least.
+One continuous nuisance: the objective on its grid, and parabolas and golden sections between the
+neighbours of the least (Brent 1973).
 Several: the objective on a coarse product of their grids, and from its least a bounded search without
 derivatives (Nelder and Mead 1965), begun again where it ends until that gains nothing.
 
@@ -10,6 +11,7 @@ equation as the unit: the term that a measurement of t would add.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -29,6 +31,8 @@ PRODUCT_POINTS = 200
 #: objective; so often it may begin.
 LEAST_GAIN = 1e-10
 RESTARTS = 20
+#: Share of an interval that a golden section cuts off.
+GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 
 #: Values of the nuisances that are sought, in their order.
 Point = tuple[float, ...]
@@ -172,7 +176,7 @@ class Search:
         (nuisance,), (grid,), (value,) = self.sought, grids, best.point
         place = int(np.searchsorted(grid, value))
         bounds = float(grid[max(place - 1, 0)]), float(grid[min(place + 1, grid.size - 1)])
-        return golden_section(trial, best, bounds, tolerance * nuisance.tolerance)
+        return between(trial, best, bounds, tolerance * nuisance.tolerance)
 
 
 def product_grids(
@@ -201,21 +205,71 @@ def profiles_of(
     )
 
 
-def golden_section(
+def between(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
-    """Least trial between two values of one nuisance; never worse than `best`."""
+    """Least trial between two values of one nuisance, by Brent's search (1973); never worse than `best`.
+
+    Each step goes to the minimum of the parabola through the three best trials, if that is between the
+    bounds and steps shrink by half; else to the golden section of the longer side.
+
+    Parameters
+    ----------
+    trial : callable
+        From a point to the objective there.
+    best : Trial
+        Where the search begins: between the bounds, or at one of them.
+    bounds : tuple of float
+        Ends of the search.
+    tolerance : float
+        How close to the minimum it ends.
+    """
     low, high = bounds
-    share = 0.5 * (np.sqrt(5.0) - 1.0)
-    trials = [trial((high - share * (high - low),)), trial((low + share * (high - low),))]
-    while high - low > tolerance:
-        if trials[0].objective <= trials[1].objective:
-            high, trials[1] = trials[1].point[0], trials[0]
-            trials[0] = trial((high - share * (high - low),))
+    trials = [best, best, best]
+    step = before = 0.0
+    while True:
+        at, middle = trials[0].point[0], 0.5 * (low + high)
+        if abs(at - middle) + 0.5 * (high - low) <= 2.0 * tolerance:
+            return trials[0]
+        longer = (low if at >= middle else high) - at
+        parabola = parabola_step(trials) if abs(before) > tolerance else math.inf
+        if abs(parabola) < 0.5 * abs(before) and low < at + parabola < high:
+            before, step = step, parabola
+            if min(at + step - low, high - at - step) < 2.0 * tolerance:
+                step = math.copysign(tolerance, middle - at)
         else:
-            low, trials[0] = trials[0].point[0], trials[1]
-            trials[1] = trial((low + share * (high - low),))
-    return min([best, *trials], key=lambda one: one.objective)
+            before, step = longer, GOLDEN * longer
+        tried = trial((at + math.copysign(max(abs(step), tolerance), step),))
+        better = tried.objective <= trials[0].objective
+        inner, outer = (tried, trials[0]) if better else (trials[0], tried)
+        if outer.point[0] < inner.point[0]:
+            low = outer.point[0]
+        else:
+            high = outer.point[0]
+        trials = ranked(trials, tried)
+
+
+def ranked(trials: list[Trial], tried: Trial) -> list[Trial]:
+    """Three best of four trials of one nuisance, the last one first where it is no worse than another.
+
+    Copies of the first stand for trials that have not been made.
+    """
+    first, second, third = trials
+    if tried.objective <= first.objective:
+        return [tried, first, second]
+    if tried.objective <= second.objective or second is first:
+        return [first, tried, second]
+    if tried.objective <= third.objective or third in (first, second):
+        return [first, second, tried]
+    return trials
+
+
+def parabola_step(trials: list[Trial]) -> float:
+    """Step from the first of three trials to the minimum of their parabola; infinite where it has none."""
+    (x, f), (w, g), (v, h) = ((one.point[0], one.objective) for one in trials)
+    left, right = (x - w) * (f - h), (x - v) * (f - g)
+    bend = 2.0 * (right - left)
+    return ((x - v) * right - (x - w) * left) / -bend if bend else math.inf
 
 
 def bounded_search(

@@ -91,7 +91,8 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
 def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:
     """A discrete nuisance: it has the values that fit in place of an interval."""
     fitting = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.tenable()}))
-    choice = Choice(fitting, tuple(nuisance.grid.tolist()))
+    tried = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.candidates}))
+    choice = Choice(fitting, tried)
     unit = nuisance.parameter.unit
     return Unjudged(estimate.best.at[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice)
 

@@ -34,6 +34,8 @@ BAND_HZ = (0.04, 5.0)
 #: Grid of lags [s] and delays [s] that are searched.
 LAG_GRID_S = np.geomspace(0.002, 0.3, 40)
 DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040)
+#: How often the steps between delays are halved beside the best.
+DELAY_HALVINGS = 2
 #: Grid of delays [s] of a state that was measured.
 TELEMETRY_DELAYS_S = np.linspace(-0.06, 0.06, 25)
 
@@ -51,7 +53,7 @@ def lag_and_delay(
     """
     return (
         Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64)),
-        Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True),
+        Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True, halvings=DELAY_HALVINGS),
     )
 
 

@@ -8,7 +8,7 @@ Pereyra 1973).
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any, TypeVar, cast
@@ -122,6 +122,8 @@ class Nuisance:
         one of their sum, and with bounds the grid is one of their sum.
     tolerance : float
         Accuracy of the refinement, in the parameter's unit.
+    halvings : int
+        How often the steps of a discrete one are halved beside the value that fits best.
 
     Raises
     ------
@@ -136,6 +138,7 @@ class Nuisance:
     bounds: Bounds | None = None
     known_with: tuple[str, ...] = ()
     tolerance: float = 1e-6
+    halvings: int = 0
 
     def __post_init__(self) -> None:
         if not (self.grid.size and np.isfinite(self.grid).all() and (np.diff(self.grid) > 0.0).all()):
@@ -188,6 +191,14 @@ class Nuisance:
         """Whether every value is above zero, so that ratios of values say more than differences."""
         return self.first > 0.0
 
+    @property
+    def halved(self) -> Nuisance:
+        """The same nuisance with the middles of its steps, where its steps are to be halved."""
+        if not (self.discrete and self.halvings):
+            return self
+        middles = 0.5 * (self.grid[:-1] + self.grid[1:])
+        return replace(self, grid=np.sort(np.append(self.grid, middles)), halvings=self.halvings - 1)
+
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""
         return replace(self, grid=np.array([value]), prior=None, bounds=None, known_with=())
@@ -209,6 +220,27 @@ class Nuisance:
         low, high = self.around(at[self.name])
         below, above = (of({**at, self.name: value}) for value in (low, high))
         return (above - below) / (high - low)
+
+
+def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
+    """Every combination of the values of nuisances that are not refined, in the order of their grids.
+
+    A grid of a sum leaves its own nuisance what the others do not take, if that is not below zero.
+
+    Parameters
+    ----------
+    nuisances : sequence of Nuisance
+        All of a problem.
+    """
+    others = [nuisance for nuisance in nuisances if not nuisance.refined]
+    names = [nuisance.name for nuisance in others]
+    for values in product(*(nuisance.grid.tolist() for nuisance in others)):
+        at = dict(zip(names, values, strict=True))
+        bounded = [nuisance for nuisance in others if nuisance.bounds is not None]
+        for nuisance in bounded:
+            at[nuisance.name] -= sum(at[other] for other in nuisance.known_with)
+        if all(at[nuisance.name] >= -ROUNDING for nuisance in bounded):
+            yield at | {nuisance.name: max(at[nuisance.name], 0.0) for nuisance in bounded}
 
 
 class SeparableProblem(ABC):
@@ -234,21 +266,6 @@ class SeparableProblem(ABC):
     @abstractmethod
     def bins(self, at: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
-
-    def combinations(self) -> Iterator[dict[str, float]]:
-        """Every combination of the values of nuisances that are not refined, in the order of their grids.
-
-        A grid of a sum leaves its own nuisance what the others do not take, if that is not below zero.
-        """
-        others = [nuisance for nuisance in self.nuisances if not nuisance.refined]
-        names = [nuisance.name for nuisance in others]
-        for values in product(*(nuisance.grid.tolist() for nuisance in others)):
-            at = dict(zip(names, values, strict=True))
-            bounded = [nuisance for nuisance in others if nuisance.bounds is not None]
-            for nuisance in bounded:
-                at[nuisance.name] -= sum(at[other] for other in nuisance.known_with)
-            if all(at[nuisance.name] >= -ROUNDING for nuisance in bounded):
-                yield at | {nuisance.name: max(at[nuisance.name], 0.0) for nuisance in bounded}
 
     @property
     def first_values(self) -> dict[str, float]:

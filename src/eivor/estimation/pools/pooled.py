@@ -24,6 +24,7 @@ from eivor.estimation.competing import bounded_sums, least_of_competitors
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
+from eivor.estimation.nested_grids import on_nested_grids
 from eivor.estimation.parameter_sets import DEGREES, ParameterSets
 from eivor.estimation.pools.candidate import PoolCandidate, pool_candidate
 from eivor.estimation.pools.criterion import PoolCriterion
@@ -352,10 +353,11 @@ def pooled(
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
     places = tuple(parameters.index(name) for name in own)
-    criteria = [
-        _criterion(problems, estimates, places, nodes, fixed)
-        for fixed in problems[0].with_nuisances(nuisances).combinations()
-    ]
+
+    def made(fixed: dict[str, float], _beside: PoolCriterion | None) -> PoolCriterion:
+        return _criterion(problems, estimates, places, nodes, fixed)
+
+    criteria = on_nested_grids(nuisances, made, lambda one: one.minimum[1])
     p_value, inflation = _differences(criteria)
     candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
     return Pooled(tuple(estimates), tuple(own), candidates, nuisances, p_value, separate)

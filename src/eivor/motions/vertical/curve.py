@@ -22,7 +22,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
+from eivor.estimation.competing import DECIMALS
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.nested_grids import with_values_tried
 from eivor.estimation.parameter_sets import DEGREES
 from eivor.flights.quantity import NAN, NO_INTERVAL, Unjudged
 from eivor.inference.quantiles import t_quantile
@@ -90,7 +92,9 @@ def settled_curve(
         if math.isnan(value):
             return problem, estimate
     sides = [family.possible(value + step) for step in (-STEP, STEP)]
-    below, above = ((one, estimated(with_map(problem, family.map(one)))) for one in sides)
+    same = with_values_tried(problem.nuisances, (candidate.at for candidate in estimate.candidates))
+    alike = replace(problem, nuisances=same)
+    below, above = ((one, estimated(with_map(alike, family.map(one)))) for one in sides)
     curve = FittedCurve(family, value, bias_std, below, above, curvature_error)
     return replace(chosen, curve=curve), estimate
 
@@ -199,14 +203,23 @@ def _points(
 ) -> dict[tuple[float, ...], AtCandidate]:
     found = {}
     sides = [
-        (with_map(problem, curve.family.map(value)), one.candidates)
+        (
+            with_map(problem, curve.family.map(value)),
+            {_chosen(estimate, each): each for each in one.candidates},
+        )
         for value, one in (curve.below, curve.above)
     ]
-    for number, candidate in enumerate(estimate.candidates):
-        beside = tuple((flights, own[number], balance(flights, own[number])) for flights, own in sides)
+    for candidate in estimate.candidates:
+        same = [(flights, own[_chosen(estimate, candidate)]) for flights, own in sides]
+        beside = tuple((flights, own, balance(flights, own)) for flights, own in same)
         at = AtCandidate(problem, candidate, balance(problem, candidate), beside)
         found[tuple(candidate.at.values())] = at
     return found
+
+
+def _chosen(estimate: Estimate, candidate: Candidate) -> tuple[float, ...]:
+    """Values of a candidate's discrete nuisances."""
+    return tuple(round(value, DECIMALS) for name, value in candidate.at.items() if name not in estimate.names)
 
 
 def _slope(at: AtCandidate, curve: FittedCurve, of: Of) -> float:

@@ -1,0 +1,69 @@
+"""The lag that an estimator without any error would give to rotors that may have more than one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from eivor.signals.actuator import actuator_state
+from eivor.simulation.flights.truth import FlightTruth
+
+#: A rotor has one lag when its states are within this share of the hover state of those that follow with one.
+ONE_LAG = 1e-6
+#: Accuracy of lag and delay [s].
+TOLERANCE_S = 1e-5
+
+
+def effective_lag(
+    truth: FlightTruth,
+    command: Float[np.ndarray, "n rotors"],
+    thrust: Callable[[Float[np.ndarray, "n rotors"]], Float[np.ndarray, "n rotors"]],
+    rows: Bool[np.ndarray, " n"],
+) -> float:
+    """Sum of the first-order lag and the delay that best describe the true thrust from the commands [s].
+
+    Least squares of the true thrust on that of rotors with one lag, and an intercept, over the rows. The
+    nominal values for rotors that have one lag.
+
+    Parameters
+    ----------
+    truth : FlightTruth
+        The flight.
+    command : ndarray, shape (n, rotors)
+        In force from each instant on.
+    thrust : callable
+        Static thrust [m/s^2] of rotor states, elementwise.
+    rows : ndarray of bool, shape (n,)
+        Rows to use.
+    """
+    from scipy.optimize import minimize
+
+    step_s = float(truth.time_s[1] - truth.time_s[0])
+    begun = np.vstack([truth.rotor_state[:1], command])
+
+    def state(lag_s: float, delay_s: float) -> Float[np.ndarray, "n rotors"]:
+        return actuator_state(begun, step_s=step_s, lag_s=lag_s, delay_s=delay_s)[1:]
+
+    def lifted(states: Float[np.ndarray, "n rotors"]) -> Float[np.ndarray, " used"]:
+        column = (truth.cos_tilt * thrust(states).mean(axis=1))[rows]
+        return np.asarray(column - column.mean())
+
+    nominal = truth.actuator_lag + truth.delay
+    apart = np.abs(state(truth.actuator_lag, truth.delay) - truth.rotor_state).max()
+    true = lifted(truth.rotor_state)
+    if apart <= ONE_LAG * truth.hover_input or not true.any():
+        return nominal
+
+    def unexplained(at: Float[np.ndarray, " 2"]) -> float:
+        one_lag = lifted(state(*np.abs(at).tolist()))
+        return 1.0 - float((one_lag @ true) ** 2 / ((one_lag @ one_lag) * (true @ true)))
+
+    start = np.array([truth.actuator_lag, truth.delay])
+    settings = {"xatol": TOLERANCE_S, "fatol": np.inf}
+    simplex = start + np.array([[0.0, 0.0], [0.2 * nominal, 0.0], [0.0, 0.2 * nominal]])
+    found = minimize(
+        unexplained, start, method="Nelder-Mead", options={**settings, "initial_simplex": simplex}
+    )
+    return float(np.abs(found.x).sum())
