@@ -80,12 +80,25 @@ class Estimate:
         """
         if len(self.candidates) == 1:
             return self.candidates
+        allowance = chi_square_quantile(level, self.choices)
+        compared = zip(self.candidates, self.excesses, strict=True)
+        return tuple(one for one, excess in compared if excess <= allowance)
+
+    @property
+    def choices(self) -> int:
+        """Discrete nuisances that have a choice, but those that are bounded; one at least."""
         refined = {profile.nuisance.name for profile in self.best.profiles}
         chosen = [name for name in self.best.at if name not in refined and len(self._values_of(name)) > 1]
-        allowance = chi_square_quantile(level, max(len(chosen) - len(self.bounded), 1))
-        least = self.least_of_competitors([one.criterion for one in self.candidates])
-        compared = zip(self.candidates, least, strict=True)
-        return tuple(one for one, lowest in compared if one.criterion <= lowest + allowance)
+        return max(len(chosen) - len(self.bounded), 1)
+
+    @property
+    def excesses(self) -> tuple[float, ...]:
+        """What each candidate's criterion is above the least one that it competes with."""
+        if len(self.candidates) == 1:
+            return (0.0,)
+        criteria = [one.criterion for one in self.candidates]
+        least = self.least_of_competitors(criteria)
+        return tuple(one - lowest for one, lowest in zip(criteria, least, strict=True))
 
     def least_of_competitors(self, criteria: Sequence[float]) -> list[float]:
         """For each candidate the least criterion of those it competes with, see `competing`."""

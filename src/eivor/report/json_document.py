@@ -18,11 +18,14 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, Quantity
 from eivor.flights.result import Fit, FlightEstimate
+from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
 from eivor.signals.recording import Finding
 
 SCHEMA = "eivor.identify/1"
+#: Candidates that do not fit even at this level are left out.
+WIDEST_LEVEL = 0.999
 
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
 Json = object
@@ -103,13 +106,16 @@ def findings_list(findings: tuple[Finding, ...]) -> list[Json]:
 
 
 def _covariance(estimate: Estimate) -> Json:
-    """Joint vector and its covariance, for each combination of the discrete nuisances that fits."""
+    """Joint vector and its covariance, for each combination of the discrete nuisances that fits at all."""
+    most = chi_square_quantile(WIDEST_LEVEL, estimate.choices)
     return {
         "names": list(estimate.names),
+        "choices": estimate.choices,
         "candidates": [
             {
                 "at": {name: number(value) for name, value in candidate.at.items()},
                 "best": candidate is estimate.best,
+                "excess": number(excess),
                 "values": [number(value) for value in candidate.values],
                 "parts": [
                     {
@@ -121,7 +127,8 @@ def _covariance(estimate: Estimate) -> Json:
                     for part in candidate.covariance.parts
                 ],
             }
-            for candidate in estimate.tenable()
+            for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True)
+            if excess <= most
         ],
     }
 

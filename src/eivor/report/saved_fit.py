@@ -17,7 +17,7 @@ from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
-from eivor.inference.quantiles import check_level
+from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.notebook import html_table
 from eivor.report.json_document import SCHEMA, json_document, json_text
@@ -40,12 +40,15 @@ class SavedCandidate:
         Joint vector.
     covariance : JointCovariance
         Of the joint vector.
+    excess : float
+        What its criterion is above the least one that it competes with.
     """
 
     at: Mapping[str, float]
     best: bool
     values: Float[np.ndarray, " n"]
     covariance: JointCovariance
+    excess: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -63,7 +66,8 @@ class SavedFit:
     names : tuple of str
         Joint vector; empty without an estimate.
     candidates : tuple of SavedCandidate
-        Those that fit; empty without an estimate.
+        Those that fit at a level of .999, or of a document without their `excess` at .95; empty without an
+        estimate.
     prediction : mapping of str to object
         What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
         `limits`, `beside`; empty without an estimate.
@@ -135,10 +139,12 @@ class SavedFit:
             )
         place = self.names.index(name)
         direction = np.eye(len(self.names))[place]
+        allowance = chi_square_quantile(level, self.document["covariance"].get("choices", 1))
         ends = [
             float(candidate.values[place]) + sign * candidate.covariance.half_width(direction, level)
             for candidate in self.candidates
             for sign in (-1.0, 1.0)
+            if candidate.excess <= allowance
         ]
         return quantity.widened((min(ends), max(ends)))
 
@@ -262,7 +268,8 @@ def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
     if not parts:
         raise ValueError("a covariance without parts")
     at = {str(name): _number(value, math.nan) for name, value in one["at"].items()}
-    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts))
+    excess = _number(one.get("excess", 0.0), math.inf)
+    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts), excess)
 
 
 def _number(value: float | None, missing: float) -> float:
