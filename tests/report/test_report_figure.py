@@ -62,6 +62,10 @@ def test_the_prediction_drawn_is_close_for_a_good_fit(fit: FlightEstimate) -> No
 def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
     panel = flight_figure(fit).axes[3]
     curve = next(line for line in panel.lines if str(line.get_label()).startswith("delay"))
+    fitting = fit.estimate.tenable() if fit.estimate is not None else ()
+    assert {f"delay {1e3 * one.at['delay']:g} ms" for one in fitting} <= {
+        line.get_label() for line in panel.lines
+    }
     lags, heights = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
     assert lags[np.argmin(heights)] == pytest.approx(1e3 * fit.quantities["actuator_lag"].value, rel=1e-3)
     assert heights.min() == pytest.approx(0.0, abs=1e-9)

@@ -112,4 +112,4 @@ def _choice(candidate: Candidate, result: FlightEstimate) -> str:
     told = [
         (result.motion.wording[name], value) for name, value in candidate.at.items() if name not in refined
     ]
-    return ", ".join(f"{one.words} {value * one.scale:.0f} {one.shown_unit}".rstrip() for one, value in told)
+    return ", ".join(f"{one.words} {value * one.scale:.3g} {one.shown_unit}".rstrip() for one, value in told)
