@@ -16,7 +16,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 #: The command line, whatever the PATH holds.
-EIVOR = (sys.executable, "-c", "from eivor.cli.main import run; run()")
+EIVOR = (sys.executable, "-c", "from eivor.cli.entry import run; run()")
 #: The module that runs the study of the flight recipe.
 FLIGHT_STUDY = (sys.executable, "-m", "validation.flight_recipe.study")
 #: The flight that comes with Eivor.

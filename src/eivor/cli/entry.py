@@ -5,14 +5,19 @@ Nothing is imported here until `run` is called.
 
 from __future__ import annotations
 
+import gc
 import sys
 
 #: As `eivor.cli.exit_codes.ExitCode.INTERRUPTED`, which cannot be imported yet.
 INTERRUPTED = 130
+#: So many new objects, rather than 700, are waited for before those in cycles are looked for: imports make
+#: a hundred thousand, none of which can go, and looking through them is a twentieth of a command.
+OBJECTS_BETWEEN_COLLECTIONS = 100_000
 
 
 def run() -> None:
     """Import the command line, run it, and leave with its exit code."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     try:
         from eivor.cli.main import run as run_command
 
@@ -21,3 +26,5 @@ def run() -> None:
         if sys.stderr is not None:  # closed by the caller, who does not want to know
             sys.stderr.write("eivor: interrupted\n")
         raise SystemExit(INTERRUPTED) from None
+    finally:
+        gc.freeze()  # the process ends: what it holds is given back at once, not looked through first
