@@ -14,6 +14,7 @@ import shape_checks
 
 #: Each of these costs a tenth of a second or more.
 HEAVY = (
+    "jaxtyping",
     "matplotlib",
     "polars",
     "pyulog",

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import DataError, UsageError
+from eivor.shapes import Float
 
 #: What counts as a real number by itself; booleans are no numbers.
 NUMBERS = (int, float, np.integer, np.floating)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import os
 import re
@@ -17,7 +18,7 @@ from typing import Any
 import polars
 import pytest
 
-from eivor.cli import terminal
+from eivor.cli import entry, main, terminal
 from eivor.cli.exit_codes import ExitCode, guarded
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
@@ -228,6 +229,20 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
     )
     listed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
+
+
+def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    before, seen = gc.get_threshold(), []
+    monkeypatch.setattr(main, "run", lambda: seen.append(gc.get_threshold()[0]))
+    try:
+        entry.run()
+        assert seen == [entry.OBJECTS_BETWEEN_COLLECTIONS]
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()
+        gc.set_threshold(*before)
 
 
 @pytest.mark.thorough

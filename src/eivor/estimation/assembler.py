@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import CovarianceError, InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
@@ -18,6 +17,7 @@ from eivor.estimation.products.of_problem import products_of, root_of_rows
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression, RowBlock
+from eivor.shapes import Float
 
 
 class Assembler(ABC):

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.errors import ConvergenceError
+from eivor.shapes import Float, Int
 
 #: Axes of a box: one increasing array for each variable.
 Box = Sequence[Float[np.ndarray, " _"]]

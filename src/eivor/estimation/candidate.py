@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.inferred import Inference
 from eivor.estimation.search import NuisanceProfile
@@ -17,6 +16,7 @@ from eivor.inference.covariances.estimators import DEFAULT, CovarianceEstimator
 from eivor.inference.estimating_equation import EstimatingEquation
 from eivor.linalg.system import Solution
 from eivor.models.regression import Regression
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -22,6 +21,7 @@ from eivor.inference.quantiles import check_level, t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.fieller import fieller_set
 from eivor.inference.sets.profile import gradient_of, principal_axes, profile_interval
+from eivor.shapes import Float
 
 #: Share of the half-width by which a function may bend before it is profiled.
 LARGEST_BEND = 0.05

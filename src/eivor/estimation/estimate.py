@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
@@ -28,6 +27,7 @@ from eivor.inference.sets.ellipse import Ellipse, joint_ellipse
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.models.equation import Parameter
 from eivor.notebook import html_table
+from eivor.shapes import Float
 
 if TYPE_CHECKING:
     import polars as pl

@@ -18,7 +18,6 @@ from itertools import chain
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor.estimation.solved import Solved
 from eivor.inference.covariances.covariance import unit_scale
@@ -32,6 +31,7 @@ from eivor.inference.quantiles import chi_square_tail
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.regression import Regression, RowBlock
 from eivor.models.rows import SampleRows
+from eivor.shapes import Float
 
 Blocks = Callable[[], Iterable[RowBlock]]
 #: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.

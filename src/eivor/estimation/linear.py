@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -31,6 +30,7 @@ from eivor.linalg.system import Solution, Solver
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

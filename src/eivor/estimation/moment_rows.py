@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import InstrumentError, UsageError
@@ -24,6 +23,7 @@ from eivor.inference.sets.anderson_rubin import LinearScores, averages_for
 from eivor.models.equation import Parameter
 from eivor.models.regression import LinearProblem
 from eivor.models.rows import RowLayout
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.inference.products import Products
 from eivor.linalg.triangular import merged_roots
 from eivor.models.equation import Parameter
+from eivor.shapes import Float
 
 
 class Moments(ABC):

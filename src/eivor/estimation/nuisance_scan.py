@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.products.nodes import Nodes
+from eivor.shapes import Float
 
 #: Places between two nodes at which minima are looked for.
 BETWEEN = 4

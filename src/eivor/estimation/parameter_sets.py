@@ -26,7 +26,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Instrumental
@@ -41,6 +40,7 @@ from eivor.inference.quantiles import check_level, chi_square_quantile, t_quanti
 from eivor.inference.sets.concentrated import allowed, least_ratio
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.models.separable import SeparableProblem
+from eivor.shapes import Float
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
 DEGREES = 8

@@ -24,7 +24,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Instrumental
@@ -40,6 +39,7 @@ from eivor.inference.products import Products
 from eivor.linalg.system import LinearSystem, Solver
 from eivor.models.equation import Parameter
 from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.shapes import Float
 
 #: Directions of a replicate's instruments with smaller shares of power are dropped.
 SMALLEST_POWER = 1e-8

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float, Int
 
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
@@ -26,6 +25,7 @@ from eivor.inference.resampling.blocks import BlockPlan, piece_sums
 from eivor.linalg.system import Solver
 from eivor.linalg.triangular import triangular_root
 from eivor.models.regression import Regression
+from eivor.shapes import Float, Int
 
 
 class PieceMoments(ABC):

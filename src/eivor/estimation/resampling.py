@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float, Int
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
@@ -20,6 +19,7 @@ from eivor.inference.resampling.replicates import Bootstrap, check_draws
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.rows import SampleRows
+from eivor.shapes import Float, Int
 
 #: Replicates that are made when their number is not named; with one more, tails are whole numbers.
 RUNS = 999

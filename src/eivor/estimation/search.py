@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ConvergenceError
 from eivor.linalg.system import Solution
 from eivor.models.separable import Nuisance, Values
+from eivor.shapes import Float
 
 #: Where only weights are made of an estimate, tolerances are so many times coarser.
 COARSE = 1000.0

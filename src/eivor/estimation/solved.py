@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor.errors import EstimationError
 from eivor.estimation.assembler import Assembler
@@ -14,6 +13,7 @@ from eivor.estimation.moments import CrossMoments, Moments
 from eivor.inference.products import Products
 from eivor.linalg.system import LinearSystem, Solution, Solver
 from eivor.models.regression import LinearProblem, Regression
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

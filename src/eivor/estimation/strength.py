@@ -6,7 +6,6 @@ import sys
 import warnings
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import WeakInstrumentsWarning
 from eivor.estimation.moments import CrossMoments, Moments
@@ -15,6 +14,7 @@ from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.linalg.system import LinearSystem
 from eivor.models.equation import Parameter
+from eivor.shapes import Float
 
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:

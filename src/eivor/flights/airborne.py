@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.flights.grid import Grid, on_grid
+from eivor.shapes import Bool, Float
 from eivor.signals.recording import Recording
 from eivor.signals.signals import stretches
 

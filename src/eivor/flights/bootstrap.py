@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
@@ -22,6 +21,7 @@ from eivor.flights.motion import Drawn, Motion
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.resampling.replicates import Bootstrap, check_draws
 from eivor.models.separable import SeparableProblem
+from eivor.shapes import Float
 
 #: Replicates that are made when their number is not named.
 RUNS = 999

@@ -19,9 +19,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.flights.uneven_stamps import stamps_are_true, uneven
+from eivor.shapes import Float
 from eivor.signals.recording import Channel
 
 #: A distance of stamps within this share of another is taken as the same.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.derived import ratio
@@ -13,6 +12,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Unjudged
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Nuisance, SeparableProblem
+from eivor.shapes import Float
 
 #: Sum of lag and delay, which a flight tells better than either.
 EFFECTIVE_LAG = "effective_lag"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.flights.quantity import Unjudged
@@ -13,6 +12,7 @@ from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, SIGNIFICANT, to
 from eivor.inference.quantiles import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Values
+from eivor.shapes import Float
 
 #: Neither lag nor delay.
 NO_LAG = Bounds(0.0, 0.0)

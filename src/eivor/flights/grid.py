@@ -12,9 +12,9 @@ from itertools import pairwise
 from math import ceil, floor
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from eivor.errors import InputError
+from eivor.shapes import Bool, Float, Int
 from eivor.signals.recording import Channel
 
 #: Steps of the grid [s]: the fine one when command and accelerometer are logged at FINE_FROM_HZ or more.

@@ -13,7 +13,6 @@ from enum import Enum
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement
@@ -30,6 +29,7 @@ from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import SeparableProblem, Values
+from eivor.shapes import Float
 from eivor.signals.canonical import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 
 def white_noise_std(values: Float[np.ndarray, " n"]) -> float:

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import MissingChannelError
 from eivor.flights.command_clock import CommandClock, as_issued, command_clock
@@ -23,6 +22,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, jumps, named_reference, references
 from eivor.flights.selection import Limit, Selection
+from eivor.shapes import Bool, Float
 from eivor.signals.fast_length import fast_length
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Finding, Recording, interval_within

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from eivor.flights.airborne import Active
 from eivor.flights.grid import Grid, around
 from eivor.flights.references import Reference
 from eivor.flights.selection import InputFamily
 from eivor.models.spectral import SpectralRun
+from eivor.shapes import Bool, Float, Int
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.flights.grid import Grid, on_grid
+from eivor.shapes import Bool, Float
 from eivor.signals.canonical import canonical_channel
 from eivor.signals.recording import Channel, Recording
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
@@ -25,6 +24,7 @@ from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.separable import SeparableProblem
 from eivor.notebook import html_table
+from eivor.shapes import Float
 from eivor.signals.recording import Finding
 
 if TYPE_CHECKING:

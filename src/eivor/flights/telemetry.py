@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from math import hypot, sqrt
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import EstimationError
 from eivor.estimation.fit import identify
@@ -26,6 +25,7 @@ from eivor.flights.quantity import Unjudged
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.separable import Prior, Values
+from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state
 from eivor.signals.recording import Channel
 

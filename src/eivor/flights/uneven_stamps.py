@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.signals.recording import Channel
 
 #: Even stamps: the standard deviation of their distances, pauses left out, is below this share of the median.

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.errors import CollinearError
+from eivor.shapes import Float, Int
 
 
 @dataclass(frozen=True)

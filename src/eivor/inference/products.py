@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.errors import UsageError
 from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
+from eivor.shapes import Float, Int
 
 #: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
 SHORT_BLOCK = 64

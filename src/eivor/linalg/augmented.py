@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 
 def solve_augmented(

@@ -10,13 +10,13 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg.lapack import dtrtrs
 
 from eivor.errors import CollinearError
 from eivor.linalg.augmented import solve_augmented
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
 from eivor.linalg.triangular import triangular_root
+from eivor.shapes import Float
 
 #: Share of a solution, and of its standard errors, that rounding may take. A condition number times the
 #: rounding of a number is about what it does take.

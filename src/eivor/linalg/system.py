@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ShapeError, TooFewSamplesError
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

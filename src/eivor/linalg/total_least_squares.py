@@ -16,13 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor.errors import CovarianceError, NoUniqueSolutionError, TooFewSamplesError
 from eivor.linalg.augmented import solve_augmented
 from eivor.linalg.least_squares import column_lengths, smallest_singular_value
 from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
 from eivor.linalg.triangular import triangular_root
+from eivor.shapes import Float
 
 #: sigma_min([A b]) must lie below sigma_min(A) by this share.
 SEPARATION = 1e-12

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
+from eivor.shapes import Float
 
 
 def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:

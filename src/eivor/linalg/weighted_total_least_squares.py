@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import ConvergenceError, CovarianceError, ShapeError
 from eivor.linalg.least_squares import LeastSquares, column_lengths
 from eivor.linalg.system import LinearSystem, Solution
+from eivor.shapes import Float
 
 #: Relative change of theta at which the iteration stops, and its longest run.
 TOLERANCE = 1e-14

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ChannelMapError
+from eivor.shapes import Float
 
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {

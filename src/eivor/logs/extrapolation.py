@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.signals.recording import Finding
 
 #: Fewest rows of a line, fewest columns that begin one together, and what "together" means [rows].

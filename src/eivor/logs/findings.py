@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.signals.recording import Channel, ChannelQuality, Finding
 
 _GRAVITY = 9.80665

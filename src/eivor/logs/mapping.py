@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import ChannelMapError, EmptyLogError, did_you_mean
 from eivor.logs.channel_map import ChannelMap, ChannelRule, ValidRange, load_channel_map, shipped_maps
@@ -15,6 +14,7 @@ from eivor.logs.expressions import Expression
 from eivor.logs.extrapolation import without_extrapolation
 from eivor.logs.findings import channel_findings
 from eivor.logs.units import TIME_UNITS
+from eivor.shapes import Bool, Float
 from eivor.signals.canonical import canonical_channel, canonical_channels, held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import TooFewSamplesError, UsageError
+from eivor.shapes import Float
 from eivor.signals.signals import Signals
 
 #: Lags of one channel: each is a column of every row, and more of them no record can tell apart.

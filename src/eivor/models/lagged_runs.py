@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.equation import Parameter
@@ -21,6 +20,7 @@ from eivor.models.regression import Regression
 from eivor.models.rows import AxisRows, RowLayout, SampleRows
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
+from eivor.shapes import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from eivor import checks
@@ -29,6 +28,7 @@ from eivor.errors import (
 from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
 from eivor.models.equation import Parameter
 from eivor.models.rows import RowLayout, SampleRows
+from eivor.shapes import Float, Int
 
 #: Largest variance that products can be formed with.
 LARGEST_VARIANCE = 1e150

@@ -11,7 +11,8 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from eivor.shapes import Float, Int
 
 
 class RowLayout(ABC):

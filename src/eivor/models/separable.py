@@ -14,13 +14,13 @@ from itertools import product
 from typing import Any, TypeVar, cast
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import ParameterError
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
 from eivor.models.spectral import SpectralRegression
+from eivor.shapes import Float
 
 Number = TypeVar("Number", float, np.ndarray)
 

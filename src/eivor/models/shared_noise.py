@@ -15,11 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import MissingNoiseError, TooFewSamplesError
 from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
 from eivor.models.column import Column
+from eivor.shapes import Bool, Float
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
 

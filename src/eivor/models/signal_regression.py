@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor import checks
 from eivor.errors import MissingNoiseError
@@ -17,6 +16,7 @@ from eivor.models.column import Column, check_columns
 from eivor.models.equation import Equation, Parameter
 from eivor.models.regression import LinearProblem, Regression, RowBlock
 from eivor.models.shared_noise import shared_noise
+from eivor.shapes import Bool, Float
 from eivor.signals.signals import Signals
 
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float, Int
 
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression
 from eivor.models.rows import RowLayout
+from eivor.shapes import Bool, Complex, Float, Int
 
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05

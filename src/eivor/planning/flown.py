@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.planning.limits import FlightLimits
 from eivor.planning.setpoints import STEP_S, Shape
 from eivor.planning.vehicle import VehicleGuess
+from eivor.shapes import Float
 from eivor.signals.recording import Recording
 from eivor.simulation.flights.closed_loop import (
     AltitudeController,

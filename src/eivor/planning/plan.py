@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
@@ -19,6 +18,7 @@ from eivor.planning.ranking import ranked_std_errors
 from eivor.planning.setpoints import STEP_S, Shape, candidates
 from eivor.planning.targets import TARGETS, check_target
 from eivor.planning.vehicle import VehicleGuess
+from eivor.shapes import Float
 
 KINDS = ("multisine", "steps")
 #: So many shapes are flown in simulation, each so often; one flight of each is identified, all of the best.

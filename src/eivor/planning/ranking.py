@@ -7,10 +7,10 @@ of (K, K_u, lag) is the inverse of the sum over the band of G* G / S, G = [-V, U
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Complex, Float
 
 from eivor.planning.setpoints import STEP_S, Shape
 from eivor.planning.vehicle import VehicleGuess
+from eivor.shapes import Complex, Float
 
 #: Band of the recipe [Hz].
 BAND_HZ = (0.04, 5.0)

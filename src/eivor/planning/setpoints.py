@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.planning.limits import FlightLimits
+from eivor.shapes import Float
 from eivor.signals.actuator import first_order_lag
 
 #: Step of the simulation, and of what the recipe sees [s].

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 from eivor.simulation.flights.closed_loop import AltitudeController
 from eivor.toml_table import read_toml
 

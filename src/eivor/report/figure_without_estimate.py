@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 
 from eivor.flights.motion import Panel
 from eivor.flights.result import FlightEstimate
 from eivor.report.plain_figure import Panels, fitting, page, without_abscissa
 from eivor.report.printable import printable
+from eivor.shapes import Bool, Float
 
 SIZE_INCHES = (11.0, 8.5)
 

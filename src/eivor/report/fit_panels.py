@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import cycle
 
 import numpy as np
-from jaxtyping import Complex, Float
 from matplotlib.axes import Axes
 
 from eivor.estimation.candidate import Candidate
@@ -15,6 +14,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report.plain_figure import fitting, legend
 from eivor.report.printable import printable
+from eivor.shapes import Complex, Float
 
 MEASURED, PREDICTED, RESIDUAL, SHADE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 #: At most so much of a flight is drawn over time [s].

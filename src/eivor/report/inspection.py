@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from eivor.errors import EivorError
 from eivor.flights.grid import Grid
@@ -17,6 +16,7 @@ from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.report.card import logging_advice_for, missing_channels
+from eivor.shapes import Bool
 from eivor.signals.recording import Channel, Finding, Recording
 from eivor.signals.signals import stretches
 

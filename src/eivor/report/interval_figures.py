@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -20,6 +19,7 @@ from eivor.motions import wording_of
 from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page, panel
 from eivor.report.printable import printable
+from eivor.shapes import Float
 
 PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
 COLOURS = (BLUE, DARK, "#a06a00", "#1b7f3b", "#7b3f9e")

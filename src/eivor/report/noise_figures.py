@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -11,6 +10,7 @@ from eivor.errors import NonFiniteError
 from eivor.report.given_axes import figure_of
 from eivor.report.plain_figure import BLUE, GREY, RED, legend, panel
 from eivor.report.printable import printable
+from eivor.shapes import Float
 from eivor.signals.long_memory import LongMemory, estimate_long_memory
 
 #: Periodogram bins are averaged in bands of so many for each decade of frequency.

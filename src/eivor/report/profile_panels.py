@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from eivor.estimation.candidate import Candidate
@@ -13,6 +12,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.report.fit_panels import SHADE
 from eivor.report.plain_figure import legend
+from eivor.shapes import Float
 
 #: The profile is drawn up to so many times the height that bounds a delay, or higher; linear up to
 #: that height and logarithmic above it.

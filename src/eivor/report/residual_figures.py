@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,6 +13,7 @@ from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.noise_figures import draw_noise_spectrum
 from eivor.report.plain_figure import BLUE, DARK, GREY, RED, legend, page
 from eivor.report.printable import printable
+from eivor.shapes import Float
 from eivor.signals.long_memory import LEAST_BANDWIDTH
 
 #: Names of the panels.

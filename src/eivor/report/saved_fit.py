@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import EstimationError, InputError, UsageError
 from eivor.flights.allowance import Allowance, Counts
@@ -21,6 +20,7 @@ from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.notebook import html_table
 from eivor.report.json_document import SCHEMA, json_document, json_text
+from eivor.shapes import Float
 
 #: Larger files are no result.
 LARGEST_BYTES = 100_000_000

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -14,6 +13,7 @@ from eivor.motions import wording_of
 from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import BLUE, DARK, RED, drawable, labelled, legend, page
 from eivor.report.printable import printable
+from eivor.shapes import Float
 from eivor.studies.metrics import TOGETHER, Spread, trial_nrmse
 from eivor.studies.run import StudyResult
 

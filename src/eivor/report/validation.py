@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
@@ -25,6 +24,7 @@ from eivor.models.instruments import NoInstruments
 from eivor.motions import motion_of_model
 from eivor.notebook import html_table
 from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
+from eivor.shapes import Float
 from eivor.signals.recording import Recording
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
@@ -26,6 +25,7 @@ from eivor.report.plain_figure import (
 )
 from eivor.report.printable import printable
 from eivor.report.validation import ModelPrediction, Validation
+from eivor.shapes import Float
 
 COLOURS = (RED, BLUE, GREY, "#8a6d3b")
 SIZE_INCHES = (11.0, 8.5)

@@ -10,8 +10,9 @@ so the state at a sample answers the commands *before* it, never the one that st
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg.lapack import dtbtrs
+
+from eivor.shapes import Float
 
 
 def actuator_state(

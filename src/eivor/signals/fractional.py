@@ -13,7 +13,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Complex, Float
+
+from eivor.shapes import Complex, Float
 
 #: Longest record whose weights' spectrum is kept for the next one: studies draw many of one length.
 KEPT = 1 << 16

@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 BLOCK = 4_096
 

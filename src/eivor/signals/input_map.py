@@ -10,9 +10,9 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
+from eivor.shapes import Float
 
 
 class InputMap(ABC):

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from statistics import NormalDist
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
+from eivor.shapes import Float
 from eivor.signals.noise import LARGEST_ORDER, FractionalNoise
 
 #: Fewest frequencies from which an order is estimated.

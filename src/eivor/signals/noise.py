@@ -11,10 +11,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import NonFiniteError
+from eivor.shapes import Float
 from eivor.signals.fractional import fractional_difference
 from eivor.signals.fractional_growth import growth_table
 

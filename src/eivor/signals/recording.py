@@ -20,11 +20,11 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
+from eivor.shapes import Float
 from eivor.signals.stamps import evened
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].

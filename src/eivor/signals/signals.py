@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor import checks
 from eivor.errors import DataError, MissingChannelError, NonFiniteError, ShapeError, UsageError
+from eivor.shapes import Bool, Float
 from eivor.signals.noise import MeasurementNoise
 
 

@@ -9,7 +9,8 @@ line through the stamps around each sample, against their numbers, has those err
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 #: So many samples to each side make the line; a second of a slow log, and too short for a clock to drift.
 REACH = 25

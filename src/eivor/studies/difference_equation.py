@@ -13,13 +13,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg.lapack import dtbtrs
 
 from eivor.errors import ParameterError
 from eivor.models.column import Column
 from eivor.models.equation import Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
+from eivor.shapes import Float
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.sources.disturbance import Disturbance

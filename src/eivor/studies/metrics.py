@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from jaxtyping import Float
 
 from eivor.inference.verdict import Status
+from eivor.shapes import Float
 from eivor.studies.run import StudyResult
 from eivor.studies.share import Share
 from eivor.studies.trial import FAILED

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.pools.criterion import PoolCriterion
 from eivor.estimation.pools.joint import PoolJoint, member_slopes
 from eivor.estimation.search import NuisanceProfile, profiles_of
 from eivor.models.separable import Values
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

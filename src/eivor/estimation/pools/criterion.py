@@ -17,7 +17,6 @@ from math import inf
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Bool, Float
 
 from eivor.estimation.box_search import least_place
 from eivor.estimation.nuisance_scan import NuisanceScan, Places
@@ -25,6 +24,7 @@ from eivor.estimation.pools.member import PoolMember, products_at
 from eivor.estimation.products.nodes import Nodes
 from eivor.inference.sets.concentrated import allowed, least_ratio
 from eivor.models.separable import Prior, Values
+from eivor.shapes import Bool, Float
 
 Forms = Float[np.ndarray, "F k b b"]
 Box = Sequence[Float[np.ndarray, " _"]]

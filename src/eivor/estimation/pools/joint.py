@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.linear import slope
 from eivor.estimation.pools.criterion import PoolCriterion
@@ -22,6 +21,7 @@ from eivor.estimation.pools.member import PoolMember
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, sandwich, unit_scale
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, cosine_covariance
 from eivor.models.separable import Nuisance, Values
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

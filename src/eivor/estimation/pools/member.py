@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.products.nodes import Nodes
 from eivor.estimation.weighting.rows import WeightedRows
 from eivor.estimation.weighting.whitening import whitened_by_residuals
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem, Values
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

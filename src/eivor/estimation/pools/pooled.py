@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import bounded_sums, least_of_competitors
@@ -38,6 +37,7 @@ from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
+from eivor.shapes import Float
 
 #: Nodes of a nuisance, at least: products of lags that are close make differences that are small.
 FEWEST_NODES = 33

@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor.estimation.inferred import equation_of
 from eivor.estimation.products.long_records import block_count
@@ -22,6 +21,7 @@ from eivor.inference.products import Products
 from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.models.signal_regression import SignalRegression
 from eivor.models.spectral import BinRows
+from eivor.shapes import Float
 
 #: Shared noise below this share of a product is its rounding.
 ROUNDING = 1e-9

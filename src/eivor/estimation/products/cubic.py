@@ -7,7 +7,8 @@ flight takes to be identified.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 
 def slopes_of_nodes(nodes: Float[np.ndarray, " T"]) -> Float[np.ndarray, "T T"]:

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 from numpy.lib.stride_tricks import as_strided
 
 from eivor.models.column import Column
+from eivor.shapes import Float
 
 #: Samples folded into one row.
 FOLD = 8

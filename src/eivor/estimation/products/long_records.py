@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.estimation.products.folded_lags import FOLD, folded_products, successive_lags, unfolded
 from eivor.inference.diagnostics.constancy import GROUPS
@@ -22,6 +21,7 @@ from eivor.inference.products import ProductLayout, Products, block_edges
 from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
+from eivor.shapes import Float, Int
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
 BLOCKS = 128

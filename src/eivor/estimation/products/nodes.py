@@ -13,11 +13,11 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.products.cubic import slopes_of_nodes, spline_weights
 from eivor.estimation.search import product_grids
 from eivor.models.separable import Nuisance, Prior, Values
+from eivor.shapes import Float
 
 #: Nodes of one nuisance, at least; of several together about so many, at most.
 FEWEST_NODES, MOST_NODES = 17, 1000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import InstrumentError, NonFiniteError
 from eivor.estimation.products.long_records import products_of_long_record
@@ -12,6 +11,7 @@ from eivor.inference.products import Products, products_of_rows
 from eivor.linalg.triangular import triangular_root
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.signal_regression import SignalRegression
+from eivor.shapes import Float
 
 
 def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import TooFewSamplesError
 from eivor.estimation.products.folded_lags import FOLD, folded_products, successive_lags, unfolded
@@ -21,6 +20,7 @@ from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
 from eivor.linalg.triangular import merged_roots
 from eivor.models.column import Column
 from eivor.models.signal_regression import SignalRegression
+from eivor.shapes import Float
 
 #: Blocks that one thread sums before it hands in, and how many such stretches are worth threads.
 STRETCH_BLOCKS = 64

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import InstrumentError, UsageError
@@ -20,6 +19,7 @@ from eivor.inference.covariances.bandwidth import newey_west_bandwidth
 from eivor.inference.covariances.kernel import bartlett_covariance
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem, Values
+from eivor.shapes import Float
 
 
 class WeightedRows(ABC):

@@ -14,13 +14,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Complex, Float
 
 from eivor.estimation.weighting.rows import RowWeighting, WeightedRows
 from eivor.inference.diagnostics.instrument_tests import orthonormal_basis
 from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
+from eivor.shapes import Complex, Float
 
 #: Power never falls below this share of its median, so that no bin takes all the weight.
 POWER_FLOOR = 1e-6

@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
+from eivor.shapes import Float
 
 #: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).
 ANDREWS = {Bartlett: (1.1447, 1), Parzen: (2.6614, 2), QuadraticSpectral: (1.3221, 2)}

@@ -12,11 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.inference.estimating_equation import singular_sensitivity
 from eivor.inference.quantiles import t_quantile
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

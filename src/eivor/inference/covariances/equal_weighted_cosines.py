@@ -14,7 +14,8 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 #: Number of cosine averages of the autocorrelation-robust covariance.
 COSINE_AVERAGES = 8

@@ -18,13 +18,13 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, sandwich
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, cosine_covariance
 from eivor.inference.estimating_equation import EstimatingEquation
+from eivor.shapes import Float
 
 #: Pools of at least so many flights have their covariance clustered by flight as well.
 CLUSTERED_FROM = 10

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.covariances.kernel import Kernel
+from eivor.shapes import Float
 
 #: Points of a quadrature, and where a kernel without an end is cut off.
 POINTS = 4001

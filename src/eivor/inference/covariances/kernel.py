@@ -13,9 +13,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
+from eivor.shapes import Float
 
 #: Below this argument the quadratic spectral kernel is its series, 1 - z^2/10.
 SMALL_ARGUMENT = 1e-3

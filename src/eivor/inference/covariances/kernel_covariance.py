@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.inference.covariances.bandwidth import Bandwidth, NeweyWestRule
@@ -16,6 +15,7 @@ from eivor.inference.covariances.estimators import CovarianceEstimator
 from eivor.inference.covariances.fixed_b import FixedBReference, fixed_b_reference
 from eivor.inference.covariances.kernel import Bartlett, Kernel, kernel_sum_covariance
 from eivor.inference.estimating_equation import EstimatingEquation
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

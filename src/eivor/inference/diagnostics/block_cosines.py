@@ -14,12 +14,12 @@ whatever the autocorrelation (Hotelling; Sun 2014). It needs more averages than 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from scipy import special
 
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.covariances.equal_weighted_cosines import cosine_averages
 from eivor.inference.quantiles import chi_square_tail
+from eivor.shapes import Float
 
 #: Fewest averages, and how many there are for each equation that is tested.
 LEAST_AVERAGES = 8

@@ -22,12 +22,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
 from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject, told
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 #: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
 GROUPS = 64

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.verdict import Reason
+from eivor.shapes import Float
 
 #: Level at which a test speaks: four tests of a good estimate are silent together in 96 records of 100.
 SIGNIFICANT = 0.01

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy import special
 
 from eivor.inference.covariances.covariance import unit_scale
@@ -30,6 +29,7 @@ from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row,
 from eivor.inference.diagnostics.equation_products import EquationProducts
 from eivor.inference.quantiles import chi_square_tail
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 #: Directions in which P differs from its projection on the columns by less than this share are no test.
 NO_DIFFERENCE = 1e-9

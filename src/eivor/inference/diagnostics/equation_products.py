@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.diagnostics.instrument_tests import SMALLEST_DIRECTION
 from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Row, Subject
 from eivor.inference.diagnostics.equation_products import EquationProducts
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 #: Variance below this share of a column's largest square is rounding: the column is constant.
 VANISHING = 1e-24

@@ -6,9 +6,9 @@ Notation: Q orthonormal basis of the instruments, G Jacobian, e residual.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.quantiles import chi_square_tail
+from eivor.shapes import Float
 
 #: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
 SMALLEST_DIRECTION = 1e-4

@@ -14,11 +14,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Row, Subject
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float, Int
 
 #: Change by one stretch, in standard errors of the estimate, that is worth a look; 1/3 is usual for ten.
 LARGE_LEVERAGE = 1.5

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.block_cosines import (
@@ -28,6 +27,7 @@ from eivor.inference.diagnostics.block_cosines import (
 from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject, told
 from eivor.inference.diagnostics.equation_products import EquationProducts
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

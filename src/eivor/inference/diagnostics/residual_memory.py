@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Row, Subject
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 from eivor.signals.long_memory import LEAST_BANDWIDTH, estimate_long_memory
 
 #: Longer records are averaged down to this many samples first.

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject
 from eivor.inference.quantiles import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 #: Lags that are tested.
 LAGS = 20

@@ -25,7 +25,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy import special
 
 from eivor.inference.covariances.covariance import unit_scale
@@ -34,6 +33,7 @@ from eivor.inference.diagnostics.block_cosines import joint_averages
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Row, Subject
 from eivor.inference.diagnostics.equation_products import EquationProducts
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
 
 #: Conditional first-stage F below which instruments are weak.
 STRONG_FIRST_STAGE = 10.0

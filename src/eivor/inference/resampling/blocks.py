@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from eivor.shapes import Float, Int
 
 #: A block starts at one of at least so many places within a block's length, where rows allow it.
 STEPS_PER_BLOCK = 8

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.inference.quantiles import check_level, normal_quantile, t_quantile
+from eivor.shapes import Float
 
 
 def check_draws(runs: object, seed: object) -> None:

@@ -23,7 +23,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
 from scipy import special
 
 from eivor.errors import CollinearError, TooFewSamplesError
@@ -36,6 +35,7 @@ from eivor.inference.sets.confidence_region import (
 )
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.ellipse import hotelling_quantile
+from eivor.shapes import Float
 
 #: Cosine averages B = RATE rows^(2/3) (Lazarus et al. 2018), and at least so many for each equation.
 AVERAGES_RATE = 0.4

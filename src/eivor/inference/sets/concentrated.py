@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from jaxtyping import Bool, Float
+
+from eivor.shapes import Bool, Float
 
 
 def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> Float[np.ndarray, " k"]:

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from eivor import checks
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.shapes import Float
 
 #: Directions from the pivot, of the half circle, in which a shadow is scanned; fewer where each is a search.
 SCAN_STEPS = 181

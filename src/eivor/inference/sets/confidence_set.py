@@ -14,10 +14,10 @@ from itertools import pairwise
 from math import inf, isfinite, isnan, isqrt
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor import checks
 from eivor.errors import ParameterError
+from eivor.shapes import Bool, Float
 
 #: Binary digits of a square root: more than a double has, so that roots are right to rounding.
 ROOT_BITS = 80

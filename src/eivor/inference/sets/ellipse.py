@@ -12,11 +12,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 from scipy import special
 
 from eivor.errors import ShapeError, UsageError
 from eivor.inference.quantiles import check_level, chi_square_quantile
+from eivor.shapes import Bool, Float
 
 #: Largest magnitude of a correlation that still spans an ellipse in numbers.
 FULL_CORRELATION = 1.0 - 1e-15

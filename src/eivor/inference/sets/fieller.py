@@ -10,9 +10,9 @@ When q cannot be told from zero the set has no bound, as it must; the delta meth
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.shapes import Float
 
 
 def fieller_set(

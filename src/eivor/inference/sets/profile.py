@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 #: Relative half-step of numerical derivatives, in half-widths.
 DIFFERENCE = 1e-3

@@ -22,7 +22,6 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float, Int
 
 from eivor.errors import CollinearError, ParameterError
 from eivor.inference.sets.confidence_region import (
@@ -33,6 +32,7 @@ from eivor.inference.sets.confidence_region import (
     scanned_shadow,
 )
 from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.shapes import Float, Int
 
 #: Rows whose signs are drawn at a time; the signs depend on it, so it is part of what a seed means.
 SIGN_ROWS = 4096

@@ -21,11 +21,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.logs.channel_map import ChannelRule
 from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles
 from eivor.logs.units import UNITS
+from eivor.shapes import Float
 from eivor.signals.canonical import held_by_default
 from eivor.signals.recording import Channel, Finding
 

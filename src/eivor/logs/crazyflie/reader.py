@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
 from eivor.logs.channel_map import ChannelMap, ChannelRule, load_channel_map
@@ -34,6 +33,7 @@ from eivor.logs.crazyflie.records import Event, read_events
 from eivor.logs.findings import channel_findings
 from eivor.logs.log_format import ReadOptions
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, looked_for, mapped_channels
+from eivor.shapes import Float
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 
 CLOCK = "timestamp"

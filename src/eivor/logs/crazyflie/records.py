@@ -14,9 +14,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.logs.crazyflie.header import EventType, Header
+from eivor.shapes import Bool, Float
 from eivor.signals.recording import LARGEST_VALUE, Finding
 
 CHECKSUM_BYTES = 4

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.findings import channel_findings
@@ -45,6 +44,7 @@ from eivor.logs.ulog.topics import (
     Source,
 )
 from eivor.logs.ulog.vehicle import vehicle_of
+from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 
 #: A number of one flight, or those of several, or of several samples.
 Value: TypeAlias = float | Float[np.ndarray, "..."]

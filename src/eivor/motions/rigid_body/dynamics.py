@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ShapeError
 from eivor.motions.rigid_body.coefficients import Coefficients, Value
+from eivor.shapes import Float
 
 Triple: TypeAlias = tuple[Value, Value, Value]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).

@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.parameter_ranges import non_negative, positive, triple
 from eivor.motions.rigid_body.rotors import Rotors
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ShapeError
+from eivor.shapes import Float
 from eivor.signals.recording import Channel
 
 

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.inference.covariances.equal_weighted_cosines import long_run_mean_variance
@@ -19,6 +18,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Nuisance, Values
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import DECIMALS
@@ -32,6 +31,7 @@ from eivor.motions.vertical.balance import Balance, balance, hover_mapped, inter
 from eivor.motions.vertical.fitted_curve import CurveFamily, FittedCurve, family_of
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 from eivor.signals.input_map import InputMap
 
 #: The map is found when another round would change its parameter by less than this; so many rounds are made.

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
+from eivor.shapes import Float
 from eivor.signals.input_map import InputMap, Mixed, Power
 
 #: Grids of parameters for curvature, and what parameters are possible.

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.models.equation import Parameter
 from eivor.models.instruments import DrivenSignals, InstrumentRule, NoInstruments
@@ -27,6 +26,7 @@ from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.signals import Signals
 

@@ -14,7 +14,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Complex, Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
@@ -24,6 +23,7 @@ from eivor.models.spectral import BinRows
 from eivor.motions.vertical.balance import balance_sums
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
+from eivor.shapes import Complex, Float
 
 #: Frequencies at which densities are kept [Hz]; around each the bins within that factor are averaged, and so
 #: many at least.

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
+from eivor.shapes import Bool, Float
 from eivor.signals.recording import Channel, Finding
 
 #: Parameters in which an autopilot keeps its own idea of the hover input.

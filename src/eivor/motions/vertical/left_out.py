@@ -20,7 +20,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
@@ -31,6 +30,7 @@ from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.separable import Values
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.shapes import Float
 
 #: Names of the terms, and what their numbers are called.
 DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"

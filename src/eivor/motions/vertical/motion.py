@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement, sensor_agreement
@@ -47,6 +46,7 @@ from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_lo
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
+from eivor.shapes import Float
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding, Recording
 

@@ -8,7 +8,6 @@ run and are fitted, for every model alike.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import Horizon, Predicted, SimpleModel
@@ -17,6 +16,7 @@ from eivor.models.separable import Values
 from eivor.motions.vertical.balance import balance_sums, hover_of_sums
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
+from eivor.shapes import Bool, Float
 
 
 def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, SimpleModel]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
@@ -32,6 +31,7 @@ from eivor.motions.vertical.curve import curve_quantities
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
+from eivor.shapes import Float
 from eivor.signals.input_map import Mixed
 
 #: Values of all nuisances, which tell a candidate from the others.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
@@ -14,6 +13,7 @@ from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Limit, Selection, chosen_input
 from eivor.motions.vertical.attitude import vertical_row
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
 
 #: Families of channels that may drive the model, in order of preference; telemetry of a few hertz is none

@@ -21,7 +21,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.flights.agreement import Difference, SensorAgreement
 from eivor.flights.allowance import Allowance, Counts
@@ -32,6 +31,7 @@ from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 from eivor.signals.actuator import first_order_lag
 
 OFFSET = Parameter("offset", "s")

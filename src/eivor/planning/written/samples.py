@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.planning.plan import FlightPlan
 from eivor.planning.setpoints import STEP_S
+from eivor.shapes import Float
 
 
 def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:

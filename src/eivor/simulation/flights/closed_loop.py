@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 
 #: Substeps of one control period: delays are rounded to them.
 SUBSTEPS = 5

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
+from eivor.shapes import Float
 from eivor.signals.fractional import fractional_difference, fractional_weights
 
 #: Orders of fractional noise of acceleration and velocity.

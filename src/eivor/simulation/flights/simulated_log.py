@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.signals.canonical import unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 

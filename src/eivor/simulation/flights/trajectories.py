@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from jaxtyping import Float
+
+from eivor.shapes import Float
 
 #: Largest speed [m/s] and acceleration [m/s^2] of an excitation are drawn from these ranges.
 SPEED_RANGE = (1.6, 2.2)

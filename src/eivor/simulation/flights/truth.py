@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import CollinearError, ShapeError, TooFewSamplesError
+from eivor.shapes import Bool, Float
 from eivor.signals.recording import Recording
 
 

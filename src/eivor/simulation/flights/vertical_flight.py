@@ -17,9 +17,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
+from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state
 from eivor.signals.recording import Recording
 from eivor.simulation.flights.closed_loop import (

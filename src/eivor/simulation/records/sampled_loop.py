@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg.lapack import dtbtrs
 
 from eivor.errors import ParameterError
+from eivor.shapes import Float
 from eivor.simulation.records.control import Control, Feedback
 from eivor.simulation.records.sampled_vehicle import SampledVehicle
 

@@ -25,10 +25,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor import checks
 from eivor.errors import ParameterError
+from eivor.shapes import Float
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 from eivor.simulation.records.control import Feedback

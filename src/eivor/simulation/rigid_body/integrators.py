@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.coefficients import Coefficients, Value
 from eivor.motions.rigid_body.dynamics import Body, Triple, body_derivative, speed_derivative
+from eivor.shapes import Float
 
 #: State of the body, and of its rotors.
 Moved: TypeAlias = tuple[Body, list[Value]]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import ParameterError
+from eivor.shapes import Bool, Float
 from eivor.simulation.sources.excitation import Excitation
 from eivor.simulation.sources.parameter_checks import non_negative, positive, require
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.simulation.sources.excitation import Excitation
 from eivor.simulation.sources.parameter_checks import non_negative, require
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.parameter_checks import equally_many, finite, given, non_negative, require
 from eivor.simulation.sources.recursion import autoregression, constant, largest_root

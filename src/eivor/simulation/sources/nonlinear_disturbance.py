@@ -10,8 +10,8 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.parameter_checks import (
     at_least,

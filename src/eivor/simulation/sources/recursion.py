@@ -7,8 +7,9 @@ loading SciPy's signal processing.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
 from scipy.linalg.lapack import dtbtrs
+
+from eivor.shapes import Float
 
 
 def autoregression(

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -17,6 +16,7 @@ from eivor.linalg.system import LinearSystem
 from eivor.models.column import lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.shapes import Float
 from eivor.signals.fractional import fractional_weights
 from eivor.signals.signals import Signals
 from eivor.simulation.records.scenario import SimulatedRecord

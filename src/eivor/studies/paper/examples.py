@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import UsageError
+from eivor.shapes import Bool, Float
 from eivor.studies.executors import in_order, local_executor
 from eivor.studies.metrics import Spread
 from eivor.studies.paper.readings import EXAMPLES, METHODS, PRINTED_METHODS, TRUTH, Example, Reading

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from eivor.errors import EivorError
 from eivor.estimation import methods
@@ -21,6 +20,7 @@ from eivor.estimation.strength import first_stage_strengths
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.models.column import lags
 from eivor.motions.vertical.model import VerticalMotion
+from eivor.shapes import Bool, Float
 from eivor.signals.fractional import fractional_difference
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
