@@ -80,6 +80,25 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     assert command_clock(even, [even, quicker]).slack_s == pytest.approx(0.0025)
 
 
+def test_even_commands_among_irregular_samples_are_all_of_them():
+    random = np.random.default_rng(3)
+    time = np.arange(0.0, 60.0, 0.004)
+    even = Channel("position_z", time, np.sin(time), "m")
+    instants = np.sort(time + 0.001 * random.standard_normal(time.size))
+    irregular = Channel("position_z", instants, np.sin(instants), "m")
+    stamped_wrongly = Channel("position_z", instants, np.sin(time), "m")
+    issued = command(np.arange(0.0, 60.0, 0.01))
+    some = command(np.delete(issued.time_s, random.integers(0, issued.time_s.size, 400)))
+    for one in (issued, some):
+        clock = command_clock(one, [irregular])
+        assert clock.told
+        assert not clock.thinned
+    assert not command_clock(issued, [even]).told
+    assert not command_clock(issued, [stamped_wrongly]).told
+    slow = command(np.arange(0.0, 60.0, 0.02))
+    assert not command_clock(slow, [irregular]).told
+
+
 def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
     clock = command_clock(command(np.arange(0.0, 20.0, 0.02)), [])
     assert clock.thinned

@@ -9,6 +9,9 @@ Stamps of such a log are those of a controller that runs at even steps, so they 
 apart: the largest step of which all are multiples is h_c. Where the stamps are as even as a controller's own,
 nothing tells h_c; it lies between nothing and h_l.
 
+Where a logger's own instants are irregular, as the stamps of other channels tell, it would keep now one and
+now another of more commands: stamps at even steps, some of them left out, are then a controller's own.
+
 A logger may also look at times of its own and write down what is in force. Then stamps are uneven and true,
 and some values stand there twice; a value was issued before its stamp, and the line between them is not late.
 """
@@ -41,7 +44,7 @@ SHORTEST_STEP_S = 0.001
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
 ROUNDED_S = 0.001
 #: A command that was logged at steps up to this is taken as logged whenever it was issued, unless other
-#: channels are logged more often [s].
+#: channels are logged more often [s]; also then, if theirs are uneven and its own are at even steps.
 QUICK_STEP_S = 0.0105
 #: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
 #: jump of the reference between two stamps moves the command by what no line between stamps has.
@@ -126,7 +129,10 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
     finer = finer_step(command.time_s)
     if finer is not None:
         return CommandClock(logged, finer)
-    if uneven(command) and stamps_are_true(others):
+    looked_at = stamps_are_true(others)
+    if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
+        return CommandClock(logged, logged)
+    if looked_at and uneven(command):
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
         if not any(np.array_equal(one.time_s, command.time_s) for one in others if not one.held):
@@ -137,6 +143,12 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
         return CommandClock(logged, logged)
     return CommandClock(logged, 0.5 * logged, told=False)
+
+
+def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:
+    """Whether distances are multiples of the usual one, but for a logger's slips."""
+    turns = steps / usual
+    return float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
 
 
 def _repeats(command: Channel) -> bool:
