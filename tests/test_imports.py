@@ -50,6 +50,23 @@ def test_public_names_load_nothing_heavy():
     assert heavy(loaded) == []
 
 
+def test_one_ulog_loads_no_pools_and_no_tables():
+    """A whole command is held against a reading of the log: what few need is loaded by those."""
+    loaded = modules_after(
+        "import eivor.logs.ulog.reader, eivor.motions.identify\n"
+        "from eivor.motions import motion_by_name\n"
+        "motion_by_name('vertical')"
+    )
+    assert "eivor.flights.recipe" in loaded
+    unwanted = {
+        "eivor.estimation.pools.pooled",
+        "eivor.flights.pooled",
+        "eivor.logs.channel_map",
+        "scipy.fft",
+    }
+    assert not unwanted & loaded
+
+
 def test_help_loads_nothing_heavy():
     code = (
         "from eivor.cli.main import run\n"

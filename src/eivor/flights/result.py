@@ -11,7 +11,6 @@ import numpy as np
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
-from eivor.estimation.pools.pooled import Pooled
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
@@ -31,6 +30,8 @@ if TYPE_CHECKING:
     import polars as pl
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from eivor.estimation.pools.pooled import Pooled
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,6 @@ from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool import check_poolable, without_duplicates
-from eivor.flights.pool_verdict import agreement
-from eivor.flights.pooled import pooled_result
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import estimated
@@ -77,6 +75,9 @@ def _together(
     """One flight; or several, with each flight's own result beside them."""
     if len(prepared) == 1:
         return estimated(motion, prepared, options)
+    from eivor.flights.pool_verdict import agreement  # late: most calls are of one flight
+    from eivor.flights.pooled import pooled_result
+
     alone = [estimated(motion, (flight,), options) for flight in prepared]
     result = pooled_result(motion, prepared, options, alone)
     if result is None:

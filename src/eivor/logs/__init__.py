@@ -1,11 +1,30 @@
-"""Readers of flight logs: a table of formats, each makes a `Recording`."""
+"""Readers of flight logs: a table of formats, each makes a `Recording`.
 
-from eivor.logs.arrays import recording_from_columns
-from eivor.logs.channel_map import ChannelMap, load_channel_map, shipped_maps
+What concerns tables is loaded when it is first used: most logs are none.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from eivor.logs.formats import declare_format, log_format, logging_advice
 from eivor.logs.log_format import LogFormat, ReadOptions
 from eivor.logs.read import DEFAULT_MAX_BYTES, read_log
-from eivor.logs.table.written import write_recording
+
+if TYPE_CHECKING:
+    from eivor.logs.arrays import recording_from_columns
+    from eivor.logs.channel_map import ChannelMap, load_channel_map, shipped_maps
+    from eivor.logs.table.written import write_recording
+
+#: Where each name of tables lives.
+_HOMES = {
+    "ChannelMap": "eivor.logs.channel_map",
+    "load_channel_map": "eivor.logs.channel_map",
+    "recording_from_columns": "eivor.logs.arrays",
+    "shipped_maps": "eivor.logs.channel_map",
+    "write_recording": "eivor.logs.table.written",
+}
 
 __all__ = [
     "DEFAULT_MAX_BYTES",
@@ -21,3 +40,10 @@ __all__ = [
     "shipped_maps",
     "write_recording",
 ]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'eivor.logs' has no attribute '{name}'")
+    value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+    return value
