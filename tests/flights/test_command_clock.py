@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from flight_logs import changed, flown, prepare_vertical
 
+from eivor.flights.beating_stamps import beating_step
 from eivor.flights.command_clock import CommandClock, as_issued, command_clock, finer_step
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import Grid, command_on_grid
@@ -78,6 +79,30 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
     assert not command_clock(even, []).thinned
     quicker = Channel("velocity_z", np.arange(0.0, 20.0, 0.004), np.zeros(5000), "m/s")
     assert command_clock(even, [even, quicker]).slack_s == pytest.approx(0.0025)
+
+
+@pytest.mark.parametrize(
+    ("issued_s", "rate_hz", "jitter_s"),
+    [
+        (0.004, 100.0, 0.001),
+        (0.004, 100.0, 0.003),
+        (0.004, 90.0, 0.002),
+        (0.01, 47.3, 0.003),
+        (0.01, 30.0, 0.003),
+    ],
+)
+def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issued_s, rate_hz, jitter_s):
+    stamps = logged(issued_s, rate_hz, jitter_s=jitter_s)
+    assert beating_step(stamps, 0.001) == pytest.approx(issued_s, rel=0.01)
+    lost = stamps[(stamps < 20.0) | (stamps > 20.5)]
+    assert command_clock(command(lost), []).issued_s == pytest.approx(issued_s, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 250.0])
+def test_stamps_of_every_command_do_not_beat(rate_hz):
+    for jitter_s in (0.0, 0.001, 0.3 / rate_hz):
+        assert beating_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s), 0.001) is None
+    assert beating_step(np.arange(0.0, 4.0, 0.01), 0.001) is None
 
 
 def test_even_commands_among_irregular_samples_are_all_of_them():

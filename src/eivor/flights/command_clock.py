@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eivor.flights.beating_stamps import beating_step
 from eivor.flights.uneven_stamps import stamps_are_true, uneven
 from eivor.shapes import Float
 from eivor.signals.recording import Channel
@@ -127,6 +128,8 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
     finer = finer_step(command.time_s)
+    if finer is None and uneven(command):
+        finer = beating_step(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
     looked_at = stamps_are_true(others)
