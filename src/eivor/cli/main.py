@@ -7,50 +7,54 @@ import os
 import sys
 import warnings
 from contextlib import nullcontext
-from typing import Annotated
+from importlib import import_module
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli import examples, plain_text
+from eivor.cli import plain_text
 from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
-from eivor.cli.identify import EXIT_CODES, identify
-from eivor.cli.inspect import EXIT_CODES as INSPECT_EXIT_CODES
-from eivor.cli.inspect import inspect
 from eivor.cli.interruptible import InterruptibleGroup
-from eivor.cli.paper import EXIT_CODES as PAPER_EXIT_CODES
-from eivor.cli.paper import paper
-from eivor.cli.plan import EXIT_CODES as PLAN_EXIT_CODES
-from eivor.cli.plan import plan
 from eivor.cli.readable_help import ReadableCommand
-from eivor.cli.simulate import EXIT_CODES as SIMULATE_EXIT_CODES
-from eivor.cli.simulate import simulate
-from eivor.cli.study import EXIT_CODES as STUDY_EXIT_CODES
-from eivor.cli.study import study
 from eivor.cli.terminal import complain, printing
-from eivor.cli.validate import EXIT_CODES as VALIDATE_EXIT_CODES
-from eivor.cli.validate import validate
 from eivor.errors import InputError
 
-app = typer.Typer(
-    name="eivor",
-    help="Identify the vertical parameters of a drone from its flight logs, with intervals and a verdict.",
-    epilog="Try it: [bold]eivor identify --example[/bold]",
-    no_args_is_help=True,
-    cls=InterruptibleGroup,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-)
-for command, exit_codes in (
-    (identify, EXIT_CODES),
-    (inspect, INSPECT_EXIT_CODES),
-    (validate, VALIDATE_EXIT_CODES),
-    (plan, PLAN_EXIT_CODES),
-    (simulate, SIMULATE_EXIT_CODES),
-    (study, STUDY_EXIT_CODES),
-    (paper, PAPER_EXIT_CODES),
-):
-    app.command(epilog=exit_codes, cls=ReadableCommand)(command)
-app.add_typer(examples.app)
+if TYPE_CHECKING:
+    app: typer.Typer
+
+#: Each is a module beside this one, with a function of the same name and its exit codes.
+COMMANDS = ("identify", "inspect", "validate", "plan", "simulate", "study", "paper")
+
+
+def application(*names: str) -> typer.Typer:
+    """Return the command line; with some of its commands only, when they are named."""
+    made = typer.Typer(
+        name="eivor",
+        help="Identify the vertical parameters of a drone from its flight logs, "
+        "with intervals and a verdict.",
+        epilog="Try it: [bold]eivor identify --example[/bold]",
+        no_args_is_help=True,
+        cls=InterruptibleGroup,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="rich",
+    )
+    made.callback()(_eivor)
+    for name in names or COMMANDS:
+        module = import_module(f"eivor.cli.{name}")
+        made.command(epilog=module.EXIT_CODES, cls=ReadableCommand)(getattr(module, name))
+    if not names:
+        from eivor.cli import examples
+
+        made.add_typer(examples.app)
+    return made
+
+
+def __getattr__(name: str) -> object:
+    """Return `app`, the command line with all commands, made when it is first asked for."""
+    if name != "app":
+        raise AttributeError(f"module 'eivor.cli.main' has no attribute '{name}'")
+    made = globals()[name] = application()
+    return made
 
 
 def _print_version(wanted: bool) -> bool:
@@ -64,7 +68,6 @@ def _print_version(wanted: bool) -> bool:
     return wanted
 
 
-@app.callback()
 def _eivor(
     *,
     version: Annotated[
@@ -91,7 +94,7 @@ def run() -> None:
     try:
         with printing() if sys.stdout else nullcontext():
             try:
-                app(prog_name="eivor")
+                _asked_for(sys.argv[1:])(prog_name="eivor")
             finally:  # what others print, such as help, waits until here for its room
                 if sys.stdout:
                     sys.stdout.flush()
@@ -100,3 +103,9 @@ def run() -> None:
     except InputError as error:
         complain(str(error))
         raise SystemExit(ExitCode.FAILED) from None
+
+
+def _asked_for(arguments: list[str]) -> typer.Typer:
+    """Return the command line of the one command that is named first, which is loaded sooner; or of all."""
+    named = [name for name in arguments[:1] if name in COMMANDS]
+    return application(*named)

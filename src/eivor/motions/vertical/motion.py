@@ -32,14 +32,11 @@ from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
 from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import apparent_gravity, balance_sums
-from eivor.motions.vertical.curve import settled_curve
 from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
-from eivor.motions.vertical.flown import flown
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.predict import predictions, simple_models
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.rule import APPARENT_GRAVITY, SIDEWAYS, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
@@ -116,6 +113,8 @@ class Vertical(Motion[VerticalFlights]):
         """Estimate with the map that was chosen, or find it out: see `eivor.motions.vertical.curve`."""
         if options.input_map != FIT_MAP:
             return problem, estimated(problem)
+        from eivor.motions.vertical.curve import settled_curve  # late: few ask for it
+
         return settled_curve(problem, estimated, options.accelerometer_bias)
 
     def as_settled(
@@ -221,16 +220,22 @@ class Vertical(Motion[VerticalFlights]):
 
     def simple_models(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
+        from eivor.motions.vertical.predict import simple_models
+
         return simple_models(problem, estimate)
 
     def predictions(self, problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
         """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
+        from eivor.motions.vertical.predict import predictions
+
         return predictions(problem, values)
 
     def flown(
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, object]:
         """Residual, controller and tilt of the flights, see `Motion.flown`."""
+        from eivor.motions.vertical.flown import flown
+
         return flown(problem, estimate, flights)
 
     def symbols(self, flight: PreparedFlight) -> str:

@@ -27,7 +27,6 @@ from eivor.motions.vertical.balance import (
     intercept,
     intercepts_by_run,
 )
-from eivor.motions.vertical.curve import curve_quantities
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
@@ -52,6 +51,8 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
     }
     if problem.curve is None:
         return found
+    from eivor.motions.vertical.curve import curve_quantities  # late: few have a curve
+
     moved = curve_quantities(problem, estimate, problem.curve)
     moved["intercept"] = replace(moved["intercept"], by_run=found["intercept"].by_run)
     return {**found, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
