@@ -231,6 +231,19 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
 
 
+def test_a_command_that_is_named_is_loaded_alone() -> None:
+    code = (
+        "import sys\nfrom eivor.cli.entry import run\n"
+        "sys.argv = ['eivor', 'identify', '--help']\n"
+        "try: run()\nexcept SystemExit as left: assert not left.code\n"
+        "print('@modules', *sys.modules)"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(run.stdout.partition("@modules")[2].split())
+    assert "eivor.cli.identify" in loaded
+    assert not {"eivor.cli.study", "eivor.cli.plan", "eivor.cli.examples"} & loaded
+
+
 def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

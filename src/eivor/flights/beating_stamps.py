@@ -11,7 +11,8 @@ told.
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Int
+
+from eivor.shapes import Float, Int
 
 #: A line has so many times the power that white noise has on average, which chance reaches in no log.
 LINE = 25.0
