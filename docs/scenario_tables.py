@@ -11,17 +11,37 @@ from __future__ import annotations
 import inspect
 import logging
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from itertools import groupby
 from pathlib import Path
 from typing import Any, get_args
 
 import griffe
 
+from eivor.motions.rigid_body.rotors import Rotors
+from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
 from eivor.simulation.flights.sensor_noise import SensorNoise
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.rigid_body.controller import FlightController
+from eivor.simulation.rigid_body.sensors import Sensor
+from eivor.simulation.rigid_body.spec import (
+    AxisExcitations,
+    Logged,
+    RigidBodyFlightSpec,
+    Sensors,
+    TorqueDisturbance,
+    Wind,
+)
 from eivor.simulation.scenario_files.flight_file import KIND
-from eivor.simulation.scenario_files.kinds import CONTROLS, DISTURBANCES, EXCITATIONS, NOISES, parameters_of
+from eivor.simulation.scenario_files.kinds import (
+    CONTROLS,
+    DISTURBANCES,
+    EXCITATIONS,
+    INTEGRATORS,
+    NOISES,
+    parameters_of,
+)
+from eivor.simulation.scenario_files.rigid_body_file import SHIPPED as SHIPPED_RIGID_BODIES
 from eivor.simulation.scenario_files.scenario_file import shipped_scenarios
 from eivor.simulation.sources.linear_disturbance import CoefficientCourse
 from eivor.studies.generated_page import markdown, page_with
@@ -32,9 +52,12 @@ SHIPPED = ROOT / "src" / "eivor" / "simulation" / "scenario_files"
 #: What a value of a type is called.
 WORDS: Mapping[Any, str] = {
     float: "a number",
+    str: "a text",
     int: "a whole number",
     tuple[float, ...]: "a list of numbers",
     tuple[tuple[float, ...], ...]: "a list of lists of numbers",
+    tuple[int, ...]: "a list of whole numbers",
+    tuple[str, ...]: "a list of texts",
 }
 #: Keys that the command line gives, that stand in tables of their own, or that a log has no channel for.
 ELSEWHERE = {"seed", "noise", "angular_rate"}
@@ -43,12 +66,29 @@ ELSEWHERE = {"seed", "noise", "angular_rate"}
 def parts() -> dict[str, str]:
     """Generated parts of the page by name."""
     flight = {"flight": VerticalFlightSpec, "its `[noise]`": SensorNoise}
+    whole = {
+        "flight": RigidBodyFlightSpec,
+        "`[vehicle]`": Vehicle,
+        "`[vehicle.rotors]`": Rotors,
+        "`[vehicle.drag]`": BodyDrag,
+        "`[attitude]`, `[injection]`": AxisExcitations,
+        "`[controller]`": FlightController,
+        "`[wind]`": Wind,
+        "`[torque_disturbance]`": TorqueDisturbance,
+        "`[sensors]`": Sensors,
+        "each of `[sensors]`": Sensor,
+        "`[logged]`": Logged,
+    }
     return {
         "noises": kinds(NOISES),
         "disturbances": kinds(DISTURBANCES | {"a coefficient of `time_varying_arma`": CoefficientCourse}),
         "excitations": kinds(EXCITATIONS),
         "controls": kinds(CONTROLS),
         "flights": markdown(("table", "keys"), [(name, keys(maker)) for name, maker in flight.items()]),
+        "rigid bodies": markdown(
+            ("table", "keys"), [(name, keys(maker, {"seed"})) for name, maker in whole.items()]
+        ),
+        "integrators": kinds(INTEGRATORS),
         "shipped": shipped(),
     }
 
@@ -68,13 +108,13 @@ def summary(maker: Callable[..., Any]) -> str:
     return cell(" ".join(text))
 
 
-def keys(maker: Callable[..., Any]) -> str:
+def keys(maker: Callable[..., Any], elsewhere: Set[str] = ELSEWHERE) -> str:
     """Keys of a kind: what each means, and its default."""
     meanings: dict[str, str] = {}
     for part in sections(maker):
         if part.kind is griffe.DocstringSectionKind.parameters:
             meanings |= {item.name: cell(item.description) for item in part.value}
-    known = {name: value for name, value in parameters_of(maker).items() if name not in ELSEWHERE}
+    known = {name: value for name, value in parameters_of(maker).items() if name not in elsewhere}
     lines = []
     for (meaning, annotation), group in groupby(known, lambda name: (meanings[name], known[name][0])):
         names = list(group)
@@ -112,6 +152,8 @@ def shown(default: object) -> str:
     """Return the default as TOML has it."""
     if default is None or default == ():
         return "none"
+    if repr(default) == "<factory>":
+        return "its own defaults"
     if hasattr(default, "value"):
         return f'`"{default.value}"`'
     if isinstance(default, tuple):
@@ -127,7 +169,7 @@ def cell(text: str) -> str:
 def shipped() -> str:
     """Table of the scenarios that come with the package, by their first comment."""
     files = {name: SHIPPED / "shipped" / f"{name}.toml" for name in shipped_scenarios()}
-    files[KIND] = SHIPPED / "flights" / f"{KIND}.toml"
+    files |= {name: SHIPPED / "flights" / f"{name}.toml" for name in (KIND, *SHIPPED_RIGID_BODIES)}
     rows = []
     for name in sorted(files):
         lines = files[name].read_text(encoding="utf-8").splitlines()

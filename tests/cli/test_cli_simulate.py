@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import resources
 
 import numpy as np
 import polars as pl
@@ -67,6 +68,34 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
     assert truth["noise"]["velocity_z"] == {"std": signals.noise["velocity_z"].std, "order": -0.4}
     assert truth["hover_input"] == 0.0
     assert truth["disturbance"]["route"] == "equation"
+
+
+def test_a_whole_vehicle_flies(eivor, tmp_path):
+    """All its axes are logged, on the clocks that the file says; the truth has what each axis can tell."""
+    shipped = resources.files("eivor.simulation.scenario_files").joinpath("flights", "quadrotor.toml")
+    text = shipped.read_text(encoding="utf-8").replace("duration = 40.0", "duration = 0.5")
+    text = text.replace("std = 0.4\nlow_hz = 0.05", "std = 0.4\nlow_hz = 2.0").replace(
+        "high_hz = 0.4", "high_hz = 4.0"
+    )
+    (tmp_path / "all.toml").write_text(text, encoding="utf-8")
+    run = eivor("simulate", "all.toml", "-o", "all.csv", "--truth", "all.json")
+    assert (run.code, run.err) == (0, "")
+    assert run.out == "all.csv: 250 samples at 500 Hz, 0.5 s\n"
+    log = ev.read_log(tmp_path / "all.csv")
+    assert {"angular_rate_x", "attitude_w", "torque_setpoint_z", "rotor_command_4", "input"} <= set(
+        log.channels
+    )
+    truth = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
+    assert truth["lag_up"] == 0.035
+    assert truth["torque_gains"][0] == pytest.approx(1.39e-5 / 0.0153)
+    (tmp_path / "slow.toml").write_text(text + "[logged]\nsetpoint_hz = 50.0\n", encoding="utf-8")
+    assert eivor("simulate", "slow.toml", "-o", "slow.parquet").code == 0
+    assert ev.read_log(tmp_path / "slow.parquet").channel("input").rate_hz == pytest.approx(50.0)
+    refused = eivor("simulate", "slow.toml", "-o", "slow.csv")
+    assert refused.code == 2
+    assert "the stamps of" in refused.err
+    assert "Write .parquet" in refused.err
+    assert eivor("simulate", "all.toml", "-o", "all.csv", "--hover").code == 2
 
 
 def test_same_seed_same_bytes(eivor, tmp_path):

@@ -6,6 +6,7 @@ import pytest
 
 from eivor.errors import DataError, EmptyLogError, ShapeError, UsageError
 from eivor.logs import read_log, recording_from_columns, write_recording
+from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 
 T = np.linspace(0.0, 2.0, 201)
@@ -110,11 +111,32 @@ def test_what_cannot_be_written(tmp_path):
         recording_from_columns(COLUMNS, estimated=("vz",))
     with pytest.raises(UsageError, match="ends in"):
         write_recording(recording_from_columns(COLUMNS), tmp_path / "r.txt")
-    channels = {n: Channel(n, np.arange(2.0) + k, np.zeros(2), "") for k, n in enumerate(("input", "landed"))}
-    with pytest.raises(UsageError, match=r"one clock.*landed"):
-        write_recording(Recording("r", "frame", channels), tmp_path / "r.parquet")
-    with pytest.raises(UsageError, match="with channels"):
-        write_recording(Recording("r", "frame", {}), tmp_path / "r.parquet")
+    own = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
+    apart = Recording(
+        name="r",
+        format="",
+        channels={"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": own},
+    )
+    with pytest.raises(UsageError, match=r"all stamps of 'landed'.*NaN among them"):
+        write_recording(apart, tmp_path / "r.parquet")
+    with pytest.raises(UsageError, match="the stamps of input and others"):
+        write_recording(
+            replace(apart, channels=dict(apart.channels) | {"landed": replace(own, values=np.zeros(2))}),
+            tmp_path / "r.csv",
+        )
+    with pytest.raises(UsageError, match="a recording with channels"):
+        write_recording(replace(apart, channels={}), tmp_path / "r.parquet")
+
+
+def test_channels_of_several_clocks_read_back_the_same(tmp_path):
+    quick, slow = np.arange(0.0, 2.0, 0.01), np.arange(0.003, 2.0, 0.02)
+    channels = {
+        name: Channel(name, time, np.sin(time), unit_of(name), source="x", held=held_by_default(name))
+        for name, time in (("velocity_z", quick), ("input", slow), ("position_z", quick))
+    }
+    r = Recording(name="r", format="simulation", channels=channels)
+    write_recording(r, tmp_path / "r.parquet")
+    same(r, read_log(tmp_path / "r.parquet"))
 
 
 @pytest.mark.thorough

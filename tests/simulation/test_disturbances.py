@@ -16,6 +16,7 @@ from eivor.simulation.sources.deterministic_disturbance import (
 )
 from eivor.simulation.sources.disturbance import Disturbance, WhiteDisturbance
 from eivor.simulation.sources.dryden import DrydenGust
+from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 from eivor.simulation.sources.linear_disturbance import (
     Arma,
     CoefficientCourse,
@@ -62,6 +63,7 @@ STATIONARY = [
     Bilinear(0.6, 3, 1, 1.1),
     Garch(0.1, (0.3,), (0.5,)),
     DrydenGust(0.8, 5.0, 4.0),
+    OrnsteinUhlenbeck(0.8, 0.7),
     SumOfDisturbances((WhiteDisturbance(0.3), Arma(1.0, (0.5,)))),
 ]
 
@@ -311,6 +313,11 @@ def test_dryden_has_its_correlation():
     expected = {lag: 0.64 * np.exp(-x) * (1.0 - x / 2.0) for lag, x in lags.items()}
     assert expected[8] < 0.0
     assert_autocovariance(process, expected, runs=1000)
+
+
+def test_ornstein_uhlenbeck_forgets_exponentially():
+    expected = {lag: 0.64 * np.exp(-lag * STEP_S / 0.5) for lag in (0, 1, 3)}
+    assert_autocovariance(OrnsteinUhlenbeck(0.8, 0.5), expected, runs=1000)
 
 
 def test_dryden_has_its_spectrum():

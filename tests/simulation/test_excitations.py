@@ -12,6 +12,7 @@ from eivor.simulation.sources.excitation import (
     Excitation,
     GivenSeries,
     PaperInput,
+    RandomSteps,
     ScaledExcitation,
     Steps,
     WhiteExcitation,
@@ -115,6 +116,18 @@ def test_steps_come_in_their_order():
     np.testing.assert_array_equal(sampled(Steps((1.0, 2.0), 0.3), 6), [1, 1, 2, 1, 1, 2])
 
 
+def test_random_steps_have_their_levels_and_times():
+    series = RandomSteps(0.2, 0.5, 1.5).sample(200_000, 0.01, np.random.default_rng(0))
+    assert series[0] == 0.0
+    changes = np.flatnonzero(np.diff(series))
+    assert np.diff(changes).min() >= 50  # a level may follow itself, so none is shorter and some are longer
+    shares = [np.mean(np.isclose(series, level)) for level in (-0.2, 0.0, 0.2)]
+    assert shares == pytest.approx([1 / 3] * 3, abs=0.05)
+    assert sum(shares) == pytest.approx(1.0)
+    # two changes of level in three, once a second
+    assert changes.size / 2000.0 == pytest.approx(2 / 3, rel=0.1)
+
+
 def test_given_series_is_the_users():
     np.testing.assert_array_equal(sampled(GivenSeries((1.0, 2.0, 3.0)), 2), [1.0, 2.0])
     with pytest.raises(ParameterError, match=r"a series of 4 values or more.*received 3"):
@@ -145,6 +158,8 @@ def test_scaled_has_its_std_exactly():
         (lambda: Multisine(1.0, 0.0, 0.0), "a finite high_hz above zero"),
         (lambda: PseudoRandomBinary(1.0, 17), "a register of 2 to 16 stages; received register=17"),
         (lambda: PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
+        (lambda: RandomSteps(0.2, 2.0, 1.0), "a shortest_s up to longest_s"),
+        (lambda: RandomSteps(0.2, 0.0), "a finite shortest_s above zero"),
         (lambda: Steps((), 1.0), "one or more levels"),
         (lambda: Steps((1.0,), 0.0), "a finite dwell_s above zero"),
         (lambda: GivenSeries(()), "one or more values"),

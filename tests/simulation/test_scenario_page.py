@@ -11,8 +11,10 @@ import pytest
 
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.records.simulate import simulate
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
 from eivor.simulation.scenario_files.flight_file import read_flight
 from eivor.simulation.scenario_files.kinds import KINDS
+from eivor.simulation.scenario_files.rigid_body_file import read_rigid_body_flight
 from eivor.simulation.scenario_files.scenario_file import read_scenario
 from eivor.studies.generated_page import page_with
 
@@ -35,7 +37,7 @@ def test_every_kind_has_a_row():
 
 @pytest.mark.thorough
 def test_examples_are_read_and_simulated(tmp_path):
-    about_hover, flight = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    about_hover, flight, whole = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
     path = tmp_path / "mine.toml"
     path.write_text(about_hover, encoding="utf-8")
     record = simulate(read_scenario(path), np.random.default_rng(0))
@@ -43,3 +45,6 @@ def test_examples_are_read_and_simulated(tmp_path):
     path.write_text(flight, encoding="utf-8")
     (flown,) = simulate_vertical_flights([read_flight(path)])
     assert flown.flew
+    path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
+    (flight_of_all,) = simulate_rigid_body_flights([read_rigid_body_flight(path)])
+    assert flight_of_all.flew

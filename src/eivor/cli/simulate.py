@@ -1,10 +1,10 @@
-"""`eivor simulate`: a log of vertical motion with known parameters, as a scenario file describes it."""
+"""`eivor simulate`: a log of motion with known parameters, as a scenario file describes it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
@@ -14,9 +14,16 @@ from eivor.cli.terminal import complain, step, write
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from eivor.simulation.flights.known_log import KnownLog
     from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
     from eivor.simulation.records.scenario import Scenario
+    from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
+    from eivor.toml_table import TomlTable
+
+    #: Whatever a file may describe.
+    Simulated: TypeAlias = Scenario | VerticalFlightSpec | RigidBodyFlightSpec
 
 LOG_FORMATS = (".parquet", ".csv")
 #: Logs of flights that are slower are not identified.
@@ -55,10 +62,13 @@ def simulate(
         bool, typer.Option("--hover", help="Add the input that carries the weight, g / K_u.")
     ] = False,
 ) -> ExitCode:
-    """Simulate vertical motion with known parameters into a log.
+    """Simulate motion with known parameters into a log.
 
     The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it: 100 Hz,
     commands that the rotors follow with a lag, and the altitude that was asked for.
+
+    'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
+    body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
 
     Other scenarios move about hover. Their log has acceleration_z, velocity_z and input as measured, and
     under control the reference too: reference_velocity_z, or reference_position_z beside position_z.
@@ -99,37 +109,53 @@ def simulate(
     return ExitCode.IDENTIFIED
 
 
-def _scenario(source: Path) -> tuple[Scenario | VerticalFlightSpec, set[Path]]:
+def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     """Scenario of a file with the files that were read, or of a name when there is no such file."""
-    from eivor.simulation.scenario_files.flight_file import KIND, flight_from_table, shipped_flight
-    from eivor.simulation.scenario_files.scenario_file import (
-        scenario_from_table,
-        shipped_scenario,
-        shipped_scenarios,
-    )
+    from eivor.simulation.scenario_files.flight_file import KIND, flight_from_table
+    from eivor.simulation.scenario_files.rigid_body_file import KIND as RIGID_BODY
+    from eivor.simulation.scenario_files.rigid_body_file import rigid_body_flight_from_table
+    from eivor.simulation.scenario_files.scenario_file import scenario_from_table
     from eivor.toml_table import read_toml
 
     if not source.exists() and not source.suffix and source.name == str(source):
-        if source.name == KIND:
-            return shipped_flight(), set()
-        if source.name in shipped_scenarios():
-            return shipped_scenario(source.name), set()
-        known = (*shipped_scenarios(), KIND)
-        raise UsageError(
-            "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known)),
-            f"'{source}'",
-            did_you_mean(source.name, known, "Check the name."),
-        )
+        return _shipped(source.name), set()
     table = read_toml(source, "a scenario")
-    flight = table.has("kind") and table.choice("kind", ("vertical", KIND)) == KIND
-    return (flight_from_table if flight else scenario_from_table)(table), table.files
+    readers: dict[str, Callable[[TomlTable], Simulated]] = {
+        "vertical": scenario_from_table,
+        KIND: flight_from_table,
+        RIGID_BODY: rigid_body_flight_from_table,
+    }
+    kind = table.choice("kind", tuple(readers)) if table.has("kind") else "vertical"
+    return readers[kind](table), table.files
 
 
-def _simulated(scenario: Scenario | VerticalFlightSpec, seed: int, *, hover: bool) -> KnownLog:
+def _shipped(name: str) -> Simulated:
+    """Scenario that comes with Eivor."""
+    from eivor.simulation.scenario_files.flight_file import KIND, shipped_flight
+    from eivor.simulation.scenario_files.rigid_body_file import SHIPPED, shipped_rigid_body_flight
+    from eivor.simulation.scenario_files.scenario_file import shipped_scenario, shipped_scenarios
+
+    if name == KIND:
+        return shipped_flight()
+    if name in SHIPPED:
+        return shipped_rigid_body_flight(name)
+    if name in shipped_scenarios():
+        return shipped_scenario(name)
+    known = (*shipped_scenarios(), KIND, *SHIPPED)
+    raise UsageError(
+        "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known)),
+        f"'{name}'",
+        did_you_mean(name, known, "Check the name."),
+    )
+
+
+def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
     from eivor.simulation.flights.known_log import log_about_hover, log_of_flight
-    from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+    from eivor.simulation.records.scenario import Scenario
+    from eivor.simulation.rigid_body.known_log import log_of_rigid_body_flight
+    from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
 
-    if not isinstance(scenario, VerticalFlightSpec):
+    if isinstance(scenario, Scenario):
         return log_about_hover(scenario, seed, hover=hover)
     if hover:
         raise UsageError(
@@ -137,4 +163,6 @@ def _simulated(scenario: Scenario | VerticalFlightSpec, seed: int, *, hover: boo
             "a flight, whose log has the whole input",
             "Leave --hover out.",
         )
+    if isinstance(scenario, RigidBodyFlightSpec):
+        return log_of_rigid_body_flight(replace(scenario, seed=seed))
     return log_of_flight(replace(scenario, seed=seed))

@@ -1,7 +1,8 @@
-"""`write_recording`: a Recording whose channels share one clock, as a table that reads back the same.
+"""`write_recording`: a Recording as one table that reads back the same.
 
 Parquet keeps everything: numbers exactly, and in the file's metadata the frame, the sources, which
-channels are held, the parameters and the input map. CSV keeps the numbers (exactly too); it has no place
+channels are held, the parameters and the input map. Channels of several clocks have a row for each stamp of
+any of them, and no value where a channel has no stamp. CSV keeps the numbers (exactly too); it has no place
 for the rest, so it is refused where the rest is needed to understand the numbers.
 """
 
@@ -14,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.logs.table.parquet import METADATA_KEY
@@ -30,15 +32,16 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     Parameters
     ----------
     recording : Recording
-        All of whose channels have the same stamps.
+        Channels with stamps of their own, other than those of most, have a value at each.
     path : str or path
         Ends in ".parquet" or ".csv".
 
     Raises
     ------
     UsageError
-        When the channels have several clocks or there are none, when the ending is another one, or when
-        a CSV cannot keep what the recording says (z down, an input map, unusual held channels).
+        When there are no channels, when one that has a clock of its own has NaN, when the ending is another
+        one, or when a CSV cannot keep what the recording says (z down, an input map, several clocks, unusual
+        held channels).
     OSError
         When the system refuses; an earlier file is as it was.
     """
@@ -62,23 +65,42 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
 
 def _columns(recording: Recording) -> dict[str, np.ndarray]:
-    """Time and values; the stamps must be those of the first channel."""
+    """Every stamp, and each channel's values, NaN where it has no stamp."""
     channels = list(recording.channels.values())
     if not channels:
         raise UsageError("a recording with channels", "one without", "Nothing can be written.")
-    clock = channels[0].time_s
-    others = [c.name for c in channels if not np.array_equal(c.time_s, clock)]
-    if others:
+    time = _all_stamps(recording)
+    return {"time": time, **{channel.name: _on_stamps(channel, time) for channel in channels}}
+
+
+def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
+    """The stamps of every channel, once each."""
+    clocks: list[np.ndarray] = []
+    for channel in recording.channels.values():
+        if not any(np.array_equal(channel.time_s, clock) for clock in clocks):
+            clocks.append(channel.time_s)
+    return clocks[0] if len(clocks) == 1 else np.unique(np.concatenate(clocks))
+
+
+def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    if channel.time_s.size == time.size:
+        return channel.values
+    if np.isnan(channel.values).any():
         raise UsageError(
-            "a recording whose channels share one clock",
-            f"other stamps than those of {channels[0].name} in {', '.join(others)}",
-            "Resample it first, or write groups of channels with one clock each.",
+            f"values at all stamps of '{channel.name}', which has a clock of its own",
+            "NaN among them, which would read back as no stamp",
+            "Leave these samples out first, or write the channel by itself.",
         )
-    return {"time": clock, **{c.name: c.values for c in channels}}
+    values = np.full(time.size, np.nan)
+    values[np.searchsorted(time, channel.time_s)] = channel.values
+    return values
 
 
 def _check_csv(recording: Recording) -> None:
     lost = []
+    rows = _all_stamps(recording).size
+    own = [c.name for c in recording.channels.values() if c.time_s.size != rows]
+    lost += [f"the stamps of {own[0]}" + (" and others" if len(own) > 1 else "")] if own else []
     if recording.frame is not Frame.Z_UP:
         lost.append("its frame (z down)")
     if recording.input_map:
@@ -97,6 +119,7 @@ def _check_csv(recording: Recording) -> None:
 
 
 def _metadata(recording: Recording) -> str:
+    rows = _all_stamps(recording).size
     return json.dumps(
         {
             "version": _VERSION,
@@ -109,6 +132,7 @@ def _metadata(recording: Recording) -> str:
                     "held": c.held,
                     "estimated": c.estimated,
                     "delay_s": c.delay_s,
+                    "own_clock": c.time_s.size != rows,
                     "overflowed": c.quality.overflowed,
                     "saturated": c.quality.saturated,
                 }
@@ -155,8 +179,14 @@ def _restored(channel: Channel, content: object) -> Channel:
         overflowed=_count(content.get("overflowed", 0)),
         saturated=_count(content.get("saturated", 0)),
     )
+    time, values = channel.time_s, channel.values
+    if _flag(content.get("own_clock", False)):
+        own = ~np.isnan(values)
+        time, values, quality = time[own], values[own], replace(quality, missing_values=0)
     return replace(
         channel,
+        time_s=time,
+        values=values,
         source=_text(content.get("source", channel.source)),
         held=_flag(content.get("held", channel.held)),
         quality=quality,

@@ -32,6 +32,8 @@ class Coefficients:
     ----------
     rotors : int
         How many.
+    gyroscopic : bool
+        Whether rotors have inertia.
     weight_acceleration : float
         g [m/s^2].
     mass : float or ndarray, shape (flights,)
@@ -51,6 +53,7 @@ class Coefficients:
     """
 
     rotors: int
+    gyroscopic: bool
     weight_acceleration: float
     mass: Value
     inertia: tuple[Value, ...]
@@ -86,6 +89,7 @@ def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
     inverse = np.linalg.solve(matrix, np.eye(3))
     return Coefficients(
         rotors=rotors.count,
+        gyroscopic=rotors.inertia > 0.0,
         weight_acceleration=gravity,
         mass=vehicle.mass,
         inertia=_elements(matrix),
@@ -128,16 +132,20 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     if len(counts) != 1:
         raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
     each = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
-    stacked = {name: _stacked([getattr(one, name) for one in each]) for name in _STACKED}
+    parts = {name: stacked([getattr(one, name) for one in each]) for name in _STACKED}
     # (rotors, 4, flights): of every rotor position and spin
     places = np.array([one.places for one in each]).transpose(1, 2, 0)
     x, y, z, spin = (np.ascontiguousarray(places[:, part]) for part in range(4))
-    return replace(each[0], places=((x, y, z, spin),), **stacked)
+    return replace(
+        each[0], places=((x, y, z, spin),), gyroscopic=any(one.gyroscopic for one in each), **parts
+    )
 
 
 #: What differs from vehicle to vehicle, but for the places.
 _STACKED = tuple(
-    name for name in Coefficients.__slots__ if name not in {"rotors", "weight_acceleration", "places"}
+    name
+    for name in Coefficients.__slots__
+    if name not in {"rotors", "gyroscopic", "weight_acceleration", "places"}
 )
 
 
@@ -145,8 +153,8 @@ def _elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
     return tuple(float(matrix[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
 
 
-def _stacked(values: Sequence[Any]) -> Any:
+def stacked(values: Sequence[Any]) -> Any:
     """Tuples element by element, numbers as an array."""
     if isinstance(values[0], tuple):
-        return tuple(_stacked(parts) for parts in zip(*values, strict=True))
+        return tuple(stacked(parts) for parts in zip(*values, strict=True))
     return np.array(values, dtype=np.float64)

@@ -29,8 +29,13 @@ Triple: TypeAlias = tuple[Value, Value, Value]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).
 Body: TypeAlias = list[Value] | Float[np.ndarray, "13 ..."]
 
+#: Components of anything, one after the other.
+Components: TypeAlias = Sequence[Value] | Float[np.ndarray, "parts ..."]
+
 #: Components of a body's state: position, velocity, attitude, rates.
 BODY = 13
+#: What is summed up begins here, as a float or as the array that is added.
+ZERO: Value = 0.0
 
 
 def state_derivative(
@@ -103,7 +108,7 @@ def body_derivative(
     body : list, or ndarray of shape (13, flights)
         The state. The attitude's length does not matter to forces and torques.
     speeds, spin_up : sequence of components
-        Rotor speeds, and their derivatives.
+        Rotor speeds, and their derivatives, which matter to rotors with inertia only.
     wind : three components
         Velocity of the air in the world [m/s].
     disturbance : three components
@@ -164,6 +169,20 @@ def rotation(w: Value, x: Value, y: Value, z: Value) -> tuple[Triple, Triple, Tr
     )
 
 
+def turned(attitude: Components, x: Value, y: Value, z: Value) -> list[Value]:
+    """Attitude of length 1, turned about its own axes by small angles [rad], to their first order."""
+    a, b, c, d = attitude
+    x, y, z = 0.5 * x, 0.5 * y, 0.5 * z
+    w, x, y, z = (
+        a - b * x - c * y - d * z,
+        b + a * x + c * z - d * y,
+        c + a * y + d * x - b * z,
+        d + a * z + b * y - c * x,
+    )
+    short = (w * w + x * x + y * y + z * z) ** -0.5
+    return [w * short, x * short, y * short, z * short]
+
+
 def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value) -> Triple:
     """Vector of the world on the body's axes."""
     (a, b, c), (d, e, f), (g, h, i) = rows
@@ -191,23 +210,29 @@ def wrench(
     p, q, r = rates
     swiftness = (u * u + v * v + w * w) ** 0.5
     (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = c.body_linear, c.body_quadratic, c.body_rotational
-    along, across, up = -(x1 + x2 * swiftness) * u, -(y1 + y2 * swiftness) * v, -(z1 + z2 * swiftness) * w
-    roll, pitch, yaw = -x3 * p, -y3 * q, -z3 * r
+    fx = fy = fz = mx = my = mz = ZERO
     for (x, y, z, spin), speed in zip(c.places, speeds, strict=True):
         lx, ly, lz = u + q * z - r * y, v + r * x - p * z, w + p * y - q * x
         lift = (c.thrust_linear + c.thrust_quadratic * speed) * speed
         drag, flapping = c.drag * speed, c.flapping * speed
-        fx, fy = -drag * lx, -drag * ly
-        fz = lift + c.translational_lift * (lx * lx + ly * ly) - c.inflow * speed * lz
-        along, across, up = along + over_rotors(fx), across + over_rotors(fy), up + over_rotors(fz)
-        roll = roll + over_rotors(y * fz - z * fy - flapping * ly)
-        pitch = pitch + over_rotors(z * fx - x * fz + flapping * lx)
-        yaw = yaw + over_rotors(x * fy - y * fx + spin * c.torque_ratio * lift)
-    return (along, across, up), (roll, pitch, yaw)
+        ahead, aside = -drag * lx, -drag * ly
+        up = lift + c.translational_lift * (lx * lx + ly * ly) - c.inflow * speed * lz
+        fx, fy, fz = fx + ahead, fy + aside, fz + up
+        mx = mx + y * up - z * aside - flapping * ly
+        my = my + z * ahead - x * up + flapping * lx
+        mz = mz + x * aside - y * ahead + spin * c.torque_ratio * lift
+    return (
+        (
+            over_rotors(fx) - (x1 + x2 * swiftness) * u,
+            over_rotors(fy) - (y1 + y2 * swiftness) * v,
+            over_rotors(fz) - (z1 + z2 * swiftness) * w,
+        ),
+        (over_rotors(mx) - x3 * p, over_rotors(my) - y3 * q, over_rotors(mz) - z3 * r),
+    )
 
 
 def over_rotors(value: Value) -> Value:
-    """Sum over the rows of an array, which are rotors; a float is of one rotor."""
+    """Sum over the rows of an array, which are rotors; floats have been added up."""
     return value if isinstance(value, float) else np.add.reduce(value, axis=0)
 
 
@@ -223,10 +248,12 @@ def _rate_derivative(
     xx, yy, zz, xy, xz, yz = coefficients.inertia
     lx, ly, lz = xx * p + xy * q + xz * r, xy * p + yy * q + yz * r, xz * p + yz * q + zz * r
     mx, my, mz = torque
-    for (_, _, _, spin), speed, change in zip(coefficients.places, speeds, spin_up, strict=True):
-        momentum = coefficients.rotor_inertia * spin
-        lz = lz - over_rotors(momentum * speed)
-        mz = mz + over_rotors(momentum * change)
+    if coefficients.gyroscopic:
+        spinning = spun_up = ZERO
+        for (_, _, _, spin), speed, change in zip(coefficients.places, speeds, spin_up, strict=True):
+            spinning, spun_up = spinning + spin * speed, spun_up + spin * change
+        lz = lz - coefficients.rotor_inertia * over_rotors(spinning)
+        mz = mz + coefficients.rotor_inertia * over_rotors(spun_up)
     mx, my, mz = mx - q * lz + r * ly, my - r * lx + p * lz, mz - p * ly + q * lx
     xx, yy, zz, xy, xz, yz = coefficients.inverse_inertia
     return xx * mx + xy * my + xz * mz, xy * mx + yy * my + yz * mz, xz * mx + yz * my + zz * mz

@@ -133,15 +133,18 @@ class _FixedStep(Stepper):
         command, wind, disturbance = held.command, held.wind, held.disturbance
         middle = self._half.after(speeds, command)
         end = self._half.after(middle, command)
-        change = speed_derivative(c, middle, command)
-        k1 = body_derivative(c, body, speeds, speed_derivative(c, speeds, command), wind, disturbance)
+        change = self._spin_up(middle, command)
+        k1 = body_derivative(c, body, speeds, self._spin_up(speeds, command), wind, disturbance)
         k2 = body_derivative(c, _ahead(body, k1, h / 2.0), middle, change, wind, disturbance)
         k3 = body_derivative(c, _ahead(body, k2, h / 2.0), middle, change, wind, disturbance)
-        k4 = body_derivative(
-            c, _ahead(body, k3, h), end, speed_derivative(c, end, command), wind, disturbance
-        )
+        k4 = body_derivative(c, _ahead(body, k3, h), end, self._spin_up(end, command), wind, disturbance)
         slope = _weighted(k1, k2, k3, k4)
         return unit_attitude(_ahead(body, slope, h / 6.0)), end
+
+    def _spin_up(self, speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
+        """Derivatives of the speeds, where they matter."""
+        c = self._coefficients
+        return speed_derivative(c, speeds, command) if c.gyroscopic else ()
 
 
 class _DividedStep(Stepper):

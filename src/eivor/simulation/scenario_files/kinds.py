@@ -1,4 +1,6 @@
-"""What a scenario file may call a noise, a disturbance, an excitation or a control, and how each is built.
+"""What a scenario file may call a noise, a disturbance, an excitation, a control or an integrator.
+
+How each is built from a table, and anything else that is described by a dataclass: a table in a table.
 
 The keys of a kind are the parameters of its class, with the same defaults; what they mean is said there. A
 list of numbers may also stand in a table beside the scenario: { file = "mine.csv", column = "u" }.
@@ -8,6 +10,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from enum import StrEnum
 from functools import lru_cache
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -15,6 +18,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from eivor.errors import EivorError, did_you_mean
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.simulation.records.control import AltitudeControl, Control, VelocityControl
+from eivor.simulation.rigid_body.integrators import AdaptiveSteps, Integrator, RungeKutta4
 from eivor.simulation.scenario_files.number_file import numbers_in_file
 from eivor.simulation.sources.band_excitation import Chirp, FilteredWhite, Multisine
 from eivor.simulation.sources.binary_excitation import PseudoRandomBinary
@@ -31,10 +35,12 @@ from eivor.simulation.sources.excitation import (
     Excitation,
     GivenSeries,
     PaperInput,
+    RandomSteps,
     ScaledExcitation,
     Steps,
     WhiteExcitation,
 )
+from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 from eivor.simulation.sources.linear_disturbance import (
     Arma,
     RandomCoefficientMovingAverage,
@@ -61,6 +67,7 @@ DISTURBANCES: Mapping[str, Maker] = {
     "sinusoids": Sinusoids,
     "bounded": BoundedAdversary,
     "dryden": DrydenGust,
+    "ornstein_uhlenbeck": OrnsteinUhlenbeck,
     "sum": SumOfDisturbances,
 }
 EXCITATIONS: Mapping[str, Maker] = {
@@ -71,16 +78,19 @@ EXCITATIONS: Mapping[str, Maker] = {
     "multisine": Multisine,
     "pseudo_random_binary": PseudoRandomBinary,
     "steps": Steps,
+    "random_steps": RandomSteps,
     "series": GivenSeries,
     "scaled": ScaledExcitation,
 }
 CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
+INTEGRATORS: Mapping[str, Maker] = {"runge_kutta_4": RungeKutta4, "adaptive": AdaptiveSteps}
 #: Kinds by the abstract class that a parameter asks for.
 KINDS: Mapping[type, Mapping[str, Maker]] = {
     MeasurementNoise: NOISES,
     Disturbance: DISTURBANCES,
     Excitation: EXCITATIONS,
     Control: CONTROLS,
+    Integrator: INTEGRATORS,
 }
 
 
@@ -92,7 +102,7 @@ def of_kind(table: TomlTable, family: type, **known: object) -> Any:
     table : TomlTable
         Its keys, apart from those taken already.
     family : type
-        MeasurementNoise, Disturbance, Excitation or Control.
+        A key of `KINDS`: what is described.
     **known
         Parameters that do not come from the table.
 
@@ -141,6 +151,10 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
         return _PLAIN[annotation](table, name)
     if annotation in KINDS:
         return of_kind(table.section(name), annotation)
+    if isinstance(annotation, type):
+        if issubclass(annotation, StrEnum):
+            return annotation(table.choice(name, tuple(annotation)))
+        return built(table.section(name), annotation)
     item = get_args(annotation)[0]
     if item in KINDS:
         return tuple(of_kind(section, item) for section in table.sections(name))
@@ -164,10 +178,21 @@ def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
     return tuple(numbered.numbers(key) for key in numbered.values)
 
 
+def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
+    """A list of whole numbers."""
+    numbers = table.numbers(name)
+    if any(number != round(number) for number in numbers):
+        raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
+    return tuple(round(number) for number in numbers)
+
+
 #: How values of the plain types are taken.
 _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
     float: TomlTable.number,
     int: TomlTable.whole,
+    str: TomlTable.text,
     tuple[float, ...]: _numbers,
+    tuple[int, ...]: _wholes,
+    tuple[str, ...]: TomlTable.texts,
     tuple[tuple[float, ...], ...]: _rows,
 }

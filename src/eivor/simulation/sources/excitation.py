@@ -89,6 +89,41 @@ class Steps(Excitation):
 
 
 @dataclass(frozen=True, slots=True)
+class RandomSteps(Excitation):
+    """Levels drawn one after the other: an amplitude up, down, or nothing.
+
+    Parameters
+    ----------
+    amplitude : float
+        Of the levels that are not zero; those are two in three.
+    shortest_s, longest_s : float
+        Between these, each level's time is drawn [s].
+    """
+
+    amplitude: float
+    shortest_s: float = 0.5
+    longest_s: float = 1.5
+
+    def __post_init__(self) -> None:
+        non_negative("amplitude", self.amplitude)
+        positive("shortest_s", self.shortest_s)
+        finite("longest_s", self.longest_s)
+        require(
+            self.shortest_s <= self.longest_s,
+            "a shortest_s up to longest_s",
+            f"shortest_s={self.shortest_s}, longest_s={self.longest_s}",
+        )
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation, which begins with zero."""
+        most = int(count * step_s / self.shortest_s) + 1
+        ends = np.cumsum(rng.uniform(self.shortest_s, self.longest_s, most))
+        levels = self.amplitude * rng.integers(-1, 2, most + 1).astype(np.float64)
+        levels[0] = 0.0
+        return levels[np.searchsorted(ends, step_s * np.arange(count), side="right")]
+
+
+@dataclass(frozen=True, slots=True)
 class GivenSeries(Excitation):
     """A user's own series, from its beginning.
 

@@ -1,0 +1,379 @@
+"""Flights of a whole vehicle: logs against the truth, one route against another, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from eivor.errors import ParameterError
+from eivor.motions.rigid_body.rotors import Rotors
+from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.actuator import actuator_state
+from eivor.signals.noise import WhiteNoise
+from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.rigid_body.controller import FlightController
+from eivor.simulation.rigid_body.flight import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
+from eivor.simulation.rigid_body.integrators import AdaptiveSteps
+from eivor.simulation.rigid_body.known_log import log_of_rigid_body_flight
+from eivor.simulation.rigid_body.sensors import Sensor
+from eivor.simulation.rigid_body.spec import (
+    AxisExcitations,
+    Logged,
+    RigidBodyFlightSpec,
+    Sensors,
+    TorqueDisturbance,
+    Wind,
+)
+from eivor.simulation.sources.dryden import DrydenGust
+from eivor.simulation.sources.excitation import RandomSteps, Steps
+from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of the same shapes
+
+VEHICLE = Vehicle(
+    1.2,
+    (0.0153, 0.0155, 0.0296),
+    Rotors(
+        positions=((0.16, 0.16, 0.0), (0.16, -0.16, 0.0), (-0.16, -0.16, 0.0), (-0.16, 0.16, 0.0)),
+        spins=(1, -1, 1, -1),
+        highest_speed=900.0,
+        thrust_quadratic=1.4e-5,
+        torque_ratio=0.016,
+        lag_up=0.04,
+        lag_down=0.04,
+        inertia=2e-5,
+        drag=1.3e-4,
+        inflow=2.6e-4,
+    ),
+    BodyDrag(quadratic=(0.01, 0.01, 0.02)),
+)
+STEPS = AxisExcitations(RandomSteps(0.2, 0.1), RandomSteps(0.2, 0.1), RandomSteps(0.3, 0.1))
+QUIET = RigidBodyFlightSpec(VEHICLE, duration=3.0, attitude=STEPS, sensors=Sensors.exact(), seed=4)
+LOUD = RigidBodyFlightSpec(
+    replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006, lag_down=0.06)),
+    duration=1.0,
+    attitude=STEPS,
+    injection=AxisExcitations(roll=Steps((0.05, -0.05), 0.1)),
+    controller=FlightController(rate_hz=250.0, attitude_hz=250.0, derivative_share=0.3, hold=0.3),
+    wind=Wind((1.0, 0.0, 0.0), z=DrydenGust(0.3, 3.0, 2.0)),
+    torque_disturbance=TorqueDisturbance(pitch=OrnsteinUhlenbeck(1.0, 0.3)),
+    sensors=Sensors(
+        angular_rate=Sensor(WhiteNoise(0.02), cutoff_hz=60.0, delay_s=0.004),
+        velocity=Sensor(WhiteNoise(0.05), bias=0.1, delay_s=0.02),
+        rotor_speed=Sensor(WhiteNoise(5.0)),
+    ),
+    seed=5,
+)
+
+
+@cache
+def fly(spec: RigidBodyFlightSpec) -> RigidBodyFlight:
+    return next(simulate_rigid_body_flights([spec]))
+
+
+def values(flight: RigidBodyFlight, name: str) -> np.ndarray:
+    return flight.recording.channel(name).values
+
+
+def vectors(flight: RigidBodyFlight, stem: str, parts: str = "xyz") -> np.ndarray:
+    return np.column_stack([values(flight, f"{stem}_{part}") for part in parts])
+
+
+# -------------------------------------------------------------------------------------- log and truth
+
+
+def test_log_of_exact_sensors_is_the_truth():
+    flight = fly(QUIET)
+    truth = flight.truth
+    assert flight.flew
+    for stem, parts, expected in (
+        ("angular_rate", "xyz", truth.angular_rate),
+        ("specific_force_body", "xyz", truth.specific_force),
+        ("velocity", "xyz", truth.velocity),
+        ("attitude", "wxyz", truth.attitude),
+        ("rotor_speed", "1234", truth.rotor_speed),
+        ("rotor_command", "1234", truth.rotor_command),
+        ("torque_setpoint", "xyz", truth.torque_setpoint),
+    ):
+        np.testing.assert_allclose(vectors(flight, stem, parts), expected, atol=1e-12)
+    np.testing.assert_array_equal(values(flight, "input"), truth.thrust_setpoint)
+    assert "injected_torque_x" not in flight.recording.channels
+    held = {name for name, channel in flight.recording.channels.items() if channel.held}
+    assert held == {
+        name
+        for name in flight.recording.channels
+        if name.startswith(("rotor_command", "reference", "torque")) or name == "input"
+    }
+
+
+def test_truth_agrees_with_itself():
+    """Velocity, attitude and specific force are those of one motion."""
+    truth = fly(QUIET).truth
+    turn = Rotation.from_quat(truth.attitude, scalar_first=True)
+    step = QUIET.step_s
+    # over two steps, by Simpson's rule
+    acceleration = turn.apply(truth.specific_force) - [0.0, 0.0, GRAVITY]
+    gained = step / 3.0 * (acceleration[:-2] + 4.0 * acceleration[1:-1] + acceleration[2:])
+    np.testing.assert_allclose(np.diff(truth.velocity[::2], axis=0), gained[::2], atol=1e-4)
+    turned = (turn[:-2].inv() * turn[2:]).as_rotvec()
+    mean = (truth.angular_rate[:-2] + 4.0 * truth.angular_rate[1:-1] + truth.angular_rate[2:]) / 6.0
+    np.testing.assert_allclose(turned, 2.0 * step * mean, atol=5e-5)
+
+
+def test_rotors_follow_their_delayed_commands():
+    spec = replace(LOUD, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006)))
+    truth = fly(spec).truth
+    hover = np.full((1, 4), spec.vehicle.hover_speed)
+    command = np.vstack([np.repeat(hover, 9, axis=0), truth.rotor_command])
+    state = actuator_state(command, step_s=0.002, lag_s=0.04, delay_s=0.006)[9:]
+    np.testing.assert_allclose(truth.rotor_speed, state, rtol=1e-9)
+    # the rate loop has half the rate of the simulation
+    np.testing.assert_array_equal(truth.rotor_command[::2], truth.rotor_command[1::2])
+
+
+def test_references_are_followed():
+    slow = replace(QUIET, attitude=AxisExcitations(Steps((0.2, -0.2), 1.4), Steps((0.2, -0.2), 1.1)))
+    flight = fly(slow)
+    reference = values(flight, "reference_position_z")
+    assert np.std(flight.truth.position[:, 2] - reference) < 0.4 * np.std(reference)
+    wanted = Rotation.from_quat(vectors(flight, "reference_attitude", "wxyz"), scalar_first=True)
+    now = Rotation.from_quat(flight.truth.attitude, scalar_first=True)
+    # a third of a second after it was asked for, but for steps in between
+    assert np.median((wanted[:-150].inv() * now[150:]).magnitude()) < 0.05
+
+
+def test_setpoints_do_to_the_body_what_they_say():
+    """Behind the rotors' lag each torque setpoint accelerates as the control effectiveness says."""
+    short = replace(VEHICLE, rotors=replace(VEHICLE.rotors, lag_up=1e-3, lag_down=1e-3, inertia=0.0))
+    injected = AxisExcitations(
+        Steps((0.02, -0.02), 0.05), Steps((0.02, -0.02), 0.07), Steps((0.05, -0.05), 0.09)
+    )
+    spec = replace(QUIET, vehicle=short, injection=injected, duration=0.5, trajectory=TrajectoryKind.HOVER)
+    truth = fly(replace(spec, attitude=AxisExcitations())).truth
+    slopes = np.diff(truth.angular_rate, axis=0) / QUIET.step_s
+    settled = np.all(np.abs(np.diff(truth.torque_setpoint, axis=0, prepend=0.0)) < 1e-3, axis=1)[:-1]
+    for axis, effectiveness in enumerate(truth.control_effectiveness):
+        torque = truth.torque_setpoint[:-1, axis][settled]
+        found = torque @ slopes[settled, axis] / (torque @ torque)
+        assert found == pytest.approx(effectiveness, rel=0.05)
+
+
+def test_equations_of_the_truth_hold():
+    """Least squares on the true series gives the parameters that the truth names."""
+    truth = fly(
+        replace(QUIET, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, drag=0.0, inflow=0.0)))
+    ).truth
+    told, phi = truth.parameters, truth.rotor_speed**2
+    x, y, _ = np.array(VEHICLE.rotors.positions).T
+    spins = np.array(VEHICLE.rotors.spins)
+    p, q, r = truth.angular_rate.T
+    step = QUIET.step_s
+    spinning = truth.rotor_speed @ spins
+    gained = np.diff(spinning) / step
+    (first, second, _), (roll, pitch, yaw) = told.gyroscopic_ratios, told.torque_gains
+    for axis, (series, expected) in enumerate(
+        [
+            ([q * r, phi @ y, spinning * q], [first, roll, 2e-5 / 0.0153]),
+            ([p * r, -(phi @ x), -spinning * p], [second, pitch, 2e-5 / 0.0155]),
+            ([phi @ spins], [yaw, told.rotor_reaction]),
+        ]
+    ):
+        means = [0.5 * (one[1:] + one[:-1]) for one in series] + ([gained] if axis == 2 else [])
+        scale = np.linalg.norm(means, axis=1)
+        slope = np.diff(truth.angular_rate[:, axis]) / step
+        found = np.linalg.lstsq(np.array(means).T / scale, slope)[0] / scale
+        np.testing.assert_allclose(found, expected, rtol=0.02)  # of means by trapezoids
+
+
+# ---------------------------------------------------------------------------------------- sensors
+
+
+def test_sensors_give_the_log_what_they_give_the_controller():
+    """The rate loop's torque, recomputed from the logged rates, is the one that was set."""
+    spec = replace(
+        LOUD,
+        injection=AxisExcitations(),
+        controller=replace(LOUD.controller, integral_share=0.0, derivative_share=0.0),
+    )
+    flight = fly(spec)
+    error = (vectors(flight, "reference_angular_rate") - vectors(flight, "angular_rate"))[::2]
+    torque = vectors(flight, "torque_setpoint")[::2]
+    free = np.abs(torque) < 1.0
+    for axis in range(3):
+        use = free[:, axis]
+        gain = error[use, axis] @ torque[use, axis] / (error[use, axis] @ error[use, axis])
+        np.testing.assert_allclose(torque[use, axis], gain * error[use, axis], atol=1e-12)
+
+
+def test_sensor_filters_delays_and_errs():
+    sensor = Sensor(WhiteNoise(0.0), bias=0.5, cutoff_hz=20.0, delay_s=0.01)
+    step = np.r_[np.zeros(100), np.ones(400)][:, None]
+    rng = np.random.default_rng(0)
+    read = sensor.readings(step + sensor.errors(500, 1, rng), 0.002)[:, 0] - 0.5
+    np.testing.assert_allclose(read[:105], 0.0, atol=1e-12)
+    assert read[-1] == pytest.approx(1.0, abs=1e-9)
+    late = np.sum(1.0 - read[100:]) * 0.002  # the area that is missing is the delay
+    assert late == pytest.approx(sensor.lateness_s, abs=0.0015)
+    assert Sensor(WhiteNoise(0.3)).errors(4000, 2, rng).std(axis=0) == pytest.approx([0.3, 0.3], rel=0.05)
+
+
+def test_stamps_have_their_rate_offset_and_error():
+    sensor = Sensor(rate_hz=100.0, offset_s=0.006, jitter_s=0.001)
+    rows = sensor.rows(5000, 0.002)
+    assert rows[:3].tolist() == [3, 8, 13]
+    stamps = sensor.stamps(rows, 0.002, np.random.default_rng(1))
+    assert np.diff(stamps).min() > 0.0
+    assert np.std(stamps - 0.002 * rows) == pytest.approx(0.001, rel=0.1)
+    assert Sensor(rate_hz=300.0).rows(1000, 0.002).size == 600
+    assert np.array_equal(Sensor(rate_hz=1000.0).rows(100, 0.002), np.arange(100))
+
+
+def test_each_group_has_its_own_stamps_and_some_are_left_out():
+    spec = replace(
+        QUIET,
+        duration=0.4,
+        sensors=replace(QUIET.sensors, angular_rate=Sensor(rate_hz=250.0)),
+        logged=Logged(100.0, 50.0, 25.0, left_out=("rotor_command_*", "reference_velocity_z")),
+    )
+    channels = fly(spec).recording.channels
+    assert not {"rotor_command_1", "reference_velocity_z"} & set(channels)
+    counts = {"angular_rate_x": 100, "input": 20, "torque_setpoint_z": 20, "reference_position_z": 10}
+    assert {name: channels[name].time_s.size for name in counts} == counts
+    assert channels["velocity_z"].time_s.size == 200
+
+
+# ------------------------------------------------------------------------- a flight is its specification
+
+
+def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
+    for part in fields(RigidBodyTruth):
+        one, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
+        if isinstance(one, np.ndarray):
+            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)
+        else:
+            assert one == other
+    assert first.recording.channels.keys() == second.recording.channels.keys()
+    for name in first.recording.channels:
+        np.testing.assert_allclose(values(first, name), values(second, name), rtol=1e-9, atol=1e-11)
+
+
+def test_flights_side_by_side_are_those_alone():
+    """Other vehicles, delays, filters, gains and winds beside it make no difference."""
+    short = replace(LOUD, duration=0.5)
+    other = replace(
+        short,
+        vehicle=replace(VEHICLE, mass=1.0),
+        seed=9,
+        sensors=Sensors(),
+        wind=Wind(),
+        injection=AxisExcitations(),
+        controller=replace(LOUD.controller, hold=0.0, derivative_share=0.0),
+    )
+    together = list(simulate_rigid_body_flights([short, other, replace(short, seed=6)]))
+    same(together[0], fly(short))
+    same(together[1], fly(other))
+    assert not np.array_equal(together[2].truth.attitude, together[0].truth.attitude)
+
+
+def test_flights_of_several_lengths_keep_their_order():
+    specs = [replace(QUIET, duration=0.2), replace(QUIET, duration=0.1), replace(QUIET, duration=0.2, seed=1)]
+    flights = list(simulate_rigid_body_flights(specs))
+    assert [flight.truth.time_s.size for flight in flights] == [100, 50, 100]
+
+
+def test_streams_are_apart():
+    noisy = replace(QUIET, duration=0.3, sensors=Sensors())
+    first, second = fly(noisy), fly(replace(noisy, wind=Wind(x=OrnsteinUhlenbeck(1.0, 0.5))))
+    rates = [vectors(one, "angular_rate") - one.truth.angular_rate for one in (first, second)]
+    np.testing.assert_allclose(*rates, atol=1e-12)
+    assert not np.array_equal(first.truth.velocity, second.truth.velocity)
+
+
+def test_adaptive_integrator_flies_the_same():
+    short = replace(QUIET, duration=0.2)
+    adaptive = replace(short, integrator=AdaptiveSteps(rtol=1e-9))
+    for one, other in zip(simulate_rigid_body_flights([adaptive, adaptive]), [fly(short)] * 2, strict=True):
+        np.testing.assert_allclose(one.truth.position, other.truth.position, atol=1e-8)
+        np.testing.assert_allclose(one.truth.attitude, other.truth.attitude, atol=1e-7)
+
+
+def test_wind_and_torques_from_outside_have_their_size():
+    flight = fly(replace(LOUD, rate_hz=250.0, duration=4.0, vehicle=VEHICLE))
+    np.testing.assert_allclose(flight.truth.velocity[:, 0] - flight.truth.air_velocity[:, 0], 1.0)
+    accelerations = flight.truth.disturbance[:, 1] / 0.0155
+    assert np.std(accelerations) == pytest.approx(1.0, rel=0.5)
+    assert not flight.truth.disturbance[:, [0, 2]].any()
+
+
+def test_a_vehicle_that_holds_its_place_does():
+    calm = replace(
+        LOUD,
+        vehicle=VEHICLE,
+        rate_hz=250.0,
+        duration=6.0,
+        attitude=AxisExcitations(),
+        injection=AxisExcitations(),
+    )
+    calm = replace(calm, sensors=Sensors(), wind=Wind((1.0, 0.0, 0.0)))
+    assert np.abs(fly(calm).truth.position[-1, :2]).max() < 1.5
+    drifting = fly(replace(calm, controller=replace(calm.controller, hold=0.0)))
+    assert drifting.truth.position[-1, 0] > 4.0
+
+
+# ------------------------------------------------------------------------------------------ refusals
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rate_hz": 1.0}, "rate_hz between"),
+        ({"duration": 0.0}, "duration between"),
+        ({"rate_hz": 400.0}, "rate_hz of the controller"),
+        ({"controller": FlightController(attitude_hz=200.0)}, "attitude_hz of the controller"),
+        ({"vehicle": replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.003))}, "multiple of 0.002 s"),
+    ],
+)
+def test_specification_is_checked(change, message):
+    with pytest.raises(ParameterError, match=message):
+        replace(QUIET, **change)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: FlightController(quickness=3.0), "quickness between"),
+        (lambda: Sensor(delay_s=-1.0), "delay_s between"),
+        (lambda: Sensor(bias=float("nan")), "a finite bias"),
+        (lambda: Sensors(attitude=Sensor(cutoff_hz=20.0)), "an attitude without a filter"),
+        (lambda: Wind((1.0, 2.0)), "three speeds"),
+        (lambda: Logged(setpoint_hz=-1.0), "setpoint_hz between"),
+    ],
+)
+def test_parts_are_checked(make, message):
+    with pytest.raises(ParameterError, match=message):
+        make()
+
+
+def test_filters_must_fit_the_rate():
+    with pytest.raises(ParameterError, match="below half the simulation's rate"):
+        fly(replace(QUIET, sensors=replace(QUIET.sensors, angular_rate=Sensor(cutoff_hz=300.0))))
+
+
+def test_rotors_must_reach_every_axis():
+    alike = replace(VEHICLE, rotors=replace(VEHICLE.rotors, spins=(1, 1, 1, 1)))
+    with pytest.raises(ParameterError, match="a torque about each axis"):
+        fly(replace(QUIET, vehicle=alike))
+
+
+def test_a_lost_vehicle_is_told():
+    storm = replace(
+        QUIET, duration=2.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(300.0, 1.0))
+    )
+    assert not fly(storm).flew
+    with pytest.raises(ParameterError, match="stays upright"):
+        log_of_rigid_body_flight(storm)
