@@ -131,7 +131,7 @@ def test_there_is_none_of_that_name():
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_flights_fly(name):
-    (flight,) = simulate_rigid_body_flights([replace(shipped_rigid_body_flight(name), duration=2.0, seed=1)])
+    (flight,) = simulate_rigid_body_flights([replace(shipped_rigid_body_flight(name), duration=2.5, seed=1)])
     assert flight.flew
     assert np.abs(flight.truth.angular_rate[:, :2]).max() > 0.5
     assert np.abs(flight.truth.torque_setpoint).max() < 1.0

@@ -15,10 +15,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.logs.table.parquet import METADATA_KEY
+from eivor.shapes import Float
 from eivor.signals.canonical import held_by_default
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.whole_file import whole_file

@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Int
 
 from eivor.motions.rigid_body.coefficients import Value
+from eivor.shapes import Int
 
 
 class DelayLine:

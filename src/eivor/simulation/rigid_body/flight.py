@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.motions.rigid_body.coefficients import side_by_side
 from eivor.motions.rigid_body.dynamics import specific_force
 from eivor.motions.rigid_body.effective import EffectiveParameters, effective_parameters
+from eivor.shapes import Float
 from eivor.signals.recording import Recording
 from eivor.simulation.rigid_body.controller import control_effectiveness
 from eivor.simulation.rigid_body.logged import recording_of

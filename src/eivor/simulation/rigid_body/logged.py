@@ -18,8 +18,8 @@ from collections.abc import Mapping
 from fnmatch import fnmatch
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 from eivor.simulation.rigid_body.loop import Flown

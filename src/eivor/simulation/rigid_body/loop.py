@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float
 
 from eivor.motions.rigid_body.coefficients import Value, coefficients_of, side_by_side, stacked
 from eivor.motions.rigid_body.dynamics import ZERO, Body, Components, Triple, turned
+from eivor.shapes import Float
 from eivor.simulation.rigid_body.controller import (
     Cascade,
     Gains,

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
 
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.coefficients import Value
+from eivor.shapes import Float, Int
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.simulation.rigid_body.delay_line import DelayLine
 

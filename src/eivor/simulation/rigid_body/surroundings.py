@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.simulation.flights.trajectories import altitude_reference
 from eivor.simulation.rigid_body.spec import AxisExcitations, RigidBodyFlightSpec
 from eivor.simulation.sources.disturbance import Disturbance

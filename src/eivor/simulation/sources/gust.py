@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
+from eivor.shapes import Float
 from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.parameter_checks import non_negative, positive
 from eivor.simulation.sources.recursion import autoregression, constant
