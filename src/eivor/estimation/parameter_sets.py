@@ -34,6 +34,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.nuisance_scan import NuisanceScan, Places
+from eivor.estimation.own_equations import own_equations
 from eivor.estimation.products.nodes import Nodes, nodes_of
 from eivor.estimation.weighting.whitening import SpectralWhitening, whitened_by_residuals
 from eivor.inference.quantiles import check_level, chi_square_quantile, t_quantile
@@ -167,7 +168,9 @@ def parameter_sets(
     except np.linalg.LinAlgError:
         return None
     best = estimate.best
-    degrees = best.inference.rank + len(best.solved.misfits) - (best.solved.unknowns - 1)
+    own = own_equations(best.rows, place)
+    strange = best.rows.regressors.shape[1] - own.regressors.size
+    degrees = own.rank + len(best.solved.misfits) - (best.solved.unknowns - strange - 1)
 
     allowance, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
@@ -182,13 +185,13 @@ def _criterion(
     problem: SeparableProblem, nodes: Nodes, candidate: Candidate, place: int
 ) -> CandidateCriterion:
     weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
-    theta, unknowns = candidate.theta, candidate.solved.unknowns
-    order = [0, place + 1, *(j + 1 for j in range(theta.size) if j != place)]
+    theta = candidate.theta
+    own = own_equations(weights.rows(candidate.at), place)
+    unknowns = candidate.solved.unknowns - (theta.size - own.regressors.size)
     equations, power = [], []
     for point in nodes.points:
-        rows = weights.rows({**candidate.at, **point})
-        columns = np.column_stack([rows.response - rows.regressors @ theta, rows.regressors])[:, order]
-        equations.append(rows.instruments.T @ columns)
+        columns = own.columns(weights.rows({**candidate.at, **point}), theta)
+        equations.append(own.instruments.T @ columns)
         power.append(columns.T @ columns / (len(columns) - unknowns))
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
     sizes = np.where(lengths > 0.0, lengths, 1.0)

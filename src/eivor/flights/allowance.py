@@ -64,3 +64,22 @@ def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -
 def reserved(allowances: Iterable[Allowance]) -> float:
     """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
     return sum((max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED), 0.0)
+
+
+def clock_allowance(slack_s: float) -> tuple[Allowance, ...]:
+    """What commands that may have been issued between those that are logged leave open of a lag.
+
+    A command that is late throughout is a shorter lag, and moves no other parameter.
+
+    Parameters
+    ----------
+    slack_s : float
+        What the command may be late or early by [s].
+    """
+    if not slack_s:
+        return ()
+    sentence = (
+        "The log does not tell how often its command was issued: the lag may be "
+        f"{1e3 * slack_s:.2g} ms longer or shorter than the data say."
+    )
+    return (Allowance(Counts.ADDED, slack_s, slack_s, sentence),)

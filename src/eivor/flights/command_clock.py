@@ -70,7 +70,7 @@ class CommandClock:
     issued_s : float
         Time between two commands h_c that is assumed [s]: `logged_s` for a log that holds every command.
     told : bool
-        The log tells it; else it lies between zero and `logged_s`, and half of that is assumed.
+        The log tells it; else it lies between zero and the longest that it can be, of which half is assumed.
     looked : bool
         The log holds what was in force when the logger looked, which may have been issued some time before.
     """
@@ -88,7 +88,7 @@ class CommandClock:
     @property
     def slack_s(self) -> float:
         """What the command may be late or early by, since the log does not tell when it was issued [s]."""
-        return 0.0 if self.told else 0.25 * self.logged_s
+        return 0.0 if self.told else 0.5 * self.issued_s
 
     def band_hz(self, band_hz: tuple[float, float]) -> tuple[float, float]:
         """Part of a band in which the line between stamps is as good as the commands [Hz]."""
@@ -115,7 +115,9 @@ class CommandClock:
         )
 
 
-def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
+def command_clock(
+    command: Channel, others: Sequence[Channel], issued_within_s: float = np.inf
+) -> CommandClock:
     """Read a held command's clock off its stamps, and the rates of other channels.
 
     Parameters
@@ -124,6 +126,8 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
         With two samples or more.
     others : sequence of Channel
         What else was logged of the flight.
+    issued_within_s : float
+        The longest that the next command can be waited for [s], where stamps do not tell.
     """
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
@@ -139,13 +143,13 @@ def command_clock(command: Channel, others: Sequence[Channel]) -> CommandClock:
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
         if not any(np.array_equal(one.time_s, command.time_s) for one in others if not one.held):
-            return CommandClock(logged, 0.5 * logged, told=False)
+            return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
     quickest = min(
         (float(np.median(np.diff(one.time_s))) for one in others if one.time_s.size > 1), default=np.inf
     )
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
         return CommandClock(logged, logged)
-    return CommandClock(logged, 0.5 * logged, told=False)
+    return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
 
 
 def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:

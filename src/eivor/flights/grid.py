@@ -79,8 +79,13 @@ class Grid:
         return Grid(self.start_s, self.step_s, tuple(pieces))
 
 
-def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], memory_s: float = MEMORY_S) -> Grid:
-    """Grid over the time that all `channels` share; fine when all `fast` ones are.
+def common_grid(
+    channels: Sequence[Channel],
+    fast: Sequence[Channel],
+    memory_s: float = MEMORY_S,
+    step_s: float | None = None,
+) -> Grid:
+    """Grid over the time that all `channels` share; of a given step, or fine when all `fast` ones are.
 
     Where one of them is silent (`Channel.silences`) no sample can be used, but for held channels that are not
     among the fast ones: the time between the first second of the silence and its last `memory_s`, in which
@@ -101,7 +106,7 @@ def common_grid(channels: Sequence[Channel], fast: Sequence[Channel], memory_s: 
             "Check the clocks of the log, or leave out the channel that does not fit.",
         )
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
-    step = FINE_STEP_S if fine else STEP_S
+    step = step_s or (FINE_STEP_S if fine else STEP_S)
     telling = {channel.name for channel in fast}
     silent = [
         (ceil((first + MARGIN_S - start) / step), floor((last - memory_s - start) / step))

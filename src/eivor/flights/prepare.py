@@ -22,6 +22,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, jumps, named_reference, references
 from eivor.flights.selection import Limit, Selection
+from eivor.flights.spread import spread_alike
 from eivor.shapes import Bool, Float
 from eivor.signals.fast_length import fast_length
 from eivor.signals.noise import WhiteNoise
@@ -53,9 +54,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     for channel in selected.channels:
         _refuse_empty(log, channel)
     fast = [*selected.commands, *selected.logged_responses]
-    grid = common_grid(selected.channels, fast, motion.memory_s)
+    grid = common_grid(selected.channels, fast, motion.memory_s, selected.step_s)
     clocks = _clocks(log, selected)
     channels, good = _gridded(selected, grid, clocks)
+    if selected.spread_alike:
+        channels = spread_alike(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
     standing = good & active.mask
@@ -127,7 +130,11 @@ def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
     """When each held command was logged and issued."""
     names = {command.name for command in selected.commands}
     others = [channel for name, channel in log.channels.items() if name not in names]
-    return {one.name: command_clock(one, others) for one in selected.commands if one.held}
+    return {
+        one.name: command_clock(one, others, selected.issued_within_s)
+        for one in selected.commands
+        if one.held
+    }
 
 
 def _clock_findings(clocks: Mapping[str, CommandClock]) -> list[Finding]:
@@ -146,6 +153,7 @@ def _jump(
 def _band(selected: Selection, clocks: Mapping[str, CommandClock], jump: bool) -> tuple[float, float]:
     """Band of the selection; where references jump, as far as the command is known."""
     band = selected.band_hz
+    jump = jump and not selected.spread_alike
     for clock in clocks.values():
         band = clock.band_hz(band) if jump else band
     return band

@@ -53,11 +53,14 @@ class ReferenceSource:
         Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
         It counts only where that channel says so of every sample used, and then it serves alone: others are
         what it was made of. Empty for a channel whose nature does not change.
+    axis : str
+        Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     """
 
     channel: str
     in_control: str = ""
     open_loop: str = ""
+    axis: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,27 +99,36 @@ def references(
     """Every source in the log, judged over the samples `used`; feedback only when nothing else serves."""
     offered = [source for source in sources if source.channel in recording.channels]
     offered = [source for source in offered if not source.open_loop or source.open_loop in recording.channels]
-    found = [_reference(recording, source, grid, used) for source in offered]
+    judged: dict[str, Reference] = {}
+    for axis in dict.fromkeys(source.axis for source in offered):
+        of_axis = [source for source in offered if source.axis == axis]
+        found = [_reference(recording, source, grid, used) for source in of_axis]
+        judged.update({one.name: one for one in _preferred(found, of_axis)})
+    return tuple(judged[source.channel] for source in offered)
+
+
+def _preferred(found: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
+    """References of one axis, those that others make needless no longer usable."""
     alone = [
         reference.name
-        for reference, source in zip(found, offered, strict=True)
+        for reference, source in zip(found, sources, strict=True)
         if reference.usable and source.open_loop
     ]
     if alone:
-        return tuple(
+        return [
             reference
             if reference.name in alone
             else replace(reference, usable=False, remark=f"{alone[0]}, which follows it openly, serves")
             for reference in found
-        )
+        ]
     if any(reference.usable and reference.exogenous for reference in found):
-        found = [
+        return [
             reference
             if reference.exogenous
             else replace(reference, usable=False, remark="contains feedback; others serve")
             for reference in found
         ]
-    return tuple(found)
+    return found
 
 
 def _reference(

@@ -82,6 +82,13 @@ class Selection:
         Band of spectral rows [Hz].
     findings : tuple of Finding
         What a reader of the result should know of the choice.
+    issued_within_s : float
+        The longest that the next command can be waited for [s], where the command's stamps do not tell.
+    step_s : float, optional
+        Step of the grid [s]. Default: by the rates of commands and responses.
+    spread_alike : bool
+        What was measured is spread over time as the line between the stamps of a thinned command spreads what
+        was issued, so that both sides of the equation are; the band is then kept whole.
     """
 
     input: InputFamily
@@ -93,6 +100,9 @@ class Selection:
     limits: tuple[Limit, ...] = ()
     band_hz: tuple[float, float] = (0.04, 5.0)
     findings: tuple[Finding, ...] = ()
+    issued_within_s: float = math.inf
+    step_s: float | None = None
+    spread_alike: bool = False
 
     @property
     def logged_responses(self) -> tuple[Channel, ...]:

@@ -68,9 +68,12 @@ class LaggedReferences(InstrumentRule):
     ----------
     channels : tuple of str
         References to use, all present in the signals.
+    lags : tuple of (int, float), optional
+        How many lags each has, and their time constant [s]. Default: those above.
     """
 
     channels: tuple[str, ...]
+    lags: tuple[int, float] | None = None
 
     @property
     def label(self) -> str:
@@ -83,11 +86,16 @@ class LaggedReferences(InstrumentRule):
         for name in self.channels:
             column = driven.signals.channel(name)
             found.append(column)
-            count, lag_s = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
+            count, lag_s = self._lags_of(name)
             for _ in range(count):
                 column = first_order_lag(column, step_s=driven.signals.step_s, lag_s=lag_s)
                 found.append(column)
         return np.column_stack(found) if found else np.empty((driven.signals.sample_count, 0))
+
+    def _lags_of(self, name: str) -> tuple[int, float]:
+        if self.lags is not None:
+            return self.lags
+        return REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
 
 
 @dataclass(frozen=True, slots=True)

@@ -297,6 +297,39 @@ class LaggedRuns(SeparableProblem):
         regressors = np.concatenate([fixed, self._moving_spectra(at)], axis=1)
         return SpectralRegression(responses, regressors, instruments, self.parameters, self._bin_layout)
 
+    def series_in_band(
+        self, at: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
+    ) -> Float[np.ndarray, "samples 3"]:
+        """Response of an axis, what parameters say of it, and the part of some of them, within the band.
+
+        Parameters
+        ----------
+        at : mapping of str to float
+            Values of the nuisances.
+        axis : int
+            Number of the axis.
+        theta : ndarray, shape (n,)
+            Linear parameters.
+        part : sequence of int
+            Numbers of the parameters whose part is told by itself.
+
+        Returns
+        -------
+        ndarray, shape (samples, 3)
+            Over the samples of the axis' runs that count, run after run.
+        """
+        bins, index = self.bins(at), list(part)
+        told = np.column_stack(
+            [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]
+        )
+        ends = np.cumsum([run.count for run in self._bin_layout.runs])
+        found = []
+        for run, end in zip(self._bin_layout.runs, ends.tolist(), strict=True):
+            if run.axis == axis:
+                series = run.series(told[end - run.count : end])
+                found.append(series if run.counted is None else series[run.counted])
+        return np.concatenate(found)
+
     def _moving_spectra(self, at: Values) -> Complex[np.ndarray, "bins m"]:
         key = tuple(at[nuisance.name] for nuisance in self.nuisances)
         found = self._moving_bins.get(key)

@@ -92,6 +92,12 @@ class SpectralRun:
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
         """Unitary real FFT of the tapered columns without their means, on the bins kept."""
+        moves = values.any(axis=0)  # an equation of one axis of several has columns of zeros
+        if not moves.all():
+            whole = np.zeros((self.count, values.shape[1]), dtype=np.complex128)
+            if moves.any():
+                whole[:, moves] = self.spectrum(values[:, moves])
+            return whole
         mean = (values if self.counted is None else values[self.counted]).mean(axis=0)
         centred = (values - mean) * self.taper[:, None]
         spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred, axis=0)[self.bins]

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"
 #: Where Eivor's own motions live.
-_OWN = {"vertical": "eivor.motions.vertical.motion:Vertical"}
+_OWN = {
+    "vertical": "eivor.motions.vertical.motion:Vertical",
+    "rates": "eivor.motions.rates.motion:Rates",
+}
 #: What is identified unless something else is asked for.
 DEFAULT = "vertical"
 

@@ -25,6 +25,7 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
 from eivor.shapes import Float
+from eivor.signals.families import family_members
 from eivor.signals.stamps import evened
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
@@ -272,16 +273,8 @@ class Recording:
         return min(float(t[0]) for t in stamps), max(float(t[-1]) for t in stamps)
 
     def family(self, name: str) -> list[Channel]:
-        """Channels called `name`, or `name` and a rotor's number, in the order of the numbers."""
-        if name in self.channels:
-            return [self.channels[name]]
-        stem = name.rstrip("*").rstrip("_") + "_"
-        numbers = sorted(
-            int(key.removeprefix(stem))
-            for key in self.channels
-            if key.startswith(stem) and key.removeprefix(stem).isdecimal()
-        )
-        return [self.channels[f"{stem}{number}"] for number in numbers]
+        """Channels called `name`, or `name` and a rotor's number or an axis, see `family_members`."""
+        return [self.channels[member] for member in family_members(name, self.channels)]
 
     def channel(self, name: str) -> Channel:
         """Return the channel called `name`.

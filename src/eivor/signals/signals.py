@@ -10,6 +10,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import DataError, MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.shapes import Bool, Float
+from eivor.signals.families import family_members
 from eivor.signals.noise import MeasurementNoise
 
 
@@ -131,19 +132,12 @@ class Signals:
             )
         return self.channels[name]
 
-    def family(self, name: str) -> Float[np.ndarray, "n rotors"]:
-        """Channels called `name`, or `name` and a rotor's number, as columns; none gives zero columns."""
-        if name in self.channels:
-            return self.channels[name][:, None]
-        stem = f"{name}_"
-        numbers = sorted(
-            int(key.removeprefix(stem))
-            for key in self.channels
-            if key.startswith(stem) and key.removeprefix(stem).isdecimal()
-        )
-        if not numbers:
+    def family(self, name: str) -> Float[np.ndarray, "n members"]:
+        """Channels of a family as columns, see `family_members`; none gives zero columns."""
+        members = family_members(name, self.channels)
+        if not members:
             return np.empty((self.sample_count, 0))
-        return np.stack([self.channels[f"{stem}{number}"] for number in numbers], axis=1)
+        return np.stack([self.channels[member] for member in members], axis=1)
 
     def runs(self, at_least_s: float = 0.0) -> list[slice]:
         """Contiguous stretches of valid samples, each at least `at_least_s` long."""

@@ -21,11 +21,13 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.findings import channel_findings
+from eivor.logs.ulog.attitude_setpoints import attitude_setpoints
 from eivor.logs.ulog.delays import delay_findings, topic_delays
 from eivor.logs.ulog.frames import CleanLog, clean_log
 from eivor.logs.ulog.instances import Topic, choose_instance, varying_fields
 from eivor.logs.ulog.topics import (
     ACTUATOR_SOURCES,
+    ATTITUDE_STATES,
     CHANNEL_SOURCES,
     CHOSEN_BY_RATE,
     CONTROLLER_POSITION,
@@ -40,6 +42,7 @@ from eivor.logs.ulog.topics import (
     NEEDED_TOPICS,
     OPEN_LOOP_STATES,
     PILOT_STATES,
+    RATE_STATES,
     RESET_COUNTERS,
     Source,
 )
@@ -206,6 +209,7 @@ def _read_channels(
                 _add(reading, clocks, name, source)
     _add_controller_velocity(reading, clocks)
     _add_modes(reading, clocks)
+    _add_attitude_setpoints(reading, clocks)
     _add_actuators(reading, clocks)
     _add_rotor_speeds(reading, clocks)
     findings += _reset_findings(reading, clocks)
@@ -346,16 +350,29 @@ def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.nd
 
 
 def _add_modes(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Add when a pilot flies, and when no loop acts on the thrust."""
+    """Add when a pilot flies, when no loop acts on the thrust, and when sticks set attitude or rates."""
     topic = reading.topics.get(NAVIGATION_STATE.topic)
     states = _values(topic, NAVIGATION_STATE) if topic is not None else None
     if states is None:
         return
-    for name, known in (("pilot_in_control", PILOT_STATES), ("input_open_loop", OPEN_LOOP_STATES)):
+    modes = {
+        "pilot_in_control": PILOT_STATES,
+        "input_open_loop": OPEN_LOOP_STATES,
+        "pilot_sets_attitude": (*ATTITUDE_STATES, *RATE_STATES),
+    }
+    for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
         channel = _channel(name, clocks[NAVIGATION_STATE.topic], within, NAVIGATION_STATE.label)
         if channel.time_s.size:
             reading.channels[name] = channel
+
+
+def _add_attitude_setpoints(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+    """Add the setpoints of attitude and rates that are in force anywhere, by who made them."""
+    for one in attitude_setpoints(reading.topics, clocks):
+        channel = _channel(one.name, clocks[one.topic], one.values, one.label)
+        if np.isfinite(channel.values).any():
+            reading.channels[one.name] = channel
 
 
 def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:

@@ -97,6 +97,20 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         Source("manual_control_setpoint", "throttle", valid_field="valid"),
         Source("manual_control_setpoint", "z"),
     ),
+    **{
+        f"torque_setpoint_{name}": (
+            Source("vehicle_torque_setpoint", f"xyz[{axis}]"),
+            Source("actuator_controls_0", f"control[{axis}]"),
+        )
+        for axis, name in enumerate("xyz")
+    },
+    **{
+        f"pilot_{name}": (
+            Source("manual_control_setpoint", name, valid_field="valid"),
+            Source("manual_control_setpoint", old),
+        )
+        for name, old in (("roll", "y"), ("pitch", "x"), ("yaw", "r"))
+    },
     "landed": (Source("vehicle_land_detected", "landed"),),
     "ground_contact": (Source("vehicle_land_detected", "ground_contact"),),
     "battery_voltage": (
@@ -125,6 +139,11 @@ CHOSEN_BY_RATE = tuple(
 NAVIGATION_STATE = Source("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
 OPEN_LOOP_STATES = (0, 10, 15)
+#: In manual, altitude and stabilized mode the sticks set the attitude, in acro the rates; elsewhere loops do.
+ATTITUDE_STATES = (0, 1, 15)
+RATE_STATES = (10,)
+#: Setpoints of attitude and of rates.
+ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_setpoint"
 
 #: Motor outputs: topic and field stem, the preferred one first.
 ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
@@ -143,7 +162,7 @@ FIRST_MOTOR_FUNCTION = 101
 NEEDED_TOPICS: tuple[str, ...] = tuple(
     sorted(
         {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
-        | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic}
+        | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic, RATES_SETPOINT}
         | {topic for topic, _ in ACTUATOR_SOURCES}
         | {ESC_TOPIC}
     )
@@ -180,7 +199,9 @@ TOPIC_LOGGING: tuple[TopicLogging, ...] = (
     TopicLogging("vehicle_attitude", 20.0, (4,)),
     TopicLogging("vehicle_angular_velocity", 50.0, (3, 4)),
     TopicLogging("vehicle_thrust_setpoint", 50.0, (4,)),
+    TopicLogging("vehicle_torque_setpoint", 50.0, (4,)),
     TopicLogging("vehicle_attitude_setpoint", 20.0, (4,)),
+    TopicLogging("vehicle_rates_setpoint", 50.0, (4,)),
     TopicLogging("actuator_motors", 10.0, (3, 4)),
     TopicLogging("actuator_outputs", 10.0),
     TopicLogging("esc_status", 4.0),
@@ -221,7 +242,17 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
         f"{_with_profile(CONTROLLER_VELOCITY)} while a height setpoint is in force",
     ),
     "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
+    **{
+        f"{kind}reference_{name}": (f"{ATTITUDE_SETPOINT}.q_d {mode}",)
+        for name in ("roll", "pitch", "yaw")
+        for kind, mode in (("", "where sticks set the attitude"), ("feedback_", "where a loop does"))
+    },
+    **{
+        f"reference_angular_rate_{axis}": (f"{RATES_SETPOINT}.{name} in acro mode",)
+        for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
+    },
     "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
     "input_open_loop": (_with_profile(NAVIGATION_STATE),),
+    "pilot_sets_attitude": (_with_profile(NAVIGATION_STATE),),
     "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
 }

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from eivor.flights.allowance import Allowance, Counts
+from eivor.flights.allowance import Allowance, Counts, clock_allowance
 from eivor.flights.motion import Circumstances
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
@@ -31,10 +31,11 @@ def all_allowances(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], at: Circumstances
 ) -> dict[str, tuple[Allowance, ...]]:
     """Systematic parts by quantity."""
+    slack_s = max(flight.command_slack_s for flight in flights)
     causes = (
         {"viscous_friction": _of_estimators(flights)},
         {"hover_input": _at_these_conditions(quantities["hover_input"].value)},
-        {name: _of_the_clock(flights) for name in ("actuator_lag", "effective_lag")},
+        {name: clock_allowance(slack_s) for name in ("actuator_lag", "effective_lag")},
         sensor_allowances(at.sensors, quantities, aligned=at.aligned),
     )
     parts = {name: [part for cause in causes for part in cause.get(name, ())] for name in quantities}
@@ -63,15 +64,3 @@ def _at_these_conditions(hover: float) -> list[Allowance]:
         f"±{HOVER_FLOOR:.1%} wide."
     )
     return [Allowance(Counts.AT_LEAST, floor, floor, sentence)]
-
-
-def _of_the_clock(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
-    """What commands that may have been issued between those that are logged leave open of the lag."""
-    slack = max(flight.command_slack_s for flight in flights)
-    if not slack:
-        return []
-    sentence = (
-        "The log does not tell how often its command was issued: the lag may be "
-        f"{1e3 * slack:.2g} ms longer or shorter than the data say."
-    )
-    return [Allowance(Counts.ADDED, slack, slack, sentence)]

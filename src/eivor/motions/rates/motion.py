@@ -1,0 +1,133 @@
+"""Turning of a multirotor about its body axes, as the recipe and the reports see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.estimation.estimate import Estimate
+from eivor.flights.airborne import Active
+from eivor.flights.allowance import Allowance, clock_allowance
+from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
+from eivor.flights.grid import Grid
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Unjudged
+from eivor.flights.selection import Selection
+from eivor.inference.verdict import Reason
+from eivor.models.instruments import InstrumentRule
+from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
+from eivor.motions.rates.axes import AXES, PITCH, ROLL, Axis
+from eivor.motions.rates.flights import rates_problem
+from eivor.motions.rates.rule import all_grounds
+from eivor.motions.rates.select import INPUTS, REFERENCES, active, selected
+from eivor.motions.rates.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rates_card
+from eivor.shapes import Float
+from eivor.signals.recording import Recording
+
+
+@dataclass(frozen=True)
+class Rates(Motion[LaggedRuns]):
+    """p' = G u - D p + b about each axis, behind the lag of the actuators."""
+
+    name = "rates"
+    model_name = "body_rates"
+    equation = EQUATION
+    wording = QUANTITIES
+    shown = SHOWN
+    headline = (ROLL.effectiveness.name, PITCH.effectiveness.name)
+    rows = (*headline, "effective_lag")
+    words = WORDS
+    inputs = INPUTS
+    needed = (ROLL.rate, PITCH.rate)
+    references = REFERENCES
+    logged_parameters = (
+        "IMU_GYRO_RATEMAX",
+        "IMU_GYRO_CUTOFF",
+        "IMU_DGYRO_CUTOFF",
+        "MC_ROLLRATE_P",
+        "MC_PITCHRATE_P",
+        "MC_YAWRATE_P",
+        "SYS_AUTOSTART",
+        "CA_ROTOR_COUNT",
+        "SDLOG_PROFILE",
+    )
+    vehicle_parameters = ("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT")
+
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Rates and torque setpoints, see `Motion.select`."""
+        return selected(log, options)
+
+    def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
+        """Samples in the air, see `Motion.active`."""
+        return active(log, grid)
+
+    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
+        return rates_problem(flights, rule)
+
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+        """Parameters of the axes that are logged, and the lag, see `Motion.quantities`."""
+        found = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
+        return {name: found[name] for name in QUANTITIES if name in found}
+
+    def allowances(
+        self,
+        _problem: LaggedRuns,
+        _estimate: Estimate,
+        flights: tuple[PreparedFlight, ...],
+        _quantities: Mapping[str, Unjudged],
+        _at: Circumstances,
+        /,
+    ) -> Mapping[str, tuple[Allowance, ...]]:
+        """What the stamps of the setpoints leave open of the lag, see `Motion.allowances`."""
+        found = clock_allowance(max(flight.command_slack_s for flight in flights))
+        return {name: found for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if found}
+
+    def grounds(
+        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """The rule of the verdict, see `eivor.motions.rates.rule`."""
+        return all_grounds(quantities, strength, at)
+
+    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+        """Standard deviations of the rates of roll and pitch."""
+        spreads = [
+            np.std(np.concatenate([flight.signals.channel(axis.rate)[flight.used] for flight in flights]))
+            for axis in (ROLL, PITCH)
+        ]
+        roll, pitch = (float(np.rad2deg(spread)) for spread in spreads)
+        return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
+
+    def symbols(self, flight: PreparedFlight) -> str:
+        """What u is in this flight."""
+        return f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
+
+    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
+        """Angular acceleration about each axis within the band, see `Motion.traces`."""
+        return tuple(_trace(problem, estimate, axis) for axis in AXES if axis.number in problem.axes)
+
+    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+        """Rates of roll and pitch, see `Motion.overview`."""
+        return tuple(
+            Panel(f"{axis.name} rate\n[deg/s]", np.rad2deg(flight.signals.channel(axis.rate)))
+            for axis in (ROLL, PITCH)
+        )
+
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to fly and to log, see `Motion.advice`."""
+        return rates_card(log_format)
+
+
+def _trace(problem: LaggedRuns, estimate: Estimate, axis: Axis) -> Trace:
+    best = estimate.best
+    driving = [
+        number
+        for number, parameter in enumerate(problem.parameters)
+        if parameter in (axis.effectiveness, axis.reaction)
+    ]
+    series = problem.series_in_band(best.at, axis.number, best.theta, driving)
+    return Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T)

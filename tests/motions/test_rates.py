@@ -1,0 +1,157 @@
+"""Turning about the body axes: what flights tell of effectiveness and lag, and what they do not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from turning_logs import Vehicle, turned
+
+from eivor.errors import InputError, MissingChannelError
+from eivor.inference.verdict import Status
+from eivor.logs import read_log
+from eivor.motions import motion_names
+from eivor.motions.identify import identify_flight
+from eivor.signals.recording import Channel, Recording
+
+TRUTH = Vehicle()
+HEADLINE = {"roll_effectiveness": 100.0, "pitch_effectiveness": 80.0, "effective_lag": TRUTH.effective_lag_s}
+
+
+def changed(log: Recording, **channels: Channel | None) -> Recording:
+    """The log with other channels; None takes one away."""
+    merged = {**log.channels, **channels}
+    return replace(log, channels={name: channel for name, channel in merged.items() if channel is not None})
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    return turned(1)
+
+
+@pytest.fixture(scope="module")
+def fit(log):
+    return identify_flight(log, model="rates")
+
+
+def test_it_is_a_motion_of_its_own():
+    assert motion_names()[:2] == ("vertical", "rates")
+
+
+def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
+    assert fit.verdict.status is Status.IDENTIFIED
+    for name, truth in HEADLINE.items():
+        low, high = fit.quantities[name].interval
+        assert low <= truth <= high
+    assert fit.quantities["roll_effectiveness"].value == pytest.approx(100.0, rel=0.08)
+    assert fit.quantities["effective_lag"].value == pytest.approx(TRUTH.effective_lag_s, abs=0.006)
+
+
+@pytest.mark.thorough
+def test_least_squares_takes_the_folded_noise_for_the_setpoint(log):
+    plain = identify_flight(log, model="rates", method="least_squares")
+    assert plain.verdict.status is Status.PROVISIONAL
+    assert plain.quantities["roll_effectiveness"].interval[1] < 75.0
+    assert plain.quantities["pitch_effectiveness"].interval[1] < 60.0
+
+
+@pytest.mark.thorough
+def test_without_noise_the_numbers_are_those_of_the_vehicle():
+    exact = identify_flight(
+        turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0), model="rates"
+    )
+    found = {name: quantity.value for name, quantity in exact.quantities.items()}
+    for axis, effect, damping in zip(
+        ("roll", "pitch", "yaw"), TRUTH.effectiveness, TRUTH.damping, strict=True
+    ):
+        assert found[f"{axis}_effectiveness"] == pytest.approx(effect, rel=1e-3)
+        assert found[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
+    assert found["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
+    assert found["effective_lag"] == pytest.approx(TRUTH.effective_lag_s, abs=2e-4)
+
+
+@pytest.mark.thorough
+def test_references_that_hardly_move_tell_nothing():
+    for size in (0.0, 0.01):
+        found = identify_flight(turned(2, size=size, seconds=20.0), model="rates")
+        assert found.verdict.status is Status.REFUSED
+        assert found.quantities["roll_effectiveness"].verdict is Status.REFUSED
+
+
+def test_a_setpoint_of_the_other_sign_is_named(log):
+    torque = log.channels["torque_setpoint_y"]
+    turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
+    found = identify_flight(turned_over, model="rates")
+    assert found.verdict.status is Status.REFUSED
+    assert any(
+        "opposite signs" in reason.sentence and "torque_setpoint_y" in reason.remedy
+        for reason in found.quantities["pitch_effectiveness"].reasons
+    )
+    assert found.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+
+
+def test_yaw_may_be_missing(log):
+    found = identify_flight(changed(log, torque_setpoint_z=None), model="rates")
+    assert "yaw_effectiveness" not in found.quantities
+    assert found.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+    assert any(finding.name == "no_yaw" for finding in found.findings)
+
+
+@pytest.mark.parametrize("missing", ["torque_setpoint_x", "angular_rate_y"])
+def test_roll_and_pitch_are_needed(log, missing):
+    with pytest.raises(MissingChannelError, match=missing):
+        identify_flight(changed(log, **{missing: None}), model="rates")
+
+
+def test_rates_in_degrees_are_refused(log):
+    degrees = {
+        name: replace(channel, values=np.rad2deg(channel.values) * 10.0)
+        for name, channel in log.channels.items()
+        if name.startswith("angular_rate")
+    }
+    with pytest.raises(InputError, match="deg/s"):
+        identify_flight(changed(log, **degrees), model="rates")
+
+
+@pytest.mark.thorough
+def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
+    answering = {
+        f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}")
+        for name in ("reference_roll", "reference_pitch", "reference_yaw")
+    }
+    gone = dict.fromkeys(("reference_roll", "reference_pitch", "reference_yaw"))
+    found = identify_flight(changed(log, **answering, **gone), model="rates")
+    assert found.verdict.status is Status.WEAK
+    assert any("answer" in reason.sentence for reason in found.verdict.reasons)
+
+
+@pytest.mark.thorough
+def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
+    still = replace(log.channels["reference_yaw"], values=np.zeros(log.channels["reference_yaw"].values.size))
+    quiet = identify_flight(changed(log, reference_yaw=still), model="rates")
+    for name in ("roll_effectiveness", "pitch_effectiveness"):
+        assert quiet.fit.sets[name].robust.is_bounded
+        assert quiet.quantities[name].interval == pytest.approx(fit.quantities[name].interval, rel=0.1)
+    assert quiet.quantities["yaw_effectiveness"].verdict is Status.REFUSED
+
+
+def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
+    (part,) = fit.quantities["effective_lag"].allowances
+    assert part.above == pytest.approx(0.25 * 0.005)  # once a rate of 200 Hz at least
+    assert "how often" in part.sentence
+
+
+@pytest.mark.thorough
+def test_a_real_log_of_the_default_profile_is_told_weakly(recordings):
+    found = identify_flight(read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
+    assert found.verdict.status is Status.WEAK
+    low, high = found.quantities["pitch_effectiveness"].interval
+    assert 100.0 < low < high < 220.0
+    assert 0.03 < found.quantities["effective_lag"].value < 0.06
+
+
+@pytest.mark.thorough
+def test_a_real_log_without_excitation_is_refused(recordings):
+    found = identify_flight(read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
+    assert found.verdict.status is Status.REFUSED

@@ -1,0 +1,102 @@
+"""Logs of simulated turning: rate loops at 400 Hz about three axes, with what loggers keep of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from eivor.signals.recording import Channel, Recording
+
+STEP_S = 0.0025
+AXES = ("roll", "pitch", "yaw")
+LETTERS = "xyz"
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Effectiveness [rad/s^2] and damping [1/s] by axis, lag [s], and delay in steps of the controller."""
+
+    effectiveness: tuple[float, float, float] = (100.0, 80.0, 20.0)
+    damping: tuple[float, float, float] = (0.5, 0.6, 0.3)
+    lag_s: float = 0.035
+    delayed: int = 2
+
+    @property
+    def effective_lag_s(self) -> float:
+        return self.lag_s + self.delayed * STEP_S
+
+
+def steps(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
+    """Steps to either side or back, at uneven times."""
+    series, at = np.zeros(count), int(rng.uniform(0.0, 400.0))
+    while at < count:
+        series[at:] = size * rng.choice([-1.0, 0.0, 1.0])
+        at += int(rng.uniform(0.7, 1.8) / STEP_S)
+    return series
+
+
+def turned(
+    seed: int = 0,
+    *,
+    vehicle: Vehicle | None = None,
+    seconds: float = 40.0,
+    size: float = 0.25,
+    command_hz: float = 50.0,
+    rate_hz: float = 200.0,
+    disturbance: float = 3.0,
+    noise: float = 0.1,
+) -> Recording:
+    """A log of attitude steps of some size [rad] about each axis."""
+    flown, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
+    effect = np.array(flown.effectiveness)
+    reference = np.stack([steps(rng, count, size) for _ in AXES], axis=1)
+    kept = np.exp(-STEP_S / 0.3)
+    torque = disturbance * lfilter(
+        [np.sqrt(1.0 - kept**2)], [1.0, -kept], rng.standard_normal((count, 3)), axis=0
+    )
+    measured = noise * rng.standard_normal((count, 3))
+    moves = [_discrete(flown, axis) for axis in range(3)]
+    onward = np.stack([one[0] for one in moves])
+    driven = np.stack([one[1] for one in moves])
+    bandwidth = np.array([18.0, 18.0, 8.0])
+    gain, derivative, outer = bandwidth / effect, 0.02 * bandwidth / effect, np.array([5.0, 5.0, 3.0])
+    state = np.zeros((3, 3))
+    issued = np.zeros((count + flown.delayed + 1, 3))
+    slope, before = np.zeros(3), np.zeros(3)
+    kept = np.exp(-2.0 * np.pi * 30.0 * STEP_S)
+    rates = np.empty((count, 3))
+    for k in range(count):
+        rate = state[:, 1] + measured[k]
+        rates[k] = rate
+        slope = kept * slope + (1.0 - kept) * (before - rate) / STEP_S
+        before = rate
+        wanted = outer * (reference[k] - state[:, 2]) - rate
+        issued[k + flown.delayed] = np.clip(gain * wanted + derivative * slope, -1.0, 1.0)
+        inputs = np.stack([issued[k], torque[k]], axis=1)
+        state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
+    time = np.arange(count) * STEP_S
+    every, seen = round(1.0 / (command_hz * STEP_S)), round(1.0 / (rate_hz * STEP_S))
+    channels = {}
+    for axis, (name, letter) in enumerate(zip(AXES, LETTERS, strict=True)):
+        command = issued[flown.delayed : flown.delayed + count : every, axis]
+        for channel, at, values, unit, held in (
+            (f"angular_rate_{letter}", time[::seen], rates[::seen, axis], "rad/s", False),
+            (f"torque_setpoint_{letter}", time[::every], command, "", True),
+            (f"reference_{name}", time[::8], reference[::8, axis], "rad", True),
+        ):
+            channels[channel] = Channel(channel, at, values, unit, held=held)
+    return Recording("turned.csv", "csv", channels)
+
+
+def _discrete(vehicle: Vehicle, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Exact step of (actuator, rate, angle) under a held command and a held torque."""
+    effect, damping = vehicle.effectiveness[axis], vehicle.damping[axis]
+    continuous = np.zeros((5, 5))
+    continuous[0, [0, 3]] = -1.0 / vehicle.lag_s, 1.0 / vehicle.lag_s
+    continuous[1, [0, 1, 4]] = effect, -damping, 1.0
+    continuous[2, 1] = 1.0
+    step = expm(continuous * STEP_S)
+    return step[:3, :3], step[:3, 3:]
