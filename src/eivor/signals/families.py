@@ -32,5 +32,5 @@ def family_members(name: str, among: Iterable[str]) -> list[str]:
         return [name]
     stem = name.rstrip("*").rstrip("_") + "_"
     suffixes = {one.removeprefix(stem) for one in names if one.startswith(stem)}
-    numbers = sorted(int(suffix) for suffix in suffixes if suffix.isdecimal())
+    numbers = sorted((suffix for suffix in suffixes if suffix.isdecimal()), key=int)
     return [f"{stem}{member}" for member in numbers or [axis for axis in AXES if axis in suffixes]]

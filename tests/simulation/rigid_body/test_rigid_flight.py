@@ -107,7 +107,7 @@ def test_log_of_exact_sensors_is_the_truth():
     assert held == {
         name
         for name in flight.recording.channels
-        if name.startswith(("rotor_command", "reference", "torque")) or name == "input"
+        if name.startswith(("rotor_command", "reference", "feedback", "torque")) or name == "input"
     }
 
 
@@ -141,7 +141,7 @@ def test_references_are_followed():
     flight = fly(slow)
     reference = values(flight, "reference_position_z")
     assert np.std(flight.truth.position[:, 2] - reference) < 0.4 * np.std(reference)
-    wanted = Rotation.from_quat(vectors(flight, "reference_attitude", "wxyz"), scalar_first=True)
+    wanted = Rotation.from_euler("ZYX", vectors(flight, "reference", ("yaw", "pitch", "roll")))
     now = Rotation.from_quat(flight.truth.attitude, scalar_first=True)
     # a third of a second after it was asked for, but for steps in between
     assert np.median((wanted[:-150].inv() * now[150:]).magnitude()) < 0.05
@@ -201,7 +201,7 @@ def test_sensors_give_the_log_what_they_give_the_controller():
         controller=replace(LOUD.controller, integral_share=0.0, derivative_share=0.0),
     )
     flight = fly(spec)
-    error = (vectors(flight, "reference_angular_rate") - vectors(flight, "angular_rate"))[::2]
+    error = (vectors(flight, "feedback_reference_angular_rate") - vectors(flight, "angular_rate"))[::2]
     torque = vectors(flight, "torque_setpoint")[::2]
     free = np.abs(torque) < 1.0
     for axis in range(3):

@@ -21,6 +21,7 @@ from eivor.logs.ulog.topics import (
     RATES_SETPOINT,
 )
 from eivor.shapes import Bool, Float
+from eivor.signals.attitude import roll_pitch_yaw
 
 NAMES = ("roll", "pitch", "yaw")
 #: A quaternion further from one in length is none.
@@ -114,13 +115,8 @@ def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
         length = np.linalg.norm(quaternion, axis=0)
         whole = np.abs(length - 1.0) <= UNIT_WITHIN
         if whole.any():
-            w, x, y, z = np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan)
-            yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-            return [
-                (np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)), "q_d"),
-                (np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)), "q_d"),
-                (_unwrapped(yaw), "q_d"),
-            ]
+            found = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
+            return [(angle, "q_d") for angle in found]
     if any(angle is None for angle in angles):
         return []
     return [
@@ -128,11 +124,3 @@ def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
         for name, angle in zip(NAMES, angles, strict=True)
         if angle is not None
     ]
-
-
-def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """An angle without its jumps by a whole turn; missing values stay missing."""
-    known = np.isfinite(angle)
-    unwrapped = angle.copy()
-    unwrapped[known] = np.unwrap(angle[known])
-    return unwrapped

@@ -110,8 +110,10 @@ def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterato
     RigidBodyFlight
         With the channels of `eivor.simulation.rigid_body.logged`.
 
-    Notes ----- At 500 Hz a flight of 30 s takes about 2 s by itself, and .2 s among forty. Each keeps its
-    arrays of some 10 MB.
+    Notes
+    -----
+    At 500 Hz a flight of 30 s takes about 2 s by itself, and .2 s among forty. Each keeps its arrays of some
+    10 MB.
     """
     for _, group in groupby(specs, alike):
         together = list(group)

@@ -7,9 +7,9 @@
 | `rotor_command_*` | rad/s | held |
 | `input`, `torque_setpoint_*` | normalised | held; torques as the mixer got them, what is injected included |
 | `injected_torque_*` | normalised | held; only where something is injected |
-| `reference_angular_rate_*` | rad/s | held; what the attitude loop asked for |
+| `feedback_reference_angular_rate_*` | rad/s | held; what the attitude loop asked for |
 | `reference_position_z`, `reference_velocity_z`, `reference_acceleration_z` | SI | held |
-| `reference_attitude_*` | | held; what was asked for from outside, without what holds the vehicle's place |
+| `reference_roll`, `_pitch`, `_yaw` | rad | held; asked for from outside, without what holds the place |
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from fnmatch import fnmatch
 import numpy as np
 
 from eivor.shapes import Float
+from eivor.signals.attitude import roll_pitch_yaw
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 from eivor.simulation.rigid_body.loop import Flown
@@ -115,16 +116,17 @@ def _told(
     setpoints = {
         "input": flown.thrust,
         **_named("torque_setpoint", "xyz", flown.torque),
-        **_named("reference_angular_rate", "xyz", flown.wanted_rate),
+        **_named("feedback_reference_angular_rate", "xyz", flown.wanted_rate),
     }
     if met.injected.any():
         setpoints |= _named("injected_torque", "xyz", met.injected)
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
-    references = dict(zip(height, met.height.T, strict=True))
+    asked = (*height, "reference_roll", "reference_pitch", "reference_yaw")
+    series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
     return [
         (logged.rotor_command_hz, _numbered("rotor_command", flown.rotor_command)),
         (logged.setpoint_hz, setpoints),
-        (logged.reference_hz, references | _named("reference_attitude", "wxyz", met.attitude)),
+        (logged.reference_hz, dict(zip(asked, series, strict=True))),
     ]
 
 
