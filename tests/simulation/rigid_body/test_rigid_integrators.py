@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.coefficients import Coefficients, coefficients_of, side_by_side
+from eivor.motions.rigid_body.dynamics import body_derivative
 from eivor.motions.rigid_body.rotors import Rotors
 from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
 from eivor.motions.vertical.model import GRAVITY
@@ -92,6 +93,22 @@ def test_axisymmetric_body_precesses():
     momentum = np.array([1.4 * 2.0, 0.0, 2.6 * 5.0])
     axis = Rotation.from_rotvec(np.outer(time, momentum / 1.4)).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(rotations(bodies).apply([0.0, 0.0, 1.0]), axis, atol=1e-7)
+
+
+def test_euler_angles_do_not_couple_as_printed():
+    """At zero tilt phi'' answers theta' psi' by +.43; (1) as printed says -.57, which p' answers q r by."""
+    inertia, step_s = (1.4, 1.4, 2.2), 1e-3
+    coefficients = coefficients_of(replace(SMALL, inertia=inertia))
+    rolls = []
+    for turned in (1.0, -1.0):  # with rates reversed it goes back in time, and angles are those of -t
+        bodies, _ = flown(
+            coefficients, turning((0.0, turned, turned)), [0.0] * 4, STILL, step_s=step_s, seconds=step_s
+        )
+        rolls.append(float(rotations(bodies).as_euler("ZYX")[1, 2]))
+    slope = body_derivative(coefficients, turning((0.0, 1.0, 1.0)), [0.0] * 4, (), (0.0,) * 3, (0.0,) * 3)
+    assert sum(rolls) / step_s**2 == pytest.approx((1.4 - 2.2) / 1.4 + 1.0, abs=1e-3)
+    assert sum(rolls) / step_s**2 == pytest.approx(0.43, abs=0.005)
+    assert slope[10] == pytest.approx(-0.57, abs=0.005)
 
 
 def test_hover_stays():

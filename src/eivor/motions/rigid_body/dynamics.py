@@ -159,9 +159,10 @@ def specific_force(coefficients: Coefficients, body: Body, speeds: Sequence[Valu
 def rotation(w: Value, x: Value, y: Value, z: Value) -> tuple[Triple, Triple, Triple]:
     """Rows of the rotation from body to world; a quaternion of any length will do."""
     double = 2.0 / (w * w + x * x + y * y + z * z)
-    wx, wy, wz = double * w * x, double * w * y, double * w * z
-    xx, yy, zz = double * x * x, double * y * y, double * z * z
-    xy, xz, yz = double * x * y, double * x * z, double * y * z
+    dx, dy, dz = double * x, double * y, double * z
+    wx, wy, wz = dx * w, dy * w, dz * w
+    xx, yy, zz = dx * x, dy * y, dz * z
+    xy, xz, yz = dx * y, dx * z, dy * z
     return (
         (1.0 - yy - zz, xy - wz, xz + wy),
         (xy + wz, 1.0 - xx - zz, yz - wx),
@@ -211,23 +212,27 @@ def wrench(
     swiftness = (u * u + v * v + w * w) ** 0.5
     (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = c.body_linear, c.body_quadratic, c.body_rotational
     fx = fy = fz = mx = my = mz = ZERO
+    linear, quadratic, torque_ratio = c.thrust_linear, c.thrust_quadratic, c.torque_ratio
+    drag, inflow, lifting, flapping = c.drag, c.inflow, c.translational_lift, c.flapping
     for (x, y, z, spin), speed in zip(c.places, speeds, strict=True):
         lx, ly, lz = u + q * z - r * y, v + r * x - p * z, w + p * y - q * x
-        lift = (c.thrust_linear + c.thrust_quadratic * speed) * speed
-        drag, flapping = c.drag * speed, c.flapping * speed
-        ahead, aside = -drag * lx, -drag * ly
-        up = lift + c.translational_lift * (lx * lx + ly * ly) - c.inflow * speed * lz
-        fx, fy, fz = fx + ahead, fy + aside, fz + up
-        mx = mx + y * up - z * aside - flapping * ly
-        my = my + z * ahead - x * up + flapping * lx
-        mz = mz + x * aside - y * ahead + spin * c.torque_ratio * lift
+        lift = (linear + quadratic * speed) * speed
+        dragged, flapped = drag * speed, flapping * speed
+        back, right = dragged * lx, dragged * ly
+        up = lift + lifting * (lx * lx + ly * ly) - inflow * speed * lz
+        fx, fy, fz = fx - back, fy - right, fz + up
+        mx = mx + y * up + z * right - flapped * ly
+        my = my - z * back - x * up + flapped * lx
+        mz = mz - x * right + y * back + spin * torque_ratio * lift
+    if not isinstance(fx, float):
+        fx, fy, fz, mx, my, mz = (over_rotors(part) for part in (fx, fy, fz, mx, my, mz))
     return (
         (
-            over_rotors(fx) - (x1 + x2 * swiftness) * u,
-            over_rotors(fy) - (y1 + y2 * swiftness) * v,
-            over_rotors(fz) - (z1 + z2 * swiftness) * w,
+            fx - (x1 + x2 * swiftness) * u,
+            fy - (y1 + y2 * swiftness) * v,
+            fz - (z1 + z2 * swiftness) * w,
         ),
-        (over_rotors(mx) - x3 * p, over_rotors(my) - y3 * q, over_rotors(mz) - z3 * r),
+        (mx - x3 * p, my - y3 * q, mz - z3 * r),
     )
 
 

@@ -24,7 +24,7 @@ from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
 from eivor.simulation.rigid_body.surroundings import Surroundings, surroundings_of
 
 #: Steps of all flights that are simulated side by side: some hundred megabytes.
-BATCH_STEPS = 600_000
+BATCH_STEPS = 1_200_000
 #: A vehicle this far from its height [m], or with so small a cosine of its tilt, is lost.
 LOST_M, LOST_COSINE = 5.0, 0.17
 

@@ -7,7 +7,7 @@ that is issued then.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -58,7 +58,7 @@ class Flown:
     wanted_rate: Float[np.ndarray, "n 3"]
 
 
-def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> list[Flown]:
+def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[Flown]:
     """Fly specifications that agree in everything that `alike` compares, side by side.
 
     Parameters
@@ -67,8 +67,15 @@ def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> li
         The flights. Performs no checks.
     met : sequence of Surroundings
         What each meets.
+
+    Yields
+    ------
+    Flown
+        Of each, in order, with arrays of its own.
     """
-    return [_alone(specs[0], met[0])] if len(specs) == 1 else _together(specs, met)
+    series = _alone(specs[0], met[0]) if len(specs) == 1 else _together(specs, met)
+    for flight in range(len(specs)):
+        yield Flown(*(np.ascontiguousarray(part[..., flight]) for part in series))
 
 
 def alike(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
@@ -77,6 +84,9 @@ def alike(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
     loops = (c.rate_hz, c.attitude_hz, c.height_hz)
     return (spec.rate_hz, spec.count, spec.vehicle.rotors.count, loops, spec.integrator)
 
+
+#: Steps for which what is read is laid out at a time.
+CHUNK = 500
 
 #: Series that a loop reads, one entry for each step: components of one row.
 _Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n parts flights"]
@@ -108,13 +118,23 @@ class _Senses:
     velocity: LiveFilter
     position: LiveFilter
 
+    def seen(self, body: Body, read: _Read, row: int) -> tuple[Triple, list[Value], list[Value], list[Value]]:
+        """Rates, attitude, velocity and position as the controller gets them."""
+        p, q, r = self.rate.read(_sum(body[10:13], read.rate_error[row]))
+        return (
+            (p, q, r),
+            self.attitude.read(turned(body[6:10], *read.attitude_error[row])),
+            self.velocity.read(_sum(body[3:6], read.velocity_error[row])),
+            self.position.read(_sum(body[0:3], read.position_error[row])),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
     """Everything that a closed loop is made of."""
 
     specs: Sequence[RigidBodyFlightSpec]
-    read: _Read
+    read: Callable[[int, int], _Read]
     senses: _Senses
     cascade: Cascade
     mixer: Mixer
@@ -123,9 +143,9 @@ class _Loop:
     body: Body
     speeds: list[Value]
 
-    def run(self) -> list[_Moment]:
-        """Fly to the end."""
-        first, read, senses, cascade = self.specs[0], self.read, self.senses, self.cascade
+    def run(self) -> Iterator[list[_Moment]]:
+        """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
+        first, cascade = self.specs[0], self.cascade
         control = first.controller
         every, attitude_every, height_every = (
             round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
@@ -135,40 +155,62 @@ class _Loop:
         thrust = ZERO
         rates = torque = (ZERO, ZERO, ZERO)
         command = speeds
-        moments: list[_Moment] = []
         for k in range(first.count):
-            p, q, r = senses.rate.read(_sum(body[10:13], read.rate_error[k]))
-            attitude = senses.attitude.read(turned(body[6:10], *read.attitude_error[k]))
-            velocity = senses.velocity.read(_sum(body[3:6], read.velocity_error[k]))
-            position = senses.position.read(_sum(body[0:3], read.position_error[k]))
+            now = k % CHUNK
+            if now == 0:
+                read = self.read(k, k + CHUNK)
+                moments: list[_Moment] = []
+            seen_rates, attitude, velocity, position = self.senses.seen(body, read, now)
             if k % height_every == 0:
                 _, x, y, _ = attitude
                 cosine = 1.0 - 2.0 * (x * x + y * y)
-                z, climb, acceleration = read.height[k]
+                z, climb, acceleration = read.height[now]
                 thrust = cascade.thrust((z, climb, acceleration), position[2], velocity[2], cosine)
             if k % attitude_every == 0:
-                wanted = read.attitude[k]
+                wanted = read.attitude[now]
                 if holds:
                     wanted = cascade.holding(wanted, position[:2], velocity[:2])
                 rates = cascade.rates(wanted, attitude)
             if k % every == 0:
-                roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read.injected[k])
+                roll, pitch, yaw = _sum(cascade.torques(rates, seen_rates), read.injected[now])
                 torque = (roll, pitch, yaw)
                 command = self.mixer.commands(thrust, torque)
             moments.append((body, speeds, command, thrust, torque, rates))
-            (wx, wy, wz), (mx, my, mz) = read.wind[k], read.disturbance[k]
+            (wx, wy, wz), (mx, my, mz) = read.wind[now], read.disturbance[now]
             held = HeldInputs(self.line.pass_on(command), (wx, wy, wz), (mx, my, mz))
             body, speeds = self.stepper.step(body, speeds, held)
-        return moments
+            if now == CHUNK - 1 or k == first.count - 1:
+                yield moments
 
 
-def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> Flown:
+def _collected(loop: _Loop) -> list[Float[np.ndarray, "n ..."]]:
+    """Every part of a moment as one array, whose last axis is the flight."""
+    flights, series, start = len(loop.specs), [], 0
+    for moments in loop.run():
+        for number, part in enumerate(zip(*moments, strict=True)):
+            values = np.array(part)
+            # Of rotors, flights side by side have a list of one array.
+            values = values.reshape(len(moments), *_SHAPES[number], flights)
+            if start == 0:
+                series.append(np.empty((loop.specs[0].count, *values.shape[1:])))
+            series[number][start : start + len(moments)] = values
+        start += len(moments)
+    return series
+
+
+#: Shapes of the parts of a moment, of one flight.
+_SHAPES: tuple[tuple[int, ...], ...] = ((13,), (-1,), (-1,), (), (3,), (3,))
+
+
+def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarray, "n ..."]]:
     """One flight, in floats."""
     vehicle, sensors, step_s = spec.vehicle, spec.sensors, spec.step_s
     hover: list[Value] = [vehicle.hover_speed] * vehicle.rotors.count
     loop = _Loop(
         specs=[spec],
-        read=_Read(*(getattr(met, name).tolist() for name in _Read.__slots__)),
+        read=lambda first, last: _Read(
+            *(getattr(met, name)[first:last].tolist() for name in _Read.__slots__)
+        ),
         senses=_Senses(*(_filter_of(getattr(sensors, name), step_s) for name in SENSES)),
         cascade=_cascade(spec, gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)),
         mixer=mixer_of(vehicle),
@@ -177,13 +219,12 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> Flown:
         body=_start(met).tolist(),
         speeds=hover,
     )
-    bodies, speeds, commands, thrust, torques, rates = (
-        np.array(part) for part in zip(*loop.run(), strict=True)
-    )
-    return Flown(bodies, speeds, commands, thrust, torques, rates)
+    return _collected(loop)
 
 
-def _together(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> list[Flown]:
+def _together(
+    specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]
+) -> list[Float[np.ndarray, "n ..."]]:
     """Several flights, in arrays whose last axis is the flight."""
     first, vehicles = specs[0], [spec.vehicle for spec in specs]
     step_s = first.step_s
@@ -191,7 +232,9 @@ def _together(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings])
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
     loop = _Loop(
         specs=specs,
-        read=_Read(*(np.stack([getattr(one, name) for one in met], axis=-1) for name in _Read.__slots__)),
+        read=lambda start, stop: _Read(
+            *(np.stack([getattr(one, name)[start:stop] for one in met], axis=-1) for name in _Read.__slots__)
+        ),
         senses=_Senses(
             *(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
         ),
@@ -202,10 +245,7 @@ def _together(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings])
         body=np.stack([_start(one) for one in met], axis=1),
         speeds=[hover],
     )
-    bodies, speeds, commands, thrust, torques, rates = zip(*loop.run(), strict=True)
-    of_rotors = (np.array([one[0] for one in part]) for part in (speeds, commands))
-    series = (np.array(bodies), *of_rotors, *(np.array(part) for part in (thrust, torques, rates)))
-    return [Flown(*(part[..., flight] for part in series)) for flight in range(len(specs))]
+    return _collected(loop)
 
 
 #: Sensors that the controller reads, in the order of `_Senses`.

@@ -55,7 +55,7 @@ def _of_the_motion(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
         Erratum(
             "(1) rows 1 to 3",
             "Euler angles, and their derivatives in place of the body rates",
-            "not used; right with body rates p, q, r",
+            "body rates p, q, r and the attitude's kinematics, in the simulator of whole vehicles",
             checked.euler_rates(),
         ),
         Erratum(
