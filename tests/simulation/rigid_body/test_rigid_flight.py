@@ -222,6 +222,16 @@ def test_sensor_filters_delays_and_errs():
     assert Sensor(WhiteNoise(0.3)).errors(4000, 2, rng).std(axis=0) == pytest.approx([0.3, 0.3], rel=0.05)
 
 
+def test_logged_rates_can_be_means_that_the_controller_does_not_get():
+    mean = replace(QUIET, duration=0.6, sensors=replace(QUIET.sensors, angular_rate=Sensor(averaged_s=0.01)))
+    flight = fly(mean)
+    rates = flight.truth.angular_rate
+    np.testing.assert_array_equal(rates, fly(replace(QUIET, duration=0.6)).truth.angular_rate)
+    expected = np.mean([rates[4 - late : rates.shape[0] - late] for late in range(5)], axis=0)
+    np.testing.assert_allclose(vectors(flight, "angular_rate")[4:], expected, atol=1e-12)
+    np.testing.assert_allclose(values(flight, "angular_rate_y")[1], rates[:2, 1].mean(), atol=1e-15)
+
+
 def test_stamps_have_their_rate_offset_and_error():
     sensor = Sensor(rate_hz=100.0, offset_s=0.006, jitter_s=0.001)
     rows = sensor.rows(5000, 0.002)
@@ -350,6 +360,7 @@ def test_specification_is_checked(change, message):
         (lambda: Sensor(delay_s=-1.0), "delay_s between"),
         (lambda: Sensor(bias=float("nan")), "a finite bias"),
         (lambda: Sensors(attitude=Sensor(cutoff_hz=20.0)), "an attitude without a filter"),
+        (lambda: Sensors(attitude=Sensor(averaged_s=0.01)), "averaged part by part"),
         (lambda: Wind((1.0, 2.0)), "three speeds"),
         (lambda: Logged(setpoint_hz=-1.0), "setpoint_hz between"),
     ],

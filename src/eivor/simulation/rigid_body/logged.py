@@ -91,10 +91,14 @@ def _measured(
     """Each sensor with its readings at every step."""
     sensors, step_s, body = spec.sensors, spec.step_s, flown.body
     attitude = turned_by(body[:, 6:10], met.attitude_error)
-    velocity = sensors.velocity.readings(body[:, 3:6] + met.velocity_error, step_s)
-    position = sensors.position.readings(body[:, 0:3] + met.position_error, step_s)
-    rates = sensors.angular_rate.readings(body[:, 10:13] + met.rate_error, step_s)
-    forces = sensors.specific_force.readings(force + met.force_error, step_s)
+
+    def logged(sensor: Sensor, raw: Float[np.ndarray, "n axes"]) -> Float[np.ndarray, "n axes"]:
+        return sensor.averages(sensor.readings(raw, step_s), step_s)
+
+    velocity = logged(sensors.velocity, body[:, 3:6] + met.velocity_error)
+    position = logged(sensors.position, body[:, 0:3] + met.position_error)
+    rates = logged(sensors.angular_rate, body[:, 10:13] + met.rate_error)
+    forces = logged(sensors.specific_force, force + met.force_error)
     measured = [
         (sensors.angular_rate, _named("angular_rate", "xyz", rates)),
         (sensors.specific_force, _named("specific_force_body", "xyz", forces)),
@@ -103,7 +107,7 @@ def _measured(
         (sensors.attitude, _named("attitude", "wxyz", sensors.attitude.readings(attitude, step_s))),
     ]
     if sensors.rotor_speed is not None:
-        speeds = sensors.rotor_speed.readings(flown.rotor_speed + met.speed_error, step_s)
+        speeds = logged(sensors.rotor_speed, flown.rotor_speed + met.speed_error)
         measured.append((sensors.rotor_speed, _numbered("rotor_speed", speeds)))
     return measured
 

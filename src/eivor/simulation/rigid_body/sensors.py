@@ -38,6 +38,9 @@ class Sensor:
         By which readings are late [s], rounded to steps of the simulation.
     offset_s : float
         Time of the first one that is logged [s], rounded likewise.
+    averaged_s : float
+        What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
+        controller gets readings as they are.
     jitter_s : float
         Standard deviation of the stamps' error [s].
 
@@ -53,6 +56,7 @@ class Sensor:
     cutoff_hz: float = 0.0
     delay_s: float = 0.0
     offset_s: float = 0.0
+    averaged_s: float = 0.0
     jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -61,6 +65,7 @@ class Sensor:
             ("cutoff_hz", 1e5),
             ("delay_s", 1.0),
             ("offset_s", 1.0),
+            ("averaged_s", 1.0),
             ("jitter_s", 1.0),
         ):
             if not 0.0 <= getattr(self, name) <= most:
@@ -92,6 +97,18 @@ class Sensor:
             filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
         rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
         return filtered[rows]
+
+    def averages(
+        self, readings: Float[np.ndarray, "count axes"], step_s: float
+    ) -> Float[np.ndarray, "count axes"]:
+        """What is logged of the readings: means over those of the last steps, of as many as there are."""
+        steps = round(self.averaged_s / step_s)
+        if steps < 2:
+            return readings
+        total = np.cumsum(np.vstack([np.zeros((1, readings.shape[1])), readings]), axis=0)
+        last = np.arange(1, readings.shape[0] + 1)
+        first = np.maximum(last - steps, 0)
+        return (total[last] - total[first]) / (last - first)[:, None]
 
     def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:
         """Which steps are logged."""

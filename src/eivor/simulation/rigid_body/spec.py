@@ -98,7 +98,7 @@ class Sensors:
     Raises
     ------
     ParameterError
-        When the attitude has a filter.
+        When the attitude has a filter, or is averaged.
     """
 
     angular_rate: Sensor = field(default_factory=lambda: _noisy(0.02))
@@ -109,10 +109,13 @@ class Sensors:
     rotor_speed: Sensor | None = None
 
     def __post_init__(self) -> None:
-        if self.attitude.cutoff_hz:
-            raise ParameterError(
-                "an attitude without a filter", f"cutoff_hz={self.attitude.cutoff_hz:g}", "Leave it out."
-            )
+        for name in ("cutoff_hz", "averaged_s"):
+            if getattr(self.attitude, name):
+                raise ParameterError(
+                    "an attitude without a filter",
+                    f"{name}={getattr(self.attitude, name):g}",
+                    "Leave it out: quaternions are not averaged part by part.",
+                )
 
     @classmethod
     def exact(cls) -> Sensors:
