@@ -274,7 +274,7 @@ def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
 
 def test_flights_side_by_side_are_those_alone():
     """Other vehicles, delays, filters, gains and winds beside it make no difference."""
-    short = replace(LOUD, duration=0.5)
+    short = replace(LOUD, duration=0.3)
     other = replace(
         short,
         vehicle=replace(VEHICLE, mass=1.0),
@@ -313,10 +313,10 @@ def test_adaptive_integrator_flies_the_same():
 
 
 def test_wind_and_torques_from_outside_have_their_size():
-    flight = fly(replace(LOUD, rate_hz=250.0, duration=4.0, vehicle=VEHICLE))
+    flight = fly(replace(LOUD, rate_hz=250.0, duration=2.0, vehicle=VEHICLE))
     np.testing.assert_allclose(flight.truth.velocity[:, 0] - flight.truth.air_velocity[:, 0], 1.0)
     accelerations = flight.truth.disturbance[:, 1] / 0.0155
-    assert np.std(accelerations) == pytest.approx(1.0, rel=0.5)
+    assert np.std(accelerations) == pytest.approx(1.0, rel=0.6)
     assert not flight.truth.disturbance[:, [0, 2]].any()
 
 
@@ -325,14 +325,14 @@ def test_a_vehicle_that_holds_its_place_does():
         LOUD,
         vehicle=VEHICLE,
         rate_hz=250.0,
-        duration=6.0,
+        duration=4.0,
         attitude=AxisExcitations(),
         injection=AxisExcitations(),
     )
     calm = replace(calm, sensors=Sensors(), wind=Wind((1.0, 0.0, 0.0)))
     assert np.abs(fly(calm).truth.position[-1, :2]).max() < 1.5
     drifting = fly(replace(calm, controller=replace(calm.controller, hold=0.0)))
-    assert drifting.truth.position[-1, 0] > 4.0
+    assert drifting.truth.position[-1, 0] > 3.0
 
 
 # ------------------------------------------------------------------------------------------ refusals
@@ -383,7 +383,7 @@ def test_rotors_must_reach_every_axis():
 
 def test_a_lost_vehicle_is_told():
     storm = replace(
-        QUIET, duration=2.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(300.0, 1.0))
+        QUIET, duration=1.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0))
     )
     assert not fly(storm).flew
     with pytest.raises(ParameterError, match="stays upright"):
