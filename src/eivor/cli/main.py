@@ -43,9 +43,10 @@ def application(*names: str) -> typer.Typer:
         module = import_module(f"eivor.cli.{name}")
         made.command(epilog=module.EXIT_CODES, cls=ReadableCommand)(getattr(module, name))
     if not names:
-        from eivor.cli import examples
+        from eivor.cli import examples, vehicle
 
-        made.add_typer(examples.app)
+        for group in (vehicle, examples):
+            made.add_typer(group.app)
     return made
 
 

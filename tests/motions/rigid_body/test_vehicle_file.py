@@ -1,0 +1,187 @@
+"""Vehicle files: what they hold, and what each mistake in one is answered with."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from eivor.errors import InputError, ParameterError, UsageError
+from eivor.motions.rigid_body.known_number import KnownNumber
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.numberings import LAYOUTS
+from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles, vehicle_template
+
+X = 'layout = "quad-x"\nnumbering = "px4"\n'
+EACH = "positions = [[0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [-0.1, -0.1]]\n"
+
+
+@pytest.fixture
+def loaded(tmp_path):
+    def load(top="", rotors=X):
+        path = tmp_path / "mine.toml"
+        path.write_text(f"{top}\n[rotors]\n{rotors}", encoding="utf-8")
+        return load_vehicle(path)
+
+    return load
+
+
+def test_a_layout_alone_is_enough(loaded):
+    vehicle = loaded()
+    assert vehicle.name == "mine"
+    assert (vehicle.count, vehicle.in_metres, vehicle.thrust_map) == (4, False, "square")
+    assert vehicle.arm == pytest.approx(1.0)
+    unknown = ("mass", "speed_scale", "torque_ratio", "yaw_inertia_ratio", "delay", "arm_scale")
+    assert all(getattr(vehicle, name) is None for name in unknown)
+    assert vehicle.gyro_cutoff_hz is vehicle.accelerometer_cutoff_hz is None
+
+
+def test_everything_is_read(loaded):
+    vehicle = loaded(
+        'name = "Mine"\nmass = { value = 1.2, std = 0.01 }\nyaw_inertia_ratio = 1.8\n'
+        "delay_ms = { value = 4.0, std = 1 }\n"
+        "gyro_cutoff_hz = 80\naccelerometer_cutoff_hz = 30.0",
+        X + "arm = { value = 0.2, std = 0.002 }\nspeed_scale = 0.10472\ntorque_ratio.value = 0.016\n"
+        'thrust_map = "mixed:0.3"',
+    )
+    assert vehicle.name == "Mine"
+    assert vehicle.mass == KnownNumber(1.2, 0.01)
+    assert vehicle.yaw_inertia_ratio == KnownNumber(1.8)
+    assert vehicle.delay == KnownNumber(0.004, 0.001)
+    assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
+    assert vehicle.arm == pytest.approx(0.2)
+    assert vehicle.arm_scale == KnownNumber(1.0, 0.01)
+    assert vehicle.speed_scale == KnownNumber(0.10472)
+    assert vehicle.torque_ratio == KnownNumber(0.016)
+    assert vehicle.thrust_map == "mixed:0.3"
+
+
+@pytest.mark.parametrize("spins", ['["ccw", "ccw", "cw", "cw"]', "[-1, -1, 1, 1]"])
+def test_rotors_one_by_one(loaded, spins):
+    vehicle = loaded(rotors=f"{EACH}spins = {spins}\npositions_std = 0.02")
+    assert vehicle.positions == ((0.1, -0.1), (-0.1, 0.1), (0.1, 0.1), (-0.1, -0.1))
+    assert vehicle.spins == (-1, -1, 1, 1)
+    assert vehicle.arm_scale == KnownNumber(1.0, 0.02)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts_turn_as_their_mixers_mix(layout):
+    """Columns of roll, pitch, yaw and thrust at right angles, and neighbours that spin against each other."""
+    for rotors in LAYOUTS[layout].values():
+        x, y, spin = np.array(rotors).T
+        mixer = np.array([y, -x, spin, np.ones(4)])
+        products = mixer @ mixer.T
+        np.testing.assert_allclose(products, np.diag(np.diag(products)), atol=1e-12)
+        np.testing.assert_allclose(np.hypot(x, y), 1.0)
+        around = spin[np.argsort(np.arctan2(y, x))]
+        assert np.all(around[1:] == -around[:-1])
+
+
+@pytest.mark.parametrize(
+    ("numbering", "mixed"),
+    [  # signs of (roll right, pitch nose down, yaw left) of each motor in the autopilots' own tables
+        ("crazyflie", [(-1, -1, -1), (-1, 1, 1), (1, 1, -1), (1, -1, 1)]),
+        ("betaflight", [(-1, 1, 1), (-1, -1, -1), (1, 1, -1), (1, -1, 1)]),
+        ("ardupilot", [(-1, -1, -1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]),
+        ("px4", [(-1, -1, -1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]),
+    ],
+)
+def test_numberings_of_the_autopilots(numbering, mixed):
+    """Torques about forward, left, up: (y, -x, spin) of thrust."""
+    rotors = LAYOUTS["quad-x"][numbering]
+    assert [(np.sign(y), -np.sign(x), spin) for x, y, spin in rotors] == mixed
+
+
+@pytest.mark.parametrize(
+    ("top", "rotors", "told"),
+    [
+        ("mas = 1", X, "unknown key 'mas'. Did you mean 'mass'"),
+        ("", X + "amr = 1", "unknown key 'amr'. Did you mean 'arm'"),
+        ("mass = { value = 1, sdt = 0.1 }", X, "unknown key 'sdt'. Did you mean 'std'"),
+        ("mass = { std = 0.1 }", X, "finite number at mass.value of mine.toml; received nothing"),
+        ("mass = { value = 1, std = -0.1 }", X, "std of zero or more in mine.toml"),
+        ("mass = 0", X, "mass between 0.001 and 1000 kg in mine.toml; received 0. Check its unit"),
+        ("mass = -1.2", X, "mass between"),
+        ("mass = { value = 1, std = 0.5 }", X, "standard deviation of the mass of at most 0.4"),
+        ('mass = "1 kg"', X, "a finite number at mass"),
+        ("delay_ms = 4000", X, "delay between 0 and 0.5 s"),
+        ("gyro_cutoff_hz = 0", X, "gyro_cutoff_hz between 1 and 10000 Hz"),
+        ("", X + "arm = 225", "0.005 to 10 m at rotors.arm of mine.toml; received 225. Check its unit"),
+        ("", X + 'thrust_map = "cubic"', "an input map linear, square"),
+        ("", 'layout = "quad"\nnumbering = "px4"', "one of quad-x, quad-plus at rotors.layout"),
+        ("", 'layout = "quad-x"', "rotors.numbering of mine.toml; received nothing"),
+        ("", 'layout = "quad-plus"\nnumbering = "crazyflie"', "one of px4, ardupilot, betaflight at"),
+        ("", X + EACH, "received both"),
+        ("", "arm = 1.0", "received neither"),
+        ("", EACH, "a list at rotors.spins"),
+        ("", EACH + 'spins = ["cw", "cw", "ccw"]', "4 positions and 3 spins"),
+        ("", EACH + 'spins = ["cw", "cw", "left", "ccw"]', "one of cw, ccw at rotors.spins[3]"),
+        ("", EACH + "spins = [1, 1, 2, -1]", "spins of +1 or -1"),
+        ("", EACH + "spins = [1, 1, 1, 1]", "of both spins"),
+        ("", EACH + "spins = [1, -1, 1, -1]\npositions_std = -1", "std of zero or more"),
+        ("", "positions = [[0.1, 0.1, 0.0]]\nspins = [1]", "two numbers at rotors.positions[1]"),
+        ("", "positions = [[100, 100]]\nspins = [1]", "at most 10 m at rotors.positions[1]"),
+        ("", "positions = [[0.1, 0.0], [-0.1, 0.0]]\nspins = [1, -1]", "about each of its axes"),
+    ],
+)
+def test_mistakes_are_told(loaded, top, rotors, told):
+    with pytest.raises(InputError, match=re.escape(told)):
+        loaded(top, rotors)
+
+
+def test_what_is_no_vehicle(tmp_path):
+    (tmp_path / "log.toml").write_bytes(b"\xff\xfe")
+    for source, told in (
+        (tmp_path / "missing.toml", "unreadable"),
+        (tmp_path / "log.toml", "unreadable"),
+        (tmp_path, "unreadable"),
+        ("crazyflie-2", "Did you mean 'crazyflie-2x'"),
+        ("hexacopter", "eivor vehicle new"),
+        ("x" * 5000, "eivor vehicle new"),
+    ):
+        with pytest.raises(InputError, match=told):
+            load_vehicle(source)
+
+
+@pytest.mark.parametrize("name", shipped_vehicles())
+def test_shipped_vehicles_load(name):
+    vehicle = load_vehicle(name)
+    assert vehicle.count == 4
+    assert vehicle.name != name
+
+
+def test_the_crazyflie_is_as_published():
+    vehicle = load_vehicle("crazyflie-2x")
+    assert vehicle.mass is not None
+    assert vehicle.mass.value == 0.027
+    np.testing.assert_allclose(np.abs(vehicle.positions), 0.028, atol=1e-4)
+    assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
+    assert vehicle.torque_ratio is None, "Izz is not to rest on what the user has not said"
+
+
+def test_template_is_a_vehicle_with_every_key(tmp_path):
+    path = tmp_path / "new.toml"
+    path.write_text(vehicle_template(), encoding="utf-8")
+    assert load_vehicle(path).mass is None
+    path.write_text(re.sub(r"(?m)^# (\w+ = )", r"\1", vehicle_template()), encoding="utf-8")
+    full = load_vehicle(path)
+    names = set(KnownVehicle.__dataclass_fields__)
+    assert all(getattr(full, name) is not None for name in names)
+    each = re.sub(r"(?m)^(layout|numbering) .*$", "", vehicle_template())
+    path.write_text(re.sub(r"(?m)^#   (\w+ = )", r"\1", each), encoding="utf-8")
+    assert load_vehicle(path).arm_scale == KnownNumber(1.0, 0.01)
+
+
+def test_known_numbers_and_vehicles_are_checked_in_python():
+    with pytest.raises(ParameterError, match="finite value"):
+        KnownNumber(float("nan"))
+    with pytest.raises(ParameterError, match="std of zero or more"):
+        KnownNumber(1.0, -0.1)
+    corners = ((1.0, -1.0), (-1.0, 1.0), (1.0, 1.0), (-1.0, -1.0))
+    with pytest.raises(ParameterError, match="mass between"):
+        KnownVehicle("x", corners, (-1, -1, 1, 1), mass=KnownNumber(-1.0))
+    with pytest.raises(ParameterError, match="Leave its height out"):
+        KnownVehicle("x", tuple((*corner, 0.0) for corner in corners), (-1, -1, 1, 1))
+    with pytest.raises(UsageError, match="input map"):
+        KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
