@@ -92,6 +92,14 @@ def test_translational_lift_is_that_of_all_rotors():
     assert up[0] - up[1] == pytest.approx(4e-3 * 9.0)
 
 
+def test_what_rotors_drag_at_hover_is_that_of_their_speed():
+    told, hover = effective_parameters(replace(VEHICLE, drag=BodyDrag())), VEHICLE.hover_speed
+    x, y, _ = np.array(ROTORS.positions).T
+    arms = np.array([np.sum(y**2), np.sum(x**2), np.sum(x**2 + y**2)])
+    np.testing.assert_allclose(told.rate_damping, hover * arms * told.rotor_rate_drag)
+    np.testing.assert_allclose(told.drag, 4.0 * hover * np.array(told.rotor_drag))
+
+
 def test_gyroscopic_ratios_belong_to_one_body():
     first, second, third = effective_parameters(VEHICLE).gyroscopic_ratios
     assert first + second + third + first * second * third == pytest.approx(0.0, abs=1e-15)

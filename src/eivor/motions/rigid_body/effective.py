@@ -9,9 +9,15 @@ velocity on its own axes, and (x, y) the places of the rotors:
     s_z = alpha_z sum phi - d_z v_z + h (v_x^2 + v_y^2) - c_z |v| v_z
     s_x = -d_x v_x - c_x |v| v_x, and s_y alike
 
-Exact for a diagonal inertia and rotors in the plane of the centre of mass, but for three things: what rotors
-drag, and so every d, goes with their speed, and is given for hover; the angular momentum of spinning rotors
-and the shear of the flow over them are left out.
+Exact for a diagonal inertia and rotors in the plane of the centre of mass, but for two things. The angular
+momentum of rotors that spin is left out: J/Ix q sum s n and -J/Iy p sum s n. And what rotors drag goes with
+their speed, so that every d is that of hover; with l the air velocity at a rotor it is, exactly,
+
+    d_p p -> e_p sum y n l_z       d_q q -> -e_q sum x n l_z       d_r r -> e_r sum n (x l_y - y l_x)
+    d_x v_x -> e_x sum n l_x, and y and z alike
+
+plus what the body drags. On flights of a Crazyflie with steps of .25 rad, without noise, a constant d leaves
+errors of 4 % in itself and of .3 % in the torque gains; the sums leave none.
 """
 
 from __future__ import annotations
@@ -37,6 +43,10 @@ class EffectiveParameters:
         alpha_z [m/s^2 per unit of phi].
     drag : tuple of float
         d_x, d_y, d_z [1/s].
+    rotor_rate_drag : tuple of float
+        e_p, e_q, e_r [1/s per m^2 and rad/s].
+    rotor_drag : tuple of float
+        e_x, e_y, e_z [1/s per rad/s].
     quadratic_drag : tuple of float
         c_x, c_y, c_z [1/m].
     translational_lift : float
@@ -52,6 +62,8 @@ class EffectiveParameters:
     rate_damping: tuple[float, float, float]
     thrust_gain: float
     drag: tuple[float, float, float]
+    rotor_rate_drag: tuple[float, float, float]
+    rotor_drag: tuple[float, float, float]
     quadratic_drag: tuple[float, float, float]
     translational_lift: float
     rotor_reaction: float
@@ -92,6 +104,8 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
         ),
         thrust_gain=gain / mass,
         drag=(dx, dy, dz),
+        rotor_rate_drag=(rotors.inflow / ix, rotors.inflow / iy, rotors.drag / iz),
+        rotor_drag=(rotors.drag / mass, rotors.drag / mass, rotors.inflow / mass),
         quadratic_drag=(cx, cy, cz),
         translational_lift=rotors.count * rotors.translational_lift / mass,
         rotor_reaction=rotors.inertia / iz,

@@ -17,6 +17,8 @@ UNITS = {
     "rate_damping": "1/s",
     "thrust_gain": "m/s^2 per squared rad/s",
     "drag": "1/s",
+    "rotor_rate_drag": "1/s per m^2 and rad/s",
+    "rotor_drag": "1/s per rad/s",
     "quadratic_drag": "1/m",
     "translational_lift": "1/m",
     "rotor_reaction": "",
