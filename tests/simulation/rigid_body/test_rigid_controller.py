@@ -86,6 +86,16 @@ def test_attitude_loop_turns_the_shorter_way():
     np.testing.assert_allclose(small, turn.as_rotvec(), rtol=1e-2, atol=1e-4)
 
 
+def test_a_weak_axis_is_not_driven_by_noise():
+    weak = replace(
+        HEXACOPTER, rotors=replace(HEXACOPTER.rotors, torque_ratio=1e-3, lag_up=5e-3, lag_down=5e-3)
+    )
+    gains = gains_of(FlightController(), weak, 0.0)
+    assert gains.rate[2] == pytest.approx(0.5)
+    assert gains.rate[0] < 0.5
+    assert gains.attitude[2] < 0.3 * gains.attitude[0]
+
+
 def test_derivative_is_that_of_the_filtered_rates():
     steady = FlightController(integral_share=0.0)
     quick = replace(steady, derivative_share=0.5, derivative_cutoff_hz=2.0)

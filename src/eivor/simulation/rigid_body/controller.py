@@ -23,6 +23,8 @@ from eivor.motions.vertical.model import GRAVITY
 
 #: No loop is quicker than this, however quick the rotors are [1/s].
 LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
+#: Largest gain of the rate loop in normalised torque [per rad/s].
+LARGEST_TORQUE_PER_RATE = 0.5
 #: Largest part of a torque setpoint that the integrator may hold.
 LARGEST_INTEGRAL = 0.3
 #: Share of the weight that is the least thrust, and of full thrust that is the largest.
@@ -47,7 +49,7 @@ class FlightController:
     rate_hz, attitude_hz, height_hz : float
         How often each loop runs [Hz]: the simulation's rate over a whole number.
     quickness : float
-        Gain of the rate loop times T.
+        Gain of the rate loop times T, less on an axis with little torque.
     attitude_share : float
         Gain of the attitude loop over that of the rate loop; half of it in yaw.
     integral_share : float
@@ -159,16 +161,19 @@ def gains_of(controller: FlightController, vehicle: Vehicle, sensing_s: float) -
     """
     rotors = vehicle.rotors
     slowness = max(rotors.lag_up, rotors.lag_down) + rotors.delay + sensing_s + 0.5 / controller.rate_hz
-    rate = min(controller.quickness / slowness, LARGEST_RATE_GAIN)
-    attitude = min(controller.attitude_share * rate, LARGEST_ATTITUDE_GAIN)
+    quickest = min(controller.quickness / slowness, LARGEST_RATE_GAIN)
+    effectiveness = control_effectiveness(vehicle)
+    # An axis that is weak, as yaw is, would be at its limit from noise alone.
+    rates = [min(quickest, LARGEST_TORQUE_PER_RATE * gain) for gain in effectiveness]
+    attitude = [min(controller.attitude_share * rate, LARGEST_ATTITUDE_GAIN) for rate in rates]
     climb = min(controller.climb_quickness / (slowness + 0.5 / controller.height_hz), LARGEST_CLIMB_GAIN)
-    per_torque = tuple(1.0 / gain for gain in control_effectiveness(vehicle))
+    loops = list(zip(rates, effectiveness, strict=True))
     decay = np.exp(-2.0 * np.pi * controller.derivative_cutoff_hz / controller.rate_hz)
     return Gains(
-        rate=tuple(rate * unit for unit in per_torque),
-        integral=tuple(controller.integral_share * rate**2 * unit for unit in per_torque),
-        derivative=tuple(controller.derivative_share * slowness * rate * unit for unit in per_torque),
-        attitude=(attitude, attitude, 0.5 * attitude),
+        rate=tuple(rate / gain for rate, gain in loops),
+        integral=tuple(controller.integral_share * rate**2 / gain for rate, gain in loops),
+        derivative=tuple(controller.derivative_share * slowness * rate / gain for rate, gain in loops),
+        attitude=(attitude[0], attitude[1], 0.5 * attitude[2]),
         climb=climb,
         climb_integral=controller.climb_integral_share * climb**2,
         height=controller.height_share * climb,
