@@ -11,7 +11,8 @@ from flight_logs import LAG_S, STEP_S, changed, channel, flown, prepare_vertical
 
 import eivor as ev
 from eivor.flights.options import FlightOptions
-from eivor.flights.telemetry import OWN_DELAY_S, TelemetryLag, telemetry_lag
+from eivor.flights.telemetry import OWN_DELAY_S, telemetry_lag
+from eivor.flights.told_lag import ToldLag
 from eivor.motions.vertical.select import selected
 from eivor.report.fit_checks import checks
 from eivor.signals.actuator import actuator_state
@@ -42,7 +43,7 @@ def with_telemetry(
     return changed(log, **found)
 
 
-def told(log: Recording) -> TelemetryLag | None:
+def told(log: Recording) -> ToldLag | None:
     return telemetry_lag((prepare_vertical(log, FlightOptions()),), ("rotor_speed",))
 
 
@@ -80,7 +81,7 @@ def test_the_lag_by_telemetry_is_used_and_said(log):
     assert given["alone"] == alone.quantities["effective_lag"].value
     # what a user knows comes first
     typed = ev.identify_flight(with_telemetry(log), lag=ev.Prior(LAG_S, 0.01))
-    assert typed.fit.given_lag.telemetry is None
+    assert typed.fit.given_lag.by is None
 
 
 @pytest.mark.usefixtures("coarse_search")

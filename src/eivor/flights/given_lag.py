@@ -8,6 +8,7 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.flights.quantity import Unjudged
+from eivor.flights.told_lag import ToldLag
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, SIGNIFICANT, told
 from eivor.inference.quantiles import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -34,14 +35,14 @@ class GivenLag:
         The effective lag that the flight tells without it [s].
     slack_s : float
         What the flight's command may be late or early by throughout, and its lag by as much [s].
-    telemetry : Unjudged or None
-        What the actuators' telemetry says, their own delay left out, when it was not a user who gave it.
+    by : ToldLag or None
+        What told it, when it was not a user.
     """
 
     known: Prior | Bounds
     alone: Unjudged
     slack_s: float = 0.0
-    telemetry: Unjudged | None = None
+    by: ToldLag | None = None
 
     @property
     def for_the_log(self) -> Prior | Bounds:
@@ -92,12 +93,8 @@ class GivenLag:
     @property
     def given(self) -> str:
         """What was given, in words."""
-        if self.telemetry is not None and isinstance(self.known, Prior):
-            low, high = (1e3 * max(end, 0.0) for end in self.telemetry.interval)
-            return (
-                f"{1e3 * self.known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with a delay of its own "
-                f"± {1e3 * self.known.std:.2g} ms (one standard deviation)"
-            )
+        if self.by is not None:
+            return self.by.sentence
         if isinstance(self.known, Prior):
             return f"{1e3 * self.known.mean:.3g} ± {1e3 * self.known.std:.2g} ms (one standard deviation)"
         if self.known == NO_LAG:
@@ -112,7 +109,7 @@ class GivenLag:
         low, high = self.alone.interval
         low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
         closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
-        who = "given" if self.telemetry is None else "telemetry of the actuators says"
+        who = "given" if self.by is None else f"{self.by.who} says"
         return (
             f"{who} {self.given}; "
             f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
@@ -161,6 +158,11 @@ def _between(bounds: Bounds, own: float) -> Float[np.ndarray, " lags"]:
     return np.unique([*tried, own]) if bounds.low < own < bounds.high else np.unique(tried)
 
 
+def lag_searched(problem: SeparableProblem) -> bool:
+    """Whether the problem has an actuators' lag to search."""
+    return any(one.name == ACTUATOR_LAG.name and one.refined for one in problem.nuisances)
+
+
 def check_lag_searched(problem: SeparableProblem) -> None:
     """Refuse what is known of a lag that is not searched for.
 
@@ -169,7 +171,7 @@ def check_lag_searched(problem: SeparableProblem) -> None:
     UsageError
         When the problem has no lag to search.
     """
-    if not any(one.name == ACTUATOR_LAG.name and one.refined for one in problem.nuisances):
+    if not lag_searched(problem):
         raise UsageError(
             "a flight whose actuators' lag is searched for",
             "one whose actuators' state was measured, or a motion without a lag",

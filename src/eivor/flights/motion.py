@@ -328,6 +328,8 @@ class Motion(ABC, Generic[P]):
     """What may drive the vehicle, in order of preference."""
     telemetry: ClassVar[tuple[str, ...]] = ()
     """Channels that are measured states of what drives it: beside commands they tell the actuators' lag."""
+    lag_from: ClassVar[tuple[str, ...]] = ()
+    """Names of other motions that the same actuators make: where they tell the lag, it is taken from them."""
     needed: ClassVar[tuple[str, ...]]
     """Channels without which nothing can be identified, beside an input."""
     references: ClassVar[tuple[ReferenceSource, ...]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -21,7 +21,7 @@ from eivor.flights.diagnostics import (
     flight_findings,
 )
 from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
-from eivor.flights.given_lag import GivenLag, check_lag_searched, with_given_lag
+from eivor.flights.given_lag import GivenLag, check_lag_searched, lag_searched, with_given_lag
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
@@ -29,11 +29,14 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged
 from eivor.flights.result import Fit, FlightEstimate, Unaided
 from eivor.flights.telemetry import telemetry_lag
+from eivor.flights.told_lag import ToldLag
 from eivor.inference.diagnostics.over_identification import OverIdentification
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
 
+#: What other motions say of the lag, when it is asked for.
+LagsBeside = Callable[[], tuple[ToldLag, ...]]
 #: Method that serves when no instrument is at hand.
 FALLBACK = "least_squares"
 
@@ -43,6 +46,7 @@ def estimated(
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
     agreement: OverIdentification | None = None,
+    beside: LagsBeside = tuple,
 ) -> FlightEstimate:
     """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
 
@@ -56,6 +60,8 @@ def estimated(
         Choices.
     agreement : OverIdentification, optional
         Whether the instruments agree, where that is known better than from the estimate.
+    beside : callable
+        What other motions of the same flight say of the lag, if there are any; called where that serves.
     """
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
@@ -79,7 +85,7 @@ def estimated(
         solve = partial(identify, method=method)
         problem, alone = motion.settled(problem, solve, options)
         whole = problem
-        given, noticed = known_lag(motion, flying, options, problem, alone)
+        given, noticed = known_lag(motion, flying, options, problem, alone, beside)
         estimate = alone
         if given is not None:
             problem = with_given_lag(problem, given.for_the_log, alone.best.at)
@@ -112,25 +118,31 @@ def known_lag(
     options: FlightOptions,
     problem: SeparableProblem,
     alone: Estimate,
+    beside: LagsBeside = tuple,
 ) -> tuple[GivenLag | None, tuple[Finding, ...]]:
-    """What is known of the lag beside the flight: what a user gave, else what telemetry tells.
+    """What is known of the lag beside the motion: what a user gave, else what the log tells most closely.
 
-    Telemetry that may contradict the flight is told, and not used: it can be later than is allowed for.
+    Telemetry or another motion that may contradict the flight is told, and not used: sensors can be later
+    than is allowed for.
     """
+    slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         check_lag_searched(problem)
-        slack_s = max(flight.command_slack_s for flight in flying)
         return GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
-    told = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
-    if told is None:
+    if not lag_searched(problem):
         return None, ()
-    # telemetry answers the commands as they were logged: what they are late by is in both lags
-    own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
-    found = GivenLag(told.prior, own, telemetry=told.told)
-    if found.agrees:
-        return found, ()
-    sentence = f"The lag by telemetry is not used: {found.sentence}."
-    return None, (Finding("telemetry_contradicts", sentence),)
+    by_telemetry = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
+    telling = [*([] if by_telemetry is None else [by_telemetry]), *beside()]
+    noticed: list[Finding] = []
+    for one in sorted(telling, key=lambda one: one.prior.std):
+        # telemetry answers the commands as they were logged: what these are late by is in both lags
+        own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        found = GivenLag(one.prior, own, 0.0 if one is by_telemetry else slack_s, by=one)
+        if found.agrees:
+            return found, tuple(noticed)
+        sentence = f"The lag by {one.source} is not used: {found.sentence}."
+        noticed.append(Finding(f"{one.source}_contradicts", sentence))
+    return None, tuple(noticed)
 
 
 def circumstances(

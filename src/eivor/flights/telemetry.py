@@ -21,14 +21,16 @@ from eivor.estimation.fit import identify
 from eivor.estimation.methods import least_squares
 from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Unjudged
+from eivor.flights.told_lag import ToldLag
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
-from eivor.models.separable import Prior, Values
+from eivor.models.separable import Values
 from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state
 from eivor.signals.recording import Channel
 
+#: Its name as a source of a lag.
+TELEMETRY = "telemetry"
 #: Slower telemetry tells no lag [Hz]: that of 20 Hz does.
 TELEMETRY_RATE_HZ = 19.5
 #: Standard deviation of telemetry's own delay [s]; that of a time within its period is added.
@@ -37,29 +39,6 @@ OWN_DELAY_S = 0.015
 LARGEST_SHARE_LEFT = 0.5
 
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
-
-
-@dataclass(frozen=True)
-class TelemetryLag:
-    """The effective lag that telemetry tells.
-
-    Parameters
-    ----------
-    told : Unjudged
-        Lag and delay together, from command to telemetry [s].
-    period_s : float
-        Of the slowest telemetry [s].
-    """
-
-    told: Unjudged
-    period_s: float
-
-    @property
-    def prior(self) -> Prior:
-        """The same as what is known of the actuators' lag: with the delay that telemetry has by itself."""
-        # half a 95 % interval, the choice of the delay included, is two standard deviations at most
-        own = max(0.5 * self.told.half_width, self.told.std_error)
-        return Prior(self.told.value, hypot(own, OWN_DELAY_S, self.period_s / sqrt(12.0)))
 
 
 @dataclass(frozen=True)
@@ -87,7 +66,7 @@ class LaggedParabola:
         return np.column_stack([away, away**2])
 
 
-def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> TelemetryLag | None:
+def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> ToldLag | None:
     """Lag of the actuators by the telemetry of flights that have it.
 
     Parameters
@@ -99,7 +78,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
 
     Returns
     -------
-    TelemetryLag or None
+    ToldLag or None
         None where no flight has telemetry of 20 Hz or more beside its commands, and where it does not
         follow them.
     """
@@ -123,7 +102,8 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(told.half_width):
         return None
     slowest = min(channel.rate_hz for channels in found.values() for channel in channels)
-    return TelemetryLag(told, 1.0 / slowest)
+    own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
+    return ToldLag(TELEMETRY, "telemetry of the actuators", told, own_delay_s, "a delay of its own")
 
 
 def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channel]:

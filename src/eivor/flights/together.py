@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 from eivor.errors import UsageError
 from eivor.estimation.methods import TABLE, by_name
+from eivor.flights.lag_beside import lags_beside
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool import check_poolable, without_duplicates
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.recipe import estimated
+from eivor.flights.recipe import LagsBeside, estimated
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.signals.recording import Recording
 
@@ -21,7 +23,11 @@ Window = tuple[float, float] | None
 
 
 def identified(
-    logs: Sequence[Recording], motion: Motion[Any], options: FlightOptions, windows: Sequence[Window]
+    logs: Sequence[Recording],
+    motion: Motion[Any],
+    options: FlightOptions,
+    windows: Sequence[Window],
+    others: tuple[Motion[Any], ...] = (),
 ) -> FlightEstimate:
     """Identify a motion from the logs of one or several flights of one vehicle.
 
@@ -36,6 +42,8 @@ def identified(
         Choices.
     windows : sequence of (start, end) or None
         A window [s] for each log, in place of the options' for those that have one.
+    others : tuple of Motion
+        Those that `Motion.lag_from` names. Flights of a pool tell their lag together, and need none.
 
     Raises
     ------
@@ -58,11 +66,17 @@ def identified(
         for log, window in kept
     )
     check_poolable(prepared, motion)
-    result = _together(motion, prepared, options)
+    beside: LagsBeside = tuple
+    if len(kept) == 1 and others:
+        ((log, window),) = kept
+        beside = cache(partial(lags_beside, others, log, window or options.window))
+    result = _together(motion, prepared, options, beside)
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
         rows = [
-            _row(name, estimated(motion, prepared, replace(options, method=name, compare=False)))
+            _row(
+                name, estimated(motion, prepared, replace(options, method=name, compare=False), beside=beside)
+            )
             for name in TABLE
         ]
         result = replace(result, comparisons=tuple(rows))
@@ -70,11 +84,14 @@ def identified(
 
 
 def _together(
-    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions
+    motion: Motion[Any],
+    prepared: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    beside: LagsBeside,
 ) -> FlightEstimate:
     """One flight; or several, with each flight's own result beside them."""
     if len(prepared) == 1:
-        return estimated(motion, prepared, options)
+        return estimated(motion, prepared, options, beside=beside)
     from eivor.flights.pool_verdict import agreement  # late: most calls are of one flight
     from eivor.flights.pooled import pooled_result
 

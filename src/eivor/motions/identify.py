@@ -103,7 +103,8 @@ def identify_flight(
     for window in windows:
         if window is not None:
             check_window(window)
-    return identified(logs, motion, chosen, list(windows))
+    others = tuple(motion_by_name(name) for name in motion.lag_from)
+    return identified(logs, motion, chosen, list(windows), others)
 
 
 def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:

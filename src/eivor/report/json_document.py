@@ -18,6 +18,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, Quantity
 from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.telemetry import TELEMETRY
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
@@ -241,12 +242,15 @@ def _row(key: str, row: ToldRow) -> Json:
 def _given_lag(given: GivenLag | None) -> Json:
     if given is None:
         return None
+    by = given.by
     return {
         **_known(given.known),
         "alone": number(given.alone.value),
         "alone_interval": _pair(given.alone.interval),
         "p_value": number(given.p_value),
-        "telemetry_interval": None if given.telemetry is None else _pair(given.telemetry.interval),
+        "told_by": None if by is None else by.source,
+        "told_interval": None if by is None else _pair(by.told.interval),
+        "telemetry_interval": _pair(by.told.interval) if by is not None and by.source == TELEMETRY else None,
     }
 
 

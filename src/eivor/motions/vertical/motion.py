@@ -63,6 +63,7 @@ class Vertical(Motion[VerticalFlights]):
     words = WORDS
     inputs = INPUTS
     telemetry = TELEMETRY
+    lag_from = ("rates",)
     needed = ("velocity_z",)
     references = REFERENCES
     logged_parameters = (
