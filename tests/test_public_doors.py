@@ -348,7 +348,7 @@ def doors(folder):
         ),
         "identify_flight": (
             ev.identify_flight,
-            {"recordings": m.recording, "options": None, "windows": None, "model": "vertical"},
+            {"recordings": m.recording, "options": None, "windows": None, "model": "vertical", "vehicle": ""},
         ),
         "example_flight": (ev.example_flight, {}),
         "load_fit": (ev.load_fit, {"file": fit_file}),

@@ -84,7 +84,7 @@ def test_words_of_quantities_are_found_and_unknown_ones_have_none():
 @pytest.mark.thorough
 def test_a_package_brings_a_motion(added, table, recording_of_example):
     added(climb=f"{HERE}:Climb")
-    assert motion_names() == ("vertical", "rates", "climb")
+    assert motion_names() == ("vertical", "rates", "rigid-body", "climb")
     by_name = ev.identify_flight(recording_of_example, ev.FlightOptions(window=(0.0, 20.0)), model="climb")
     assert by_name.motion == Climb()
     itself = ev.identify_flight(recording_of_example, ev.FlightOptions(window=(0.0, 20.0)), model=Climb())
@@ -101,13 +101,17 @@ def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
 def test_own_motions_come_first(added):
     added(vertical=f"{HERE}:Climb")
     assert motion_by_name("vertical") == Vertical()
-    assert motion_names() == ("vertical", "rates")
+    assert motion_names() == ("vertical", "rates", "rigid-body")
 
 
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("walk", "", r"a motion out of vertical, rates; received 'walk'\. Name one of them with --model"),
+        (
+            "walk",
+            "",
+            r"a motion out of vertical, rates, rigid-body; received 'walk'\. Name one of them with --model",
+        ),
         ("walk", "no_such_package:Walk", "a motion 'walk' that can be loaded .*ModuleNotFoundError"),
         ("walk", f"{HERE}:NO_MOTION", "a class of motion called 'walk' .*; received 7"),
         (

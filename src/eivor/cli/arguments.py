@@ -124,7 +124,16 @@ ModelOption = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="What to identify: vertical, or a motion that another package brings.",
+        help="What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
+    ),
+]
+VehicleOption = Annotated[
+    str,
+    typer.Option(
+        "--vehicle",
+        metavar="FILE|NAME",
+        help="What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list).",
+        show_default=False,
     ),
 ]
 JsonOption = Annotated[

@@ -72,6 +72,7 @@ def identify(
         ),
     ] = "",
     model: arguments.ModelOption = DEFAULT_MODEL,
+    vehicle: arguments.VehicleOption = "",
     method: Annotated[
         str,
         typer.Option(metavar="NAME", help="reference_iv, least_squares, total_least_squares, extended_iv."),
@@ -96,7 +97,7 @@ def identify(
     ] = False,
 ) -> ExitCode:
     """Identify a motion from logs: the vertical one of a drone, or another with --model."""
-    motion = named_motion(model)
+    motion = named_motion(model, vehicle)
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
     outputs = chosen_outputs(json, figure, chosen.files)
     options = flight_options(

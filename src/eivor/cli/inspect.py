@@ -34,11 +34,12 @@ def inspect(
     input_channel: arguments.InputOption = "",
     input_map: arguments.InputMapOption = "",
     model: arguments.ModelOption = DEFAULT_MODEL,
+    vehicle: arguments.VehicleOption = "",
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
 ) -> ExitCode:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
-    motion = named_motion(model)
+    motion = named_motion(model, vehicle)
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
     chosen_outputs(json, "", chosen.files)
     options = flight_options(

@@ -107,17 +107,18 @@ def chosen_logs(texts: list[str] | None, *, example: bool, channel_map: str) -> 
     return ChosenLogs(tuple(map(arguments.log_argument, texts or ())), example, channel_map)
 
 
-def named_motion(name: str) -> Motion[Any]:
-    """Return the motion of a name; its channels are known from then on.
+def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
+    """Return the motion of a name, of a vehicle where one is given; its channels are known from then on.
 
     Raises
     ------
     UsageError
-        With the motions that there are.
+        With the motions that there are; and when the motion does not ask what flies.
     """
     from eivor.motions import motion_by_name
 
-    return motion_by_name(name)
+    motion = motion_by_name(name)
+    return motion.of_vehicle(vehicle) if vehicle else motion
 
 
 def flight_options(

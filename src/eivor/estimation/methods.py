@@ -27,6 +27,7 @@ __all__ = [
     "least_squares",
     "reference_iv",
     "total_least_squares",
+    "whitened_least_squares",
 ]
 
 
@@ -43,6 +44,11 @@ def reference_iv() -> LinearMethod:
 def least_squares() -> LinearMethod:
     """Least squares, the paper's (9), (10); with a lag to find, nonlinear least squares."""
     return LinearMethod("least_squares", Direct(), AugmentedLeastSquares())
+
+
+def whitened_least_squares() -> LinearMethod:
+    """Least squares of whitened rows in frequency, each axis of each run with the weight of its own noise."""
+    return LinearMethod("whitened_least_squares", Direct(), LeastSquares(), SpectralWhitening())
 
 
 def total_least_squares() -> LinearMethod:
@@ -106,6 +112,7 @@ def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:
 TABLE: dict[str, Callable[[], Method]] = {
     "reference_iv": reference_iv,
     "least_squares": least_squares,
+    "whitened_least_squares": whitened_least_squares,
     "total_least_squares": total_least_squares,
     "extended_iv": extended_iv,
 }

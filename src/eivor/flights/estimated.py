@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,6 +69,12 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
     """
     joint = joint_quantities(estimate)
     lag = joint.get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    if DELAY.name in joint and ACTUATOR_LAG.name in joint:
+        return {
+            ACTUATOR_LAG.name: lag,
+            DELAY.name: joint[DELAY.name],
+            EFFECTIVE_LAG: replace(_sum_of_both(estimate), lowest=0.0),
+        }
     if DELAY.name in joint:
         return {ACTUATOR_LAG.name: lag, DELAY.name: joint[DELAY.name], EFFECTIVE_LAG: joint[DELAY.name]}
     effective = lag
@@ -86,6 +93,14 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
         effective = Unjudged(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
     delay = chosen(named[DELAY.name], estimate)
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
+
+
+def _sum_of_both(estimate: Estimate) -> Unjudged:
+    """Lag and delay together, where both were searched for between their grids' values."""
+    direction = estimate.direction(ACTUATOR_LAG.name) + estimate.direction(DELAY.name)
+    interval = estimate.interval_of(lambda candidate: (float(direction @ candidate.values), direction))
+    error = estimate.best.covariance.std_error(direction)
+    return Unjudged(float(direction @ estimate.best.values), "s", error, interval)
 
 
 def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:

@@ -14,6 +14,7 @@ from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.airborne import Active, airborne_by_log
@@ -339,6 +340,8 @@ class Motion(ABC, Generic[P]):
     of_flight: ClassVar[tuple[str, ...]] = ()
     """Linear parameters that belong to the flight (wind, load) and not to the vehicle: flights of a pool have
     each their own. Names out of the problem's parameters; what belongs to a run is none of them."""
+    direct: ClassVar[str] = "least_squares"
+    """Method that serves when no instrument is at hand."""
     memory_s: ClassVar[float] = MEMORY_S
     """Time before a sample that decides the state of what drives the vehicle [s]: 25 of the longest lags."""
     logged_parameters: ClassVar[tuple[str, ...]] = ()
@@ -356,6 +359,18 @@ class Motion(ABC, Generic[P]):
         UsageError
             With what there is.
         """
+
+    def of_vehicle(self, vehicle: str) -> Motion[P]:
+        """Return the same motion of a vehicle that a user describes, by a name or a file.
+
+        Raises
+        ------
+        UsageError
+            When the motion has no use for one.
+        """
+        raise UsageError(
+            "a motion that asks what flies", f"'{self.name}', which does not", f"Leave out {vehicle!r}."
+        )
 
     @abstractmethod
     def select(self, log: Recording, options: FlightOptions) -> Selection:

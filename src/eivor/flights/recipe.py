@@ -37,8 +37,6 @@ from eivor.signals.recording import Finding
 
 #: What other motions say of the lag, when it is asked for.
 LagsBeside = Callable[[], tuple[ToldLag, ...]]
-#: Method that serves when no instrument is at hand.
-FALLBACK = "least_squares"
 
 
 def estimated(
@@ -73,7 +71,7 @@ def estimated(
     method = by_name(options.method)
     chosen = instruments(flying, options, method)
     if method.needs_instruments and chosen.absent:
-        method = by_name(FALLBACK)
+        method = by_name(motion.direct)
     try:
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))

@@ -28,6 +28,7 @@ GROUP = "eivor.motions"
 _OWN = {
     "vertical": "eivor.motions.vertical.motion:Vertical",
     "rates": "eivor.motions.rates.motion:Rates",
+    "rigid-body": "eivor.motions.rigid_body.motion:RigidBody",
 }
 #: What is identified unless something else is asked for.
 DEFAULT = "vertical"

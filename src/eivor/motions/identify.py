@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
+from os import PathLike
 from types import NoneType
 from typing import Any, TypedDict, Unpack
 
@@ -43,6 +44,7 @@ def identify_flight(
     *,
     windows: Sequence[tuple[float, float] | None] | None = None,
     model: str | Motion[Any] = DEFAULT,
+    vehicle: str | PathLike[str] = "",
     **choices: Unpack[Choices],
 ) -> FlightEstimate:
     """Identify a motion from a flight, or from several flights of one vehicle together.
@@ -57,7 +59,10 @@ def identify_flight(
     windows : sequence of (start, end) or None, optional
         A window [s] for each recording, in place of the options' for those that have one.
     model : str or Motion
-        What to identify: "vertical", the name of a motion that another package brings, or a motion itself.
+        What to identify: "vertical", "rates", "rigid-body", the name of a motion that another package
+        brings, or a motion itself.
+    vehicle : str or path, optional
+        What flies, for motions that ask: the name of a shipped vehicle, or a vehicle file.
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
@@ -94,6 +99,9 @@ def identify_flight(
         raise UsageError(
             "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
         )
+    checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
+    if vehicle:
+        motion = motion.of_vehicle(str(vehicle))
     chosen = _chosen(options, choices)
     if windows is None:
         windows = [None] * len(logs)

@@ -175,7 +175,8 @@ def _autocorrelation(
 
 
 def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]) -> None:
-    """Amplitude of what the input does to each axis, and of what the model leaves."""
+    """Amplitude of what the input does to each axis of one unit, and of what the model leaves."""
+    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit)
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
         for values, colour, label in (

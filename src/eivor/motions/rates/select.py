@@ -59,7 +59,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
     axes = axes_of(log)
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
-        _refuse_degrees(rate, log)
+        refuse_degrees(rate, log)
     slowest = min(rate.rate_hz for rate in rates.values())
     return Selection(
         family,
@@ -79,7 +79,14 @@ _NO_YAW = Finding(
 )
 
 
-def _refuse_degrees(rate: Channel, log: Recording) -> None:
+def refuse_degrees(rate: Channel, log: Recording) -> None:
+    """Refuse a rate that is faster than any vehicle turns.
+
+    Raises
+    ------
+    InputError
+        When it is.
+    """
     fastest = float(np.nanmax(np.abs(rate.values), initial=0.0))
     usual = float(np.nanquantile(np.abs(rate.values), 0.99)) if rate.values.size else 0.0
     if usual > FASTEST_RATE:

@@ -1,0 +1,27 @@
+"""Velocity on the body's axes, of velocity in the world and attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eivor.shapes import Float
+from eivor.signals.signals import Signals
+
+NEEDED = (*(f"velocity_{axis}" for axis in "xyz"), *(f"attitude_{part}" for part in "wxyz"))
+
+
+def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
+    """Velocity forward, left and up of the body [m/s]; None where velocity or attitude are not known."""
+    if not set(NEEDED) <= set(signals.channels):
+        return None
+    w, x, y, z = (signals.channel(f"attitude_{part}") for part in "wxyz")
+    length = np.sqrt(w * w + x * x + y * y + z * z)
+    w, x, y, z = (part / np.where(length > 0.0, length, 1.0) for part in (w, x, y, z))
+    u, v, s = (signals.channel(f"velocity_{axis}") for axis in "xyz")
+    return np.column_stack(
+        [
+            (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y + w * z) * v + 2.0 * (x * z - w * y) * s,
+            2.0 * (x * y - w * z) * u + (1.0 - 2.0 * (x * x + z * z)) * v + 2.0 * (y * z + w * x) * s,
+            2.0 * (x * z + w * y) * u + 2.0 * (y * z - w * x) * v + (1.0 - 2.0 * (x * x + y * y)) * s,
+        ]
+    )

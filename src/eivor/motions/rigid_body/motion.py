@@ -1,0 +1,167 @@
+"""A multirotor as a rigid body, as the recipe and the reports see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.airborne import Active
+from eivor.flights.allowance import Allowance, clock_allowance
+from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
+from eivor.flights.grid import Grid
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Unjudged
+from eivor.flights.selection import Selection
+from eivor.inference.verdict import Reason
+from eivor.models.instruments import InstrumentRule
+from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
+from eivor.motions.rates.axes import AXES
+from eivor.motions.rates.select import active
+from eivor.motions.rigid_body.flights import rigid_body_problem
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
+from eivor.motions.rigid_body.quantities import at_hover
+from eivor.motions.rigid_body.rule import all_grounds
+from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
+from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
+from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
+from eivor.shapes import Float
+from eivor.signals.recording import Recording
+
+
+@dataclass(frozen=True)
+class RigidBody(Motion[LaggedRuns]):
+    """Turning about three axes and the force along them, behind the lag of the rotors.
+
+    Parameters
+    ----------
+    vehicle : KnownVehicle, optional
+        What flies; without it nothing is identified.
+    """
+
+    vehicle: KnownVehicle | None = None
+
+    name = "rigid-body"
+    model_name = "rigid_body"
+    equation = EQUATION
+    wording = QUANTITIES
+    shown = SHOWN
+    headline = (THRUST.name, GAIN[0].name, GAIN[1].name, EFFECTIVE_LAG)
+    rows = headline
+    words = WORDS
+    inputs = INPUTS
+    needed = tuple(axis.rate for axis in AXES)
+    references = REFERENCES
+    direct = "whitened_least_squares"
+
+    @property
+    def layout(self) -> RotorLayout:
+        """Where the rotors are.
+
+        Raises
+        ------
+        UsageError
+            When nobody said what flies.
+        """
+        if self.vehicle is None:
+            raise UsageError(
+                "a vehicle: places and spins of its rotors tell what turns it",
+                "none",
+                f"Give one with --vehicle: a file, which `eivor vehicle new` begins, or one of "
+                f"{', '.join(shipped_vehicles())}.",
+            )
+        return RotorLayout(self.vehicle)
+
+    def check(self, options: FlightOptions) -> None:
+        """Refuse to begin without a vehicle, see `Motion.check`."""
+        _ = options, self.layout
+
+    def of_vehicle(self, vehicle: str) -> RigidBody:
+        """Return the same motion of a vehicle, by the name of a shipped one or from a file."""
+        return replace(self, vehicle=load_vehicle(vehicle))
+
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Rotors, rates, forces, velocity and attitude, see `Motion.select`."""
+        return selected(log, options, self.layout)
+
+    def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
+        """Samples in the air, see `Motion.active`."""
+        return active(log, grid)
+
+    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
+        return rigid_body_problem(flights, self.layout, rule)
+
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+        """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
+        found = {**at_hover(problem, joint_quantities(estimate)), **lag_quantities(problem, estimate)}
+        return {name: found[name] for name in QUANTITIES if name in found}
+
+    def allowances(
+        self,
+        _problem: LaggedRuns,
+        _estimate: Estimate,
+        flights: tuple[PreparedFlight, ...],
+        _quantities: Mapping[str, Unjudged],
+        _at: Circumstances,
+        /,
+    ) -> Mapping[str, tuple[Allowance, ...]]:
+        """What the stamps of the commands leave open of the lag, see `Motion.allowances`."""
+        found = clock_allowance(max(flight.command_slack_s for flight in flights))
+        return {name: found for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if found}
+
+    def grounds(
+        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """The rule of the verdict, see `eivor.motions.rigid_body.rule`."""
+        return all_grounds(quantities, strength, at)
+
+    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
+        """Standard deviations of the rates."""
+        spreads = [
+            float(np.rad2deg(np.std(np.concatenate([f.signals.channel(axis.rate)[f.used] for f in flights]))))
+            for axis in AXES
+        ]
+        roll, pitch, yaw = spreads
+        return (
+            f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s (standard "
+            "deviations)."
+        )
+
+    def symbols(self, flight: PreparedFlight) -> str:
+        """What n is in this flight."""
+        how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
+        return f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
+
+    def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
+        """Angular acceleration about each axis and force along it, within the bands; see `Motion.traces`."""
+        driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
+        found = []
+        for axis in problem.axes:
+            series = problem.series_in_band(estimate.best.at, axis, estimate.best.theta, driving)
+            turning = axis < FORCE_X
+            words = (
+                f"{TURNING[axis]} acceleration"
+                if turning
+                else f"specific force along {ALONG[axis - FORCE_X]}"
+            )
+            found.append(Trace(words, "rad/s²" if turning else "m/s²", "model", "rotors", *series.T))
+        return tuple(found)
+
+    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+        """Rates, see `Motion.overview`."""
+        return tuple(
+            Panel(f"{axis.name} rate\n[deg/s]", np.rad2deg(flight.signals.channel(axis.rate)))
+            for axis in AXES
+        )
+
+    def advice(self, log_format: str) -> tuple[CardSection, ...]:
+        """What to fly and to log, see `Motion.advice`."""
+        return rigid_body_card(log_format)

@@ -1,0 +1,37 @@
+"""Parameters of the rigid body's equations: which stand in which, and what moves with lag and delay.
+
+    p'  = beta_1 q r + alpha_p sum y phi + o_p sum phi - d_p p + b
+    q'  = beta_2 p r - alpha_q sum x phi + o_q sum phi - d_q q + b
+    r'  = beta_3 p q + alpha_r sum s phi + j sum s n' - d_r r + b
+    s_z = alpha_z sum phi - d_z v_z + h (v_x^2 + v_y^2) + b
+    s_x = -d_x v_x + b, s_y alike
+
+phi is the input map of a rotor's state n, which lags behind its command: tau n' + n = command(t - d). v is
+the velocity on the body's axes, through air at rest. o is what a centre of mass beside the middle of the
+rotors does.
+"""
+
+from __future__ import annotations
+
+from eivor.models.equation import Parameter
+
+TURNING = ("roll", "pitch", "yaw")
+ALONG = ("x", "y", "z")
+#: Numbers of the equations: turning first, then the specific force along each axis.
+ROLL, PITCH, YAW, FORCE_X, FORCE_Y, FORCE_Z = range(6)
+
+COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
+DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
+DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
+LIFT = Parameter("translational_lift", "1/m")
+GAIN = (
+    Parameter("roll_gain", "rad/s^2/m"),
+    Parameter("pitch_gain", "rad/s^2/m"),
+    Parameter("yaw_gain", "rad/s^2"),
+)
+OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
+REACTION = Parameter("rotor_reaction", "")
+THRUST = Parameter("thrust_gain", "m/s^2")
+
+#: Parameters of what the rotors drive.
+DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)

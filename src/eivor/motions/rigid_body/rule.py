@@ -1,0 +1,150 @@
+"""The rule of the rigid body's verdicts; the overall one is that of thrust, roll and pitch gain and the lag.
+
+Each quantity is judged by the instruments of its own equation, and by its own interval:
+
+* refused: instruments too weak for it, a gain that cannot be told from zero or has the wrong sign; *
+provisional: a direct method, for want of references; * identified: a half-width of at most a tenth of a
+gain, a half of a drag or a damping, .1 of a coupling, 10 ms of
+  the lag;
+* weak otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved, untold
+from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.quantity import Unjudged
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
+from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+
+GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
+SHORT_FLIGHT_S = 10.0
+COMMAND_RATE_HZ = 45.0
+FLY = (
+    "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
+    "calm air."
+)
+LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
+LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
+
+_GAINS = {one.name for one in (*GAIN, THRUST)}
+_SLOW = {one.name for one in (*DAMPING, *DRAG, LIFT)}
+_COUPLINGS = {one.name for one in COUPLING}
+
+
+def all_grounds(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> dict[str, tuple[Reason, ...]]:
+    """Grounds against every quantity that there is."""
+    lag = (*_shared(_of(strength), at), *_lag_reasons(quantities))
+    found = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    for name, quantity in quantities.items():
+        if name in found:
+            continue
+        reasons = [*_shared(_of(strength, name), at), *_lag_reasons(quantities)]
+        if not untold(name, strength):
+            reasons += _interval_reasons(name, quantity, at)
+        found[name] = tuple(reasons)
+    return found
+
+
+def _of(strength: Strength, *names: str) -> Strength:
+    kept = (*names, ACTUATOR_LAG.name)
+    return replace(
+        strength,
+        first_stage={name: f for name, f in strength.first_stage.items() if name in kept},
+        robust={name: found for name, found in strength.robust.items() if name in kept},
+    )
+
+
+def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
+    reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
+    if strength.p_value < BEYOND_DOUBT:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
+                "moves the vehicle that the model does not have.",
+                "Fly in calm air and away from the ground, and keep the motors from their limits.",
+            )
+        )
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The rotors are logged at {at.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz are needed.",
+                "Log them at 100 Hz or more.",
+            )
+        )
+    if at.used_s < SHORT_FLIGHT_S:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Only {at.used_s:.3g} s could be used; {SHORT_FLIGHT_S:.0f} s are needed.",
+                "Fly longer, or pool several flights.",
+            )
+        )
+    reasons.extend(given_lag_reasons(at))
+    return reasons
+
+
+def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[Reason]:
+    words = name.replace("_", " ")
+    low, high = quantity.interval
+    if name in _GAINS:
+        if high < 0.0:
+            return [
+                Reason(
+                    Status.REFUSED,
+                    f"The {words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}.",
+                    "Correct positions and spins in the vehicle file, in the order of the rotor commands.",
+                )
+            ]
+        if low <= 0.0:
+            return [Reason(Status.REFUSED, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+    if name in _SLOW and low <= 0.0:
+        return [Reason(Status.WEAK, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+    share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
+    allowed = (
+        share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else float("inf")
+    )
+    if quantity.half_width > allowed:
+        return [
+            Reason(
+                Status.WEAK,
+                f"The {words} is known to +-{quantity.half_width:.2g} only; identified asks for "
+                f"+-{allowed:.2g}.",
+                "Fly larger and quicker steps, or longer.",
+            )
+        ]
+    return []
+
+
+def _what_is_wrong(name: str) -> str:
+    if name == THRUST.name:
+        return "the rotor commands, or the accelerometer along z, have the wrong sign"
+    if name == GAIN[2].name:
+        return (
+            "the rotors spin the other way than the vehicle file says, or the rate of yaw has the wrong sign"
+        )
+    axis = name.removesuffix("_gain")
+    return (
+        f"the rotors' order about {axis} is another than that of the vehicle file, or the rate of {axis} has "
+        "the wrong sign"
+    )
+
+
+def _lag_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+    lag = quantities["effective_lag"]
+    if lag.half_width <= LAG_WITHIN_S:
+        return []
+    sentence = (
+        f"The rotors' lag is known to +-{lag.half_width * 1e3:.0f} ms only; +-{LAG_WITHIN_S * 1e3:.0f} ms is "
+        "needed."
+    )
+    return [Reason(Status.WEAK, sentence, "Fly quicker steps, and log rotors and rates faster.")]

@@ -1,0 +1,114 @@
+"""Channels of the rigid body: rotors, rates, forces, velocity and attitude."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eivor.errors import InputError
+from eivor.flights.options import FlightOptions
+from eivor.flights.selection import InputFamily, Selection, chosen_input
+from eivor.motions.rates.axes import AXES
+from eivor.motions.rates.select import refuse_degrees
+from eivor.motions.rigid_body.body_velocity import NEEDED as FOR_BODY_VELOCITY
+from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+
+INPUTS = (
+    InputFamily("rotor_command", input_map="square", numbered=True),
+    InputFamily("rotor_speed", measured=True, input_map="square", numbered=True),
+)
+#: What was asked of height, without the thrust command itself, and of attitude.
+REFERENCES = (
+    *(one for axis in AXES for one in axis.references),
+    *(one for one in HEIGHT_REFERENCES if one.channel.startswith("reference_")),
+)
+#: The grid's step is that of the gyroscope, within these [s].
+SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
+#: All that any of the equations uses [Hz].
+BAND_HZ = (0.05, 20.0)
+#: Quaternions that are further from one in length are none.
+UNIT_WITHIN = 0.05
+
+
+def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Selection:
+    """Channels of a log by role.
+
+    Raises
+    ------
+    MissingChannelError
+        When rotors or rates are not in the log.
+    InputError
+        When the vehicle has no rotors, other rotors than the layout, rates in degrees, or an attitude that
+        is none.
+    """
+    if log.vehicle not in ("", ROTARY_WING):
+        raise InputError(
+            "a log of a multirotor",
+            f"{log.name}, which says that it is of a {log.vehicle}",
+            "Name another motion with --model if you have one.",
+        )
+    family, commands = chosen_input(
+        log, INPUTS, options.input, remedy="Log the rotor commands or speeds at 100 Hz or more"
+    )
+    family = replace(family, input_map=layout.vehicle.thrust_map)
+    if len(commands) != layout.count:
+        raise InputError(
+            f"{layout.count} rotors, as the vehicle has",
+            f"{len(commands)} channels {family.name} in {log.name}",
+            "Give the vehicle file of this vehicle, or map the channels of all its rotors.",
+        )
+    rates = {axis.name: log.channel(axis.rate) for axis in AXES}
+    for rate in rates.values():
+        refuse_degrees(rate, log)
+    _refuse_no_quaternion(log)
+    forces = {f"force_{axis}": log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"}
+    moving = all(name in log.channels for name in FOR_BODY_VELOCITY)
+    conditions = tuple(log.channel(name) for name in FOR_BODY_VELOCITY) if moving else ()
+    step_s = float(np.median(np.diff(rates["roll"].time_s)))
+    return Selection(
+        family,
+        commands,
+        states=rates,
+        responses=forces,
+        conditions=conditions,
+        band_hz=BAND_HZ,
+        findings=tuple(_findings(forces, moving)),
+        issued_within_s=step_s,
+        step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
+        spread_alike=True,
+    )
+
+
+def _refuse_no_quaternion(log: Recording) -> None:
+    parts = [log.channels.get(f"attitude_{part}") for part in "wxyz"]
+    known = [part.values for part in parts if part is not None]
+    if len(known) != 4 or len({part.size for part in known}) != 1:
+        return
+    length = np.sqrt(sum(part * part for part in known))
+    usual = float(np.nanmedian(np.abs(length - 1.0))) if length.size else 0.0
+    if usual > UNIT_WITHIN:
+        raise InputError(
+            f"an attitude quaternion of length 1 in {log.name}",
+            f"a length of {float(np.nanmedian(length)):.3g}",
+            "Map its four parts w, x, y, z in this order, from body to world.",
+        )
+
+
+def _findings(forces: dict[str, Channel | None], moving: bool) -> list[Finding]:
+    found = []
+    if not moving:
+        found.append(
+            Finding(
+                "no_body_velocity",
+                "Velocity or attitude is not logged: drag is not told, and the thrust gain has it in it.",
+            )
+        )
+    absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
+    if absent:
+        found.append(
+            Finding("no_body_force", f"No specific force along {', '.join(absent)}: nothing is told of it.")
+        )
+    return found

@@ -1,0 +1,168 @@
+"""The rigid body: what a flight with rotor commands tells of every axis."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from eivor.errors import InputError, UsageError
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
+from eivor.motions import motion_by_name
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.signals.recording import Channel, Recording
+from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body.sensors import Sensor
+from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec, Sensors
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=16.0, seed=3)
+EXACT = Sensors(*[Sensor()] * 5)
+
+
+def known(spec: RigidBodyFlightSpec) -> KnownVehicle:
+    rotors = spec.vehicle.rotors
+    return KnownVehicle("simulated", tuple((x, y) for x, y, _ in rotors.positions), rotors.spins)
+
+
+def flown(spec: RigidBodyFlightSpec = SPEC) -> RigidBodyFlight:
+    return next(iter(simulate_rigid_body_flights([spec])))
+
+
+def truth_of(flight: RigidBodyFlight) -> dict[str, float]:
+    parameters = flight.truth.parameters
+    turning = ("roll", "pitch", "yaw")
+    return {
+        **{f"{axis}_gain": gain for axis, gain in zip(turning, parameters.torque_gains, strict=True)},
+        **{f"{axis}_coupling": one for axis, one in zip(turning, parameters.gyroscopic_ratios, strict=True)},
+        **{f"drag_{axis}": drag for axis, drag in zip("xyz", parameters.drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain,
+        "effective_lag": parameters.lag_up + parameters.delay,
+    }
+
+
+def changed(log: Recording, **channels: Channel | None) -> Recording:
+    merged = {**log.channels, **channels}
+    return replace(log, channels={name: channel for name, channel in merged.items() if channel is not None})
+
+
+@pytest.fixture(scope="module")
+def flight() -> RigidBodyFlight:
+    return flown()
+
+
+@pytest.fixture(scope="module")
+def fit(flight) -> FlightEstimate:
+    return identify_flight(flight.recording, model=RigidBody(known(SPEC)))
+
+
+@pytest.mark.thorough
+def test_commands_and_noisy_sensors_tell_every_axis(flight, fit):
+    assert fit.verdict.status is Status.IDENTIFIED
+    truth = truth_of(flight)
+    for name, allowed in {
+        "roll_gain": 5e-3,
+        "pitch_gain": 5e-3,
+        "yaw_gain": 5e-3,
+        "effective_lag": 5e-3,
+    }.items():
+        assert fit.quantities[name].value == pytest.approx(truth[name], rel=allowed)
+    for name in ("roll_gain", "pitch_gain", "thrust_gain", "effective_lag", "drag_z", "pitch_coupling"):
+        low, high = fit.quantities[name].interval
+        margin = 0.3 * (high - low)  # an interval of 95 % is not asked to hold every time
+        assert low - margin <= truth[name] <= high + margin
+
+
+@pytest.mark.thorough
+def test_without_noise_the_numbers_are_those_of_the_vehicle():
+    flight = flown(replace(SPEC, sensors=EXACT, duration=30.0))
+    found = identify_flight(flight.recording, model=RigidBody(known(SPEC)), method="whitened_least_squares")
+    for name, truth in truth_of(flight).items():
+        expected = (
+            pytest.approx(truth, abs=1e-3) if name == "yaw_coupling" else pytest.approx(truth, rel=1e-3)
+        )
+        assert found.quantities[name].value == expected, name
+
+
+@pytest.mark.thorough
+def test_a_delay_is_told_from_the_lag():
+    rotors = replace(SPEC.vehicle.rotors, delay=0.004)
+    flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, rotors=rotors), duration=30.0))
+    found = identify_flight(flight.recording, model=RigidBody(known(SPEC)))
+    assert found.quantities["delay"].value == pytest.approx(0.004, abs=3e-4)
+    assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=5e-3)
+
+
+@pytest.mark.thorough
+def test_spins_that_contradict_the_data_are_named(flight):
+    turned = replace(known(SPEC), spins=tuple(-spin for spin in SPEC.vehicle.rotors.spins))
+    found = identify_flight(flight.recording, model=RigidBody(turned))
+    (reason,) = [r for r in found.quantities["yaw_gain"].reasons if "spin" in r.sentence]
+    assert reason.status is Status.REFUSED
+    assert found.quantities["roll_gain"].verdict is Status.IDENTIFIED
+
+
+@pytest.mark.thorough
+def test_an_order_that_contradicts_the_data_is_named(flight):
+    positions = known(SPEC).positions
+    mirrored = replace(known(SPEC), positions=tuple((x, -y) for x, y in positions))
+    found = identify_flight(flight.recording, model=RigidBody(mirrored))
+    assert found.verdict.status is Status.REFUSED
+    assert any("order about roll" in reason.sentence for reason in found.quantities["roll_gain"].reasons)
+
+
+@pytest.mark.thorough
+def test_without_velocity_drag_is_not_told_and_it_is_said(flight):
+    blind = changed(flight.recording, **{f"velocity_{axis}": None for axis in "xyz"})
+    found = identify_flight(blind, model=RigidBody(known(SPEC)))
+    assert not any(name.startswith("drag") for name in found.quantities)
+    assert any(finding.name == "no_body_velocity" for finding in found.findings)
+    assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=0.02)
+
+
+def test_a_vehicle_is_asked_for(flight):
+    with pytest.raises(UsageError, match="--vehicle"):
+        identify_flight(flight.recording, model="rigid-body")
+
+
+def test_a_vehicle_may_be_named_or_come_from_a_file(flight, tmp_path: Path):
+    named = motion_by_name("rigid-body").of_vehicle("crazyflie-2x")
+    assert named.vehicle is not None
+    assert len(named.vehicle.spins) == 4
+    with pytest.raises(UsageError, match="asks what flies"):
+        identify_flight(flight.recording, model="vertical", vehicle="crazyflie-2x")
+    with pytest.raises(InputError):
+        identify_flight(flight.recording, model="rigid-body", vehicle=tmp_path / "none.toml")
+
+
+def test_rotors_must_be_as_many_as_the_vehicle_has(flight):
+    three = changed(flight.recording, rotor_command_4=None)
+    with pytest.raises(InputError, match="4 rotors"):
+        identify_flight(three, model=RigidBody(known(SPEC)))
+
+
+def test_a_quaternion_of_another_length_is_refused(flight):
+    log = flight.recording
+    longer = {
+        f"attitude_{part}": replace(
+            log.channels[f"attitude_{part}"], values=2.0 * log.channels[f"attitude_{part}"].values
+        )
+        for part in "wxyz"
+    }
+    with pytest.raises(InputError, match="length 1"):
+        identify_flight(changed(log, **longer), model=RigidBody(known(SPEC)))
+
+
+@pytest.mark.thorough
+def test_pictures_have_a_trace_for_each_axis(fit):
+    assert fit.fit is not None
+    axes = [trace.axis for trace in fit.fit.traces(fit.motion)]
+    assert axes[:3] == ["roll acceleration", "pitch acceleration", "yaw acceleration"]
+    assert axes[3:] == [f"specific force along {axis}" for axis in "xyz"]
+    for trace in fit.fit.traces(fit.motion)[:3]:
+        assert np.std(trace.measured - trace.predicted) < 0.3 * np.std(trace.measured)
