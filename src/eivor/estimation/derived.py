@@ -7,16 +7,15 @@ and profiles it when it is not; `ratio` makes no such assumption about its denom
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
-from eivor.inference.covariances.covariance import CovariancePart
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.quantiles import check_level, t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.fieller import fieller_set
@@ -27,6 +26,23 @@ from eivor.shapes import Float
 LARGEST_BEND = 0.05
 
 Function = Callable[[Mapping[str, float]], float]
+OfVector = Callable[[Float[np.ndarray, " n"]], float]
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """A vector of estimates with its covariance.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The vector.
+    covariance : JointCovariance
+        Of it.
+    """
+
+    values: Float[np.ndarray, " n"]
+    covariance: JointCovariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,24 +103,61 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         checks.number("what the function gives", found)
         return float(found)
 
+    found = derived_from(of_vector, joint_estimates(estimate, level), level)
+    if math.isnan(found.bend) or not all(
+        math.isfinite(number) for number in (found.value, found.std_error, *found.interval)
+    ):
+        raise UsageError(
+            "a function that is finite within the interval",
+            f"{found.value} with the interval {found.interval}",
+            "For a ratio whose denominator may be zero use eivor.ratio.",
+        )
+    return found
+
+
+def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ...]:
+    """Vectors of the candidates that fit, the best first."""
+    others = [one for one in estimate.tenable(level) if one is not estimate.best]
+    return tuple(JointEstimate(one.values, one.covariance) for one in (estimate.best, *others))
+
+
+def derived_from(
+    function: OfVector,
+    candidates: Sequence[JointEstimate],
+    level: float,
+    largest_bend: float = LARGEST_BEND,
+) -> DerivedQuantity:
+    """A smooth function of a vector of estimates, with an interval that is a union over candidates.
+
+    Parameters
+    ----------
+    function : callable
+        Of the vector.
+    candidates : sequence of JointEstimate
+        Vectors with their covariances; the first one's value counts.
+    level : float
+        Confidence level.
+    largest_bend : float
+        Share of the half-width by which the function may bend before it is profiled.
+
+    Notes
+    -----
+    Performs no checks.
+    """
     pieces = [
-        _of_part(of_vector, candidate, part, level)
-        for candidate in estimate.tenable(level)
+        _of_part(function, candidate, part, level, largest_bend)
+        for candidate in candidates
         for part in candidate.covariance.parts
     ]
     found = [piece.interval for piece in pieces]
     interval = min(low for low, _ in found), max(high for _, high in found)
-    best = estimate.best
+    best = candidates[0]
     scale = np.sqrt(np.diag(best.covariance.matrix))
-    error = best.covariance.std_error(gradient_of(of_vector, best.values, scale))
-    value, bend = of_vector(best.values), max(piece.bend for piece in pieces)
-    if math.isnan(bend) or not all(math.isfinite(number) for number in (value, error, *interval)):
-        raise UsageError(
-            "a function that is finite within the interval",
-            f"{value} with the interval {interval}",
-            "For a ratio whose denominator may be zero use eivor.ratio.",
-        )
-    return DerivedQuantity(value, error, interval, bend, any(piece.profiled for piece in pieces))
+    error = best.covariance.std_error(gradient_of(function, best.values, scale))
+    bend = max(piece.bend for piece in pieces)
+    return DerivedQuantity(
+        function(best.values), error, interval, bend, any(piece.profiled for piece in pieces)
+    )
 
 
 def ratio(
@@ -163,10 +216,11 @@ def _half_widths(part: CovariancePart, level: float) -> float:
 
 
 def _of_part(
-    function: Callable[[Float[np.ndarray, " n"]], float],
-    candidate: Candidate,
+    function: OfVector,
+    candidate: JointEstimate,
     part: CovariancePart,
     level: float,
+    largest_bend: float,
 ) -> DerivedQuantity:
     """Quantity of one candidate, under one assumption on the residual."""
     values, t = candidate.values, _half_widths(part, level)
@@ -182,7 +236,7 @@ def _of_part(
         for sign in (-1.0, 1.0)
     )
     bend = away / half if half > 0.0 else (0.0 if away == 0.0 else math.inf)
-    if bend <= LARGEST_BEND:
+    if bend <= largest_bend:
         return DerivedQuantity(centre, error, (centre - half, centre + half), bend, profiled=False)
     interval = profile_interval(function, values, part.matrix, t)
     return DerivedQuantity(centre, error, interval, bend, profiled=True)

@@ -1,0 +1,353 @@
+"""Physical parameters: back to a vehicle's own numbers, honest intervals, and what is said without them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from eivor.errors import ShapeError, UsageError
+from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.effective import effective_parameters
+from eivor.motions.rigid_body.known_number import KnownNumber
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.physical import physical_parameters
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+AXES = "xyz"
+TURNING = ("roll", "pitch", "yaw")
+
+
+def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
+    """What a flight shows: commands in units of so many rad/s, positions in units of so many metres."""
+    told = effective_parameters(vehicle)
+    alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in told.torque_gains)
+    return {
+        "roll_gain": alpha_p * arm,
+        "pitch_gain": alpha_q * arm,
+        "yaw_gain": alpha_r,
+        # p' has alpha_p sum (y - y_c) phi, and q' has -alpha_q sum (x - x_c) phi
+        "roll_offset": -alpha_p * offset[1],
+        "pitch_offset": alpha_q * offset[0],
+        "thrust_gain": told.thrust_gain * command**2,
+        "rotor_reaction": told.rotor_reaction * command,
+        "translational_lift": told.translational_lift,
+        **{f"{name}_coupling": one for name, one in zip(TURNING, told.gyroscopic_ratios, strict=True)},
+        **{f"{name}_damping": one for name, one in zip(TURNING, told.rate_damping, strict=True)},
+        **{f"drag_{name}": one for name, one in zip(AXES, told.drag, strict=True)},
+    }
+
+
+def exact(values):
+    return Combinations.of_values(values, np.zeros((len(values), len(values))))
+
+
+def with_errors(values, relative=0.01, **own):
+    errors = np.array([own.get(name, relative * abs(value)) for name, value in values.items()])
+    return Combinations.of_values(values, np.diag(errors**2))
+
+
+def known_of(vehicle, **given):
+    rotors = vehicle.rotors
+    places = tuple((x, y) for x, y, _ in rotors.positions)
+    usual = {
+        "arm_scale": KnownNumber(1.0),
+        "mass": KnownNumber(vehicle.mass),
+        "speed_scale": KnownNumber(1.0),
+    }
+    return KnownVehicle("it", places, rotors.spins, **(usual | given))
+
+
+VEHICLES = {name: shipped_rigid_body_flight(name).vehicle for name in ("crazyflie", "quadrotor")}
+QUADROTOR = VEHICLES["quadrotor"]
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES.values(), ids=VEHICLES)
+@pytest.mark.parametrize(("command", "arm"), [(1.0, 1.0), (1000.0, 1.0), (0.05, 0.8)])
+def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
+    """Whatever the unit of the commands, and for positions in metres or in arms of a known length."""
+    offset = (0.004, -0.002)
+    found = exact(combinations_of(vehicle, offset, command, arm))
+    known = known_of(vehicle, arm_scale=KnownNumber(arm), speed_scale=KnownNumber(command))
+    told = physical_parameters(found, known)
+    rotors, hover = vehicle.rotors, vehicle.hover_speed
+    ixx, iyy, izz = vehicle.inertia
+    forward, left = (sum(place[axis] ** 2 for place in rotors.positions) for axis in (0, 1))
+    truth = {
+        "inertia_xx": ixx,
+        "inertia_yy": iyy,
+        "inertia_zz": izz,
+        "thrust_quadratic": rotors.thrust_quadratic,
+        "torque_ratio": rotors.torque_ratio,
+        "centre_of_mass_forward": offset[0],
+        "centre_of_mass_left": offset[1],
+        "drag_x": 4.0 * rotors.drag * hover + vehicle.drag.linear[0],
+        "drag_y": 4.0 * rotors.drag * hover + vehicle.drag.linear[1],
+        "drag_z": 4.0 * rotors.inflow * hover + vehicle.drag.linear[2],
+        "translational_lift": 4.0 * rotors.translational_lift,
+        "roll_drag": rotors.inflow * hover * left,
+        "pitch_drag": rotors.inflow * hover * forward,
+        "yaw_drag": rotors.drag * hover * (forward + left),
+        "rotor_inertia": rotors.inertia,
+    }
+    assert {row.name for row in told.rows} == set(truth)
+    for row in told.rows:
+        assert row.told is not None, row.sentence
+        assert row.told.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
+    assert told.contradictions == ()
+
+
+SHORT = {"roll_coupling": 0.4, "pitch_coupling": 0.4}
+RATIO = QUADROTOR.rotors.torque_ratio
+
+
+@pytest.mark.parametrize(
+    ("left_out", "name", "symbol", "remedy"),
+    [  # a row of the table of what is supplied and what is identified for each
+        (("mass",), "inertia_xx", "Ixx/m", "Supply the mass."),
+        (("arm_scale",), "inertia_yy", "Iyy/(m l)", "Supply the arm length."),
+        (("mass", "arm_scale"), "inertia_xx", "Ixx/(m l)", "Supply the mass and the arm length."),
+        (("mass",), "inertia_zz", "Izz/m", "Supply the mass."),
+        (("mass", "arm_scale"), "inertia_zz", "Izz/Ixx", "Supply the mass and the arm length."),
+        (("mass",), "thrust_quadratic", "k/m", "Supply the mass."),
+        (("speed_scale",), "thrust_quadratic", "k", "Supply the rotor speed per unit of command."),
+        (("arm_scale",), "torque_ratio", "kappa/l", "Supply the arm length."),
+        (("arm_scale",), "centre_of_mass_left", "y_c/l", "Supply the arm length."),
+        (("mass",), "drag_z", "D_z/m", "Supply the mass."),
+        (("mass",), "translational_lift", "H/m", "Supply the mass."),
+        (("mass",), "pitch_drag", "B_y/m", "Supply the mass."),
+        (("arm_scale",), "roll_drag", "B_x/Ixx", "Supply the arm length."),
+        (("speed_scale",), "rotor_inertia", "J/Izz", "Supply the rotor speed per unit of command."),
+    ],
+)
+def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remedy):
+    known = known_of(QUADROTOR, **dict.fromkeys(left_out))
+    row = physical_parameters(exact(combinations_of(QUADROTOR)), known)[name]
+    assert row.told is None
+    assert row.instead is not None
+    assert row.instead.symbol == symbol
+    assert row.sentence.startswith(f"{symbol} = ")
+    assert row.sentence.endswith(f"is all that the flight gives without {remedy[len('Supply ') :]} {remedy}")
+
+
+def test_what_is_left_is_right():
+    ixx, _, izz = QUADROTOR.inertia
+    found = exact(combinations_of(QUADROTOR))
+    log_only = physical_parameters(found, known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None))
+    assert all(row.told is None for row in log_only.rows)
+    assert log_only["inertia_xx"].instead.value == pytest.approx(ixx / QUADROTOR.mass)
+    assert log_only["inertia_zz"].instead.value == pytest.approx(izz / ixx)
+    assert log_only["torque_ratio"].instead.value == pytest.approx(RATIO)
+    assert log_only["drag_x"].instead.value == pytest.approx(found.candidates[0].values[-3])
+
+
+def test_izz_needs_more_than_yaw_torque():
+    found = with_errors(combinations_of(QUADROTOR), **SHORT)
+    told = physical_parameters(found, known_of(QUADROTOR))
+    izz = told["inertia_zz"]
+    assert izz.told is None
+    assert "hardly turns about two axes at once" in izz.sentence
+    assert izz.sentence.endswith("Supply the torque ratio or a ratio of Izz to the mean of Ixx and Iyy.")
+    assert izz.instead.value == pytest.approx(QUADROTOR.inertia[2] / QUADROTOR.mass / RATIO)
+    assert told["torque_ratio"].told is None
+    assert told["torque_ratio"].sentence.endswith("Supply a ratio of Izz to the mean of Ixx and Iyy.")
+    for name in ("yaw_drag", "rotor_inertia"):
+        assert told[name].told is None
+        assert told[name].sentence.startswith("Izz is not told.")
+
+
+def test_izz_by_the_torque_ratio():
+    found = with_errors(combinations_of(QUADROTOR), **SHORT)
+    known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.1 * RATIO))
+    told = physical_parameters(found, known)
+    izz = told["inertia_zz"].told
+    assert izz.value == pytest.approx(QUADROTOR.inertia[2])
+    assert izz.std_error == pytest.approx(0.1 * izz.value, rel=0.05)
+    assert "It rests on the torque ratio that was supplied." in told["inertia_zz"].sentence
+    assert told["torque_ratio"].told is None, "what was supplied is not found again"
+    assert told["yaw_drag"].told is not None
+    assert told["rotor_inertia"].told.value == pytest.approx(QUADROTOR.rotors.inertia)
+
+
+def test_izz_by_an_assumption_says_so():
+    found = with_errors(combinations_of(QUADROTOR), **SHORT)
+    ixx, iyy, izz = QUADROTOR.inertia
+    known = known_of(QUADROTOR, yaw_inertia_ratio=KnownNumber(izz / (0.5 * (ixx + iyy))))
+    told = physical_parameters(found, known)
+    assert told["inertia_zz"].told.value == pytest.approx(izz)
+    assert "that was supplied, not on the flight" in told["inertia_zz"].sentence
+    assert told["torque_ratio"].told.value == pytest.approx(RATIO)
+
+
+def test_of_two_ways_to_izz_the_better_one_goes():
+    values = combinations_of(QUADROTOR)
+    for error, words in ((0.001, "gyroscopic couplings"), (0.05, "the torque ratio that was")):
+        found = with_errors(values, 0.001, roll_coupling=error, pitch_coupling=error)
+        known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.01 * RATIO))
+        told = physical_parameters(found, known)
+        assert words in told["inertia_zz"].sentence
+        assert told.contradictions == ()
+        assert "gyroscopic couplings" in told["torque_ratio"].sentence
+
+
+def test_couplings_are_weighted_by_their_errors():
+    values = combinations_of(QUADROTOR)
+    alone = {name: value for name, value in values.items() if name != "pitch_coupling"}
+    both = physical_parameters(
+        with_errors(values, 1e-6, roll_coupling=0.02, pitch_coupling=0.02), known_of(QUADROTOR)
+    )["inertia_zz"].told
+    one = physical_parameters(with_errors(alone, 1e-6, roll_coupling=0.02), known_of(QUADROTOR))
+    assert both.std_error == pytest.approx(one["inertia_zz"].told.std_error / np.sqrt(2.0), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "name", "told"),
+    [
+        ("roll_gain", None, "inertia_xx", "The flight tells no roll_gain."),
+        ("drag_x", None, "drag_x", "The flight tells no drag_x."),
+        ("thrust_gain", None, "inertia_zz", "The flight tells no thrust_gain."),
+        ("roll_gain", 0.6, "inertia_xx", "The flight does not tell roll_gain from zero."),
+        ("pitch_gain", 0.6, "centre_of_mass_forward", "The flight does not tell pitch_gain from zero."),
+        ("roll_gain", -1.0, "inertia_xx", "roll_gain is below zero: positions, order or spins"),
+    ],
+)
+def test_no_number_of_what_is_not_told(change, error, name, told):
+    values = combinations_of(QUADROTOR)
+    errors = {}
+    if error is None:
+        del values[change]
+    elif error > 0.0:
+        errors[change] = error * values[change]
+    else:
+        values[change] *= error
+    row = physical_parameters(with_errors(values, **errors), known_of(QUADROTOR))[name]
+    assert row.told is None
+    assert row.sentence.startswith(told)
+
+
+@pytest.mark.parametrize("error", [np.inf, np.nan])
+def test_no_number_of_what_has_no_finite_variance(error):
+    values = combinations_of(QUADROTOR)
+    found = with_errors(values, drag_x=error, roll_coupling=error, pitch_coupling=error)
+    told = physical_parameters(found, known_of(QUADROTOR))
+    assert told["drag_x"].sentence == "The flight tells no drag_x."
+    assert told["inertia_zz"].told is None
+    assert told["inertia_xx"].told is not None
+
+
+def test_drag_below_zero_is_none():
+    values = combinations_of(QUADROTOR)
+    values["roll_damping"] = -2.5
+    row = physical_parameters(exact(values), known_of(QUADROTOR))["roll_drag"]
+    assert row.told.value < 0.0
+    assert "not the air's drag" in row.sentence
+
+
+def _contradictions(change=(), yaw_error=0.001, **given):
+    values = combinations_of(QUADROTOR) | dict(change)
+    return " ".join(
+        physical_parameters(
+            with_errors(values, 0.001, yaw_coupling=yaw_error), known_of(QUADROTOR, **given)
+        ).contradictions
+    )
+
+
+def test_contradictions_are_said():
+    assert "no body has one beyond -1 or 1" in _contradictions({"roll_coupling": -1.5, "pitch_coupling": 1.5})
+    assert "in place of 0" in _contradictions({"yaw_coupling": 0.3})
+    assert "in place of 0" not in _contradictions({"yaw_coupling": 0.3}, yaw_error=0.2)
+    wrong = KnownNumber(10.0 * RATIO)
+    without = {"roll_coupling": 0.0, "pitch_coupling": 0.0}
+    found = with_errors(combinations_of(QUADROTOR) | without, 0.001, roll_coupling=1.0, pitch_coupling=1.0)
+    told = physical_parameters(found, known_of(QUADROTOR, torque_ratio=wrong)).contradictions
+    assert any("Izz is more than Ixx and Iyy together" in one for one in told)
+    assert "% off that by" in _contradictions(torque_ratio=KnownNumber(1.2 * RATIO))
+
+
+def test_lengths_in_another_unit_are_told():
+    """Positions in millimetres, which a caller of Python can give."""
+    known = known_of(QUADROTOR)
+    wrong = KnownVehicle(
+        "it", tuple((1e3 * x, 1e3 * y) for x, y in known.positions), known.spins, KnownNumber(1.0), known.mass
+    )
+    values = combinations_of(QUADROTOR)
+    values |= {name: 1e-3 * values[name] for name in ("roll_gain", "pitch_gain")}
+    told = physical_parameters(exact(values), wrong).contradictions
+    assert any("check their unit" in one for one in told)
+
+
+def test_thrust_maps_have_constants_of_their_own():
+    values = exact(combinations_of(QUADROTOR, command=1000.0))
+    scale, mass = KnownNumber(1000.0), QUADROTOR.mass
+    gain = QUADROTOR.rotors.thrust_quadratic * 1e6 / mass
+    for thrust_map, constants in (
+        ("linear", {"thrust_linear": (mass * gain / 1e3, "N/(rad/s)")}),
+        ("power:1.5", {"thrust_constant": (mass * gain / 1e3**1.5, "N/(rad/s)^1.5")}),
+        (
+            "mixed:0.25",
+            {
+                "thrust_quadratic": (0.25 * mass * gain / 1e6, "N/(rad/s)^2"),
+                "thrust_linear": (0.75 * mass * gain / 1e3, "N/(rad/s)"),
+            },
+        ),
+    ):
+        told = physical_parameters(values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map))
+        names = {row.name for row in told.rows if row.name.startswith("thrust_")}
+        assert names == set(constants)
+        for name, (value, unit) in constants.items():
+            assert told[name].told.value == pytest.approx(value)
+            assert told[name].told.unit == unit
+
+
+def test_the_widest_covariance_and_every_candidate_count():
+    values = combinations_of(QUADROTOR)
+    one, other = with_errors(values, 0.01), with_errors({n: 1.1 * v for n, v in values.items()}, 0.02)
+    both = Combinations(one.names, (*one.candidates, *other.candidates))
+    known = known_of(QUADROTOR)
+    told = [physical_parameters(found, known)["drag_x"].told for found in (one, other, both)]
+    assert told[2].value == told[0].value
+    assert told[2].interval == pytest.approx((told[0].interval[0], told[1].interval[1]))
+
+
+def test_wrong_calls_are_told():
+    with pytest.raises(ShapeError, match="of 2 combinations"):
+        Combinations.of_values({"a": 1.0, "b": 2.0}, np.eye(3))
+    with pytest.raises(UsageError, match="level"):
+        physical_parameters(exact(combinations_of(QUADROTOR)), known_of(QUADROTOR), level=2.0)
+
+
+def _coverage(seeds, relative):
+    """Share of intervals that hold the truth, by parameter: drawn combinations, drawn supplied numbers."""
+    values = combinations_of(QUADROTOR, (0.004, -0.002)) | {"translational_lift": 1e-3}
+    vector = np.array(list(values.values()))
+    errors = relative * np.abs(vector)
+    correlations = 0.5 * (np.eye(vector.size) + 1.0)
+    root, covariance = np.linalg.cholesky(correlations), correlations * np.outer(errors, errors)
+    truth = physical_parameters(exact(values), known_of(QUADROTOR))
+    supplied = {"arm_scale": (1.0, 0.01), "mass": (QUADROTOR.mass, 0.02), "speed_scale": (1.0, 0.02)}
+    held = {row.name: 0 for row in truth.rows}
+    for seed in range(seeds):
+        rng = np.random.default_rng(seed)
+        drawn = dict(zip(values, vector + errors * (root @ rng.standard_normal(vector.size)), strict=True))
+        given = {
+            name: KnownNumber(value * (1.0 + share * rng.standard_normal()), value * share)
+            for name, (value, share) in supplied.items()
+        }
+        told = physical_parameters(Combinations.of_values(drawn, covariance), known_of(QUADROTOR, **given))
+        for row in told.rows:
+            low, high = row.told.interval
+            held[row.name] += low <= truth[row.name].told.value <= high
+    return {name: count / seeds for name, count in held.items()}
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_intervals_include_what_is_supplied():
+    """Without the errors of mass, arm and scale most of them would hold the truth far less often."""
+    found = _coverage(25, 0.004)
+    assert all(share >= 0.8 for share in found.values()), found
+
+
+@pytest.mark.calibration
+def test_intervals_hold_the_truth():
+    """.95 in 500 draws, with 99 % binomial bounds over all fifteen parameters."""
+    found = _coverage(500, 0.02)
+    assert all(0.92 <= share <= 0.977 for share in found.values()), found
