@@ -42,6 +42,11 @@ def test_input_that_is_never_off_flies_throughout():
     assert result.mask.all()
 
 
+def test_short_cuts_of_the_throttle_do_not_land_a_vehicle():
+    result = found(profile((3.0, 0.0), (10.0, 0.5), (0.3, 0.0), (10.0, 0.5), (3.0, 0.0)))
+    assert stretches(result.mask) == [(300 + MARGIN, 2330 - MARGIN)]
+
+
 def test_input_alone_tells_when_there_is_no_height():
     result = found(profile((2.0, 0.05), (10.0, 0.5), (2.0, 0.0)))
     assert result.rule == "the input (no height is logged)"

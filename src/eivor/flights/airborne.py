@@ -1,11 +1,11 @@
 """Where the vehicle is in the air.
 
-By the land detector where one is logged, which includes its ground contact. Else by a stated rule: it
-flies while its input is above a quarter of the level it flies at (the 95th percentile), if the log shows
-the input below that for half a second or more, and, where the height is logged and the input is off at the
-beginning or the end of the log, only while it is also 0.1 m above the ground (the lower of the median
-heights there: with the input off in mid-air, in a dive, the vehicle is not on the ground). A log whose input
-is never off is taken as airborne throughout.
+By the land detector where one is logged, which includes its ground contact. Else by a stated rule: it flies
+but where its input is below a quarter of the level it flies at (the 95th percentile) for half a second or
+more, if the log shows that, and, where the height is logged and the input is off at the beginning or the end
+of the log, only while it is also 0.1 m above the ground (the lower of the median heights there: with the
+input off in mid-air, in a dive, the vehicle is not on the ground). A log whose input is never off is taken
+as airborne throughout.
 
 Either way motors at idle for half a second or more end the flight: what falls, lies upside down or has
 crashed does not fly, whatever a land detector says.
@@ -101,7 +101,7 @@ def airborne(
         flying = ~landed & ~_idle(input_level, ~landed, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
-    off = input_level < OFF_SHARE * level
+    off = _for_long(input_level < OFF_SHARE * level, step_s)
     if level <= 0.0:
         return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
     if off.sum() * step_s < OFF_FOR_S:
@@ -128,11 +128,15 @@ def _idle(
 ) -> Bool[np.ndarray, " n"]:
     """Samples of motors at idle for so long that nothing flies."""
     level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
-    low = input_level < IDLE_SHARE * level
-    idle = np.zeros(low.size, dtype=np.bool_)
-    for stretch in stretches(low):
-        idle[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
-    return idle
+    return _for_long(input_level < IDLE_SHARE * level, step_s)
+
+
+def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+    """Samples of the stretches of a mask that are half a second long or longer."""
+    held = np.zeros(mask.size, dtype=np.bool_)
+    for stretch in stretches(mask):
+        held[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
+    return held
 
 
 def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
