@@ -13,8 +13,11 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.report.flight_document import flight_document
+from eivor.report.json_document import json_document
 from eivor.signals.recording import Channel, Recording
 from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
 from eivor.simulation.rigid_body.sensors import Sensor
@@ -123,6 +126,26 @@ def test_without_velocity_drag_is_not_told_and_it_is_said(flight):
     assert not any(name.startswith("drag") for name in found.quantities)
     assert any(finding.name == "no_body_velocity" for finding in found.findings)
     assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=0.02)
+
+
+@pytest.mark.thorough
+def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flight, fit):
+    mass = SPEC.vehicle.mass
+    supplied = replace(known(SPEC), mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0))
+    motion = RigidBody(supplied)
+    follows = {one.name: one for one in motion.implications(fit.fit.estimate).numbers}
+    for name, truth in zip(("inertia_xx", "inertia_yy", "inertia_zz"), SPEC.vehicle.inertia, strict=True):
+        low, high = follows[name].interval
+        assert low - 0.01 * truth <= truth <= high + 0.01 * truth
+        assert high - low >= 0.03 * truth  # the mass is known to two per cent and two of them make four
+    # nobody said what a command is in rad/s, and of the first vehicle neither mass nor arms are known
+    assert follows["rotor_inertia"].value is None
+    assert fit.implications.numbers
+    assert all(one.value is None for one in fit.implications.numbers if one.name.startswith("inertia"))
+    assert any("mass" in one.sentence for one in fit.implications.numbers)
+    headings = [section.heading for section in flight_document(replace(fit, motion=motion)).sections]
+    assert "What follows for the vehicle" in headings
+    assert json_document(replace(fit, motion=motion))["implied"]
 
 
 def test_a_vehicle_is_asked_for(flight):

@@ -66,6 +66,8 @@ SCHEMA: dict[str, Any] = {
         "delay": QUANTITY,
     },
     "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY, "time_constant": QUANTITY},
+    "implied": [],
+    "contradictions": [],
     "covariance": (dict, type(None)),
     "prediction": (dict, type(None)),
     "given_lag": (dict, type(None)),

@@ -21,6 +21,7 @@ from eivor.flights.airborne import Active, airborne_by_log
 from eivor.flights.allowance import Allowance
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import MEMORY_S, Grid
+from eivor.flights.implied import Implications
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged, Wording
@@ -489,6 +490,10 @@ class Motion(ABC, Generic[P]):
     def checks(self, _numbers: Mapping[str, float], /) -> tuple[tuple[str, str], ...]:
         """What they say: a title and a sentence each, for those that reports show."""
         return ()
+
+    def implications(self, _estimate: Estimate, /) -> Implications:
+        """What follows from an estimate and from what a user supplied; by default nothing."""
+        return Implications()
 
     def findings(
         self, _flights: tuple[PreparedFlight, ...], _quantities: Mapping[str, Quantity], /

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
+from eivor.flights.implied import Implications
 from eivor.flights.motion import Motion, Trace, joined
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -202,6 +204,13 @@ class FlightEstimate:
     def estimate(self) -> Estimate | None:
         """The estimate; None when nothing could be estimated."""
         return None if self.fit is None else self.fit.estimate
+
+    @cached_property
+    def implications(self) -> Implications:
+        """What follows from the estimate and from what was supplied; nothing from one that is refused."""
+        if self.fit is None or self.verdict.status is Status.REFUSED:
+            return Implications()
+        return self.motion.implications(self.fit.estimate)
 
     @property
     def instruments(self) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
+from eivor.flights.implied import Implications
 from eivor.flights.motion import CardSection
 from eivor.flights.result import FlightEstimate
 from eivor.report.document import (
@@ -21,7 +22,7 @@ from eivor.report.document import (
     TableOf,
 )
 from eivor.report.told import ToldFlight, ToldRow, told_flight
-from eivor.report.wording import NO_NUMBER
+from eivor.report.wording import NO_NUMBER, plain_numbers
 
 #: Where the card is, when it is not shown.
 WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command with --card."
@@ -49,6 +50,8 @@ def document_of(told: ToldFlight, *, card: bool = False) -> Document:
 
 def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     yield Section("", (_facts(told), _quantity_table(told)))
+    if told.implications.numbers:
+        yield Section("What follows for the vehicle", tuple(_implied(told.implications)))
     further = (f"{symbols}: {reason.sentence}" for symbols, reason in told.further)
     yield from section("Why", Bullets, (*(reason.sentence for reason in told.reasons), *further))
     where = () if card or not told.card else (WHERE_THE_CARD_IS,)
@@ -113,6 +116,28 @@ def _quantity_table(told: ToldFlight) -> TableOf:
         texts = (wording.words, wording.symbol, *one.shown, wording.shown_unit)
         rows.append((*map(Cell, texts), Cell(status.value, status=status)))
     return TableOf(columns, tuple(rows))
+
+
+def _implied(implications: Implications) -> Iterator[Part]:
+    """Numbers that follow, then in sentences those that do not, and what cannot be."""
+    columns = (
+        TableColumn(""),
+        TableColumn(""),
+        TableColumn("value", right=True, strong=True, whole=True),
+        TableColumn("95 % interval", whole=True),
+        TableColumn("unit"),
+    )
+    rows = [
+        tuple(map(Cell, (one.words, one.symbol, *plain_numbers(one.value, one.interval), one.unit)))
+        for one in implications.numbers
+        if one.value is not None and one.interval is not None
+    ]
+    if rows:
+        yield TableOf(columns, tuple(rows))
+    untold = (f"{one.words}: {one.sentence}" for one in implications.numbers if one.value is None)
+    sentences = (*untold, *implications.contradictions)
+    if sentences:
+        yield Bullets(sentences)
 
 
 def _row_table(rows: tuple[ToldRow, ...], label: str) -> TableOf:

@@ -14,6 +14,7 @@ from importlib.metadata import version
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets
 from eivor.flights.given_lag import GivenLag
+from eivor.flights.implied import Implied
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Kind, Quantity
@@ -72,6 +73,8 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "reasons": list(told.verdict.sentences),
         "parameters": _with_sets(_quantities(told.quantities, Kind.PARAMETER), result),
         "derived": _quantities(told.quantities, Kind.DERIVED),
+        "implied": [_implied(one) for one in told.implications.numbers],
+        "contradictions": list(told.implications.contradictions),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
         "given_lag": None if result.fit is None else _given_lag(result.fit.given_lag),
@@ -88,6 +91,20 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
             ],
             "options": _options(result.options),
         },
+    }
+
+
+def _implied(one: Implied) -> dict[str, Json]:
+    """What follows for the vehicle, or does not."""
+    return {
+        "name": one.name,
+        "words": one.words,
+        "symbol": one.symbol,
+        "unit": one.unit,
+        "value": number(one.value),
+        "std_error": number(one.std_error),
+        "interval": None if one.interval is None else [number(end) for end in one.interval],
+        "sentence": one.sentence,
     }
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eivor.flights.implied import Implications
 from eivor.flights.motion import CardSection
 from eivor.flights.quantity import Kind, Quantity, Wording
 from eivor.flights.recipe import not_estimated
@@ -117,6 +118,8 @@ class ToldFlight:
         What to fly and to log, step by step; empty when the flight is identified.
     rows : tuple of str
         Names of the quantities that tables of flights show.
+    implications : Implications
+        What follows for the vehicle from the estimate and from what was supplied.
     """
 
     logs: tuple[str, ...]
@@ -139,6 +142,7 @@ class ToldFlight:
     fly: str
     card: tuple[CardSection, ...]
     rows: tuple[str, ...]
+    implications: Implications
 
     @property
     def brief(self) -> tuple[ToldQuantity, ...]:
@@ -258,6 +262,7 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         fly=motion.words.fly,
         card=flight_card(result),
         rows=motion.rows,
+        implications=result.implications,
     )
 
 

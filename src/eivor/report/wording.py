@@ -32,8 +32,13 @@ def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
     """
     if quantity.choice is not None:
         return f"{quantity.value * wording.scale:g}", _choice(quantity.choice, wording.scale)
-    value = quantity.value * wording.scale
-    low, high = (end * wording.scale for end in quantity.interval)
+    low, high = quantity.interval
+    return plain_numbers(quantity.value * wording.scale, (low * wording.scale, high * wording.scale))
+
+
+def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
+    """Value and interval as `numbers` shows them, of numbers in the unit that is shown."""
+    low, high = interval
     bounded = math.isfinite(low) and math.isfinite(high)
     place = _decimal_place(0.5 * (high - low)) if bounded and high > low else _decimal_place(value, digits=4)
     exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)

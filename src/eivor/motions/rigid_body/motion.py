@@ -13,6 +13,7 @@ from eivor.flights.airborne import Active
 from eivor.flights.allowance import Allowance, clock_allowance
 from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
+from eivor.flights.implied import Implications, Implied
 from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -23,10 +24,12 @@ from eivor.models.instruments import InstrumentRule
 from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rates.select import active
+from eivor.motions.rigid_body.combinations import Combinations
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
+from eivor.motions.rigid_body.physical import PhysicalParameter, physical_parameters
 from eivor.motions.rigid_body.quantities import at_hover
 from eivor.motions.rigid_body.rule import all_grounds
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
@@ -123,6 +126,13 @@ class RigidBody(Motion[LaggedRuns]):
         """The rule of the verdict, see `eivor.motions.rigid_body.rule`."""
         return all_grounds(quantities, strength, at)
 
+    def implications(self, estimate: Estimate) -> Implications:
+        """Physical parameters, as far as the flight and the vehicle file tell them; see `physical`."""
+        if self.vehicle is None:
+            return Implications()
+        found = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
+        return Implications(tuple(map(_implied, found.rows)), found.contradictions)
+
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""
         spreads = [
@@ -165,3 +175,12 @@ class RigidBody(Motion[LaggedRuns]):
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log, see `Motion.advice`."""
         return rigid_body_card(log_format)
+
+
+def _implied(row: PhysicalParameter) -> Implied:
+    told = row.told
+    if told is None:
+        return Implied(row.name, row.words, "", "", None, None, None, row.sentence)
+    return Implied(
+        row.name, row.words, told.symbol, told.unit, told.value, told.std_error, told.interval, row.sentence
+    )
