@@ -131,15 +131,24 @@ def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
     still = replace(log.channels["reference_yaw"], values=np.zeros(log.channels["reference_yaw"].values.size))
     quiet = identify_flight(changed(log, reference_yaw=still), model="rates")
     for name in ("roll_effectiveness", "pitch_effectiveness"):
+        assert quiet.quantities[name].verdict is Status.IDENTIFIED
         assert quiet.fit.sets[name].robust.is_bounded
         assert quiet.quantities[name].interval == pytest.approx(fit.quantities[name].interval, rel=0.1)
     assert quiet.quantities["yaw_effectiveness"].verdict is Status.REFUSED
 
 
 def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
-    (part,) = fit.quantities["effective_lag"].allowances
+    part, rotors = fit.quantities["effective_lag"].allowances
     assert part.above == pytest.approx(0.25 * 0.005)  # once a rate of 200 Hz at least
     assert "how often" in part.sentence
+    assert (rotors.below, rotors.above) == (0.001, 0.001)
+
+
+def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
+    found = fit.quantities["roll_effectiveness"]
+    (part,) = found.allowances
+    assert part.above == pytest.approx(0.02 * found.value)
+    assert found.half_width > part.above
 
 
 @pytest.mark.thorough

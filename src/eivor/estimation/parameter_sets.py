@@ -57,11 +57,15 @@ class ParameterSets:
         The estimate plus and minus, a union over the candidates that fit.
     profile, anderson_rubin : ConfidenceSet
         See `eivor.estimation.parameter_sets`.
+    strange : tuple of str
+        Linear parameters that are in none of its equations, those of other axes: how strong their instruments
+        are says nothing of this one.
     """
 
     wald: ConfidenceSet
     profile: ConfidenceSet
     anderson_rubin: ConfidenceSet
+    strange: tuple[str, ...] = ()
 
     @property
     def robust(self) -> ConfidenceSet:
@@ -169,8 +173,9 @@ def parameter_sets(
         return None
     best = estimate.best
     own = own_equations(best.rows, place)
-    strange = best.rows.regressors.shape[1] - own.regressors.size
-    degrees = own.rank + len(best.solved.misfits) - (best.solved.unknowns - strange - 1)
+    held = set(own.regressors.tolist())
+    strange = tuple(other for number, other in enumerate(parameters) if number not in held)
+    degrees = own.rank + len(best.solved.misfits) - (best.solved.unknowns - len(strange) - 1)
 
     allowance, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
@@ -178,6 +183,7 @@ def parameter_sets(
         ConfidenceSet((estimate.interval(name, level),)),
         ConfidenceSet.union(piece for lowest, one in compared for piece in one.below(lowest + allowance)),
         ConfidenceSet.union(piece for one in criteria for piece in one.below(highest)),
+        strange,
     )
 
 

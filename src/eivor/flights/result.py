@@ -128,10 +128,10 @@ class Fit:
             return motion.traces(self.problem, self.estimate)
         return pooled_traces(motion, self.pooled)
 
-    @property
-    def weak_instruments(self) -> bool:
-        """Whether a conditional first-stage F is below ten."""
-        return any(not F >= STRONG_FIRST_STAGE for F in self.checks.first_stage.values())
+    def _weak(self, sets: ParameterSets) -> bool:
+        """Whether a conditional first-stage F of what is in a parameter's equations is below ten."""
+        stages = self.checks.first_stage.items()
+        return any(not F >= STRONG_FIRST_STAGE for name, F in stages if name not in sets.strange)
 
     @property
     def robust_sets(self) -> dict[str, ConfidenceSet]:
@@ -139,8 +139,10 @@ class Fit:
 
         F is of one place, the estimate; where a set has no bounds, others fit as well.
         """
-        weak = self.weak_instruments
-        return {name: own.robust for name, own in self.sets.items() if weak or not own.profile.is_bounded}
+        judged = {
+            name: own for name, own in self.sets.items() if self._weak(own) or not own.profile.is_bounded
+        }
+        return {name: own.robust for name, own in judged.items()}
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter: the hull of its robust set where it is judged by that one."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.airborne import Active
-from eivor.flights.allowance import Allowance, clock_allowance
-from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
+from eivor.flights.allowance import Allowance
+from eivor.flights.estimated import joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
 from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
 from eivor.flights.options import FlightOptions
@@ -19,7 +19,8 @@ from eivor.flights.quantity import Unjudged
 from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
-from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
+from eivor.models.lagged_runs import LaggedRuns
+from eivor.motions.rates.allowances import all_allowances
 from eivor.motions.rates.axes import AXES, PITCH, ROLL, Axis
 from eivor.motions.rates.flights import rates_problem
 from eivor.motions.rates.rule import all_grounds
@@ -79,13 +80,12 @@ class Rates(Motion[LaggedRuns]):
         _problem: LaggedRuns,
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
-        _quantities: Mapping[str, Unjudged],
+        quantities: Mapping[str, Unjudged],
         _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """What the stamps of the setpoints leave open of the lag, see `Motion.allowances`."""
-        found = clock_allowance(max(flight.command_slack_s for flight in flights))
-        return {name: found for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if found}
+        """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.allowances`."""
+        return all_allowances(flights, quantities)
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances

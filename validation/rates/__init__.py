@@ -1,0 +1,1 @@
+"""Turning about the body axes, from setpoints that are logged more slowly than they are issued."""

@@ -1,0 +1,67 @@
+"""The grid of the study, from its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from eivor.toml_table import TomlTable, read_toml
+from validation.rates.flights import Condition
+
+GRID = Path(__file__).with_name("grid.toml")
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What is flown.
+
+    Parameters
+    ----------
+    seed : int
+        Of the first flight of each cell.
+    seconds : float
+        Of a flight [s].
+    flights : mapping of str to int
+        Of each vehicle and condition, by the size of the study.
+    conditions : tuple of Condition
+        How.
+    """
+
+    seed: int
+    seconds: float
+    flights: Mapping[str, int]
+    conditions: tuple[Condition, ...]
+
+
+def read_grid(path: Path = GRID) -> Grid:
+    """Grid of a file.
+
+    Raises
+    ------
+    InputError
+        When it is none.
+    """
+    table = read_toml(path, "a grid")
+    table.text("name")
+    sizes = table.section("flights")
+    grid = Grid(
+        table.whole("seed"),
+        table.number("seconds"),
+        {size: sizes.whole(size) for size in ("small", "full")},
+        tuple(_condition(one) for one in table.sections("conditions")),
+    )
+    sizes.finish()
+    table.finish()
+    return grid
+
+
+def _condition(table: TomlTable) -> Condition:
+    condition = Condition(
+        table.text("name"),
+        table.number("steps"),
+        table.number("setpoint_hz"),
+        table.choice("judged", ("50 Hz", "250 Hz", "small")),
+    )
+    table.finish()
+    return condition

@@ -1,0 +1,97 @@
+"""The study as Markdown tables, and what is asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from eivor.inference.quantiles import normal_quantile
+from eivor.studies.generated_page import markdown
+from eivor.studies.share import Share
+from validation.rates.grid import Grid
+from validation.rates.trials import EFFECTIVENESS, INSTRUMENTS, LAG, LEAST_SQUARES, Told
+from validation.requirement import Requirement
+
+#: Name of the generated part of the page.
+PART = "rates"
+#: Largest median of the size of errors: of effectiveness (a share), of the lag [s].
+LARGEST = {"50 Hz": (0.08, 0.006), "250 Hz": (0.02, 0.002)}
+#: Coverage of what is accepted, and the confidence with which a share of few is compared with it.
+COVERAGE, CHANCE_LEVEL = (0.90, 0.98), 0.999
+
+
+def requirements(grid: Grid, found: Sequence[Told]) -> Iterator[Requirement]:
+    """What is asked, held against a run."""
+    for judged, (share, seconds) in LARGEST.items():
+        names = {one.name for one in grid.conditions if one.judged == judged}
+        own = [one for one in found if one.condition in names and one.method == INSTRUMENTS]
+        effect, lag = _sizes(own, EFFECTIVENESS), _sizes(own, (LAG,))
+        yield Requirement(f"effectiveness, {judged}", f"<= {share:.0%}", f"{effect:.1%}", effect <= share)
+        yield Requirement(
+            f"lag, {judged}", f"<= {1e3 * seconds:.0f} ms", f"{1e3 * lag:.1f} ms", lag <= seconds
+        )
+    accepted = [one for one in found if one.accepted]
+    large = {one.name for one in grid.conditions if one.judged != "small"}
+    held = [one.held for one in accepted if one.condition in large]
+    covered, (low, high) = Share(sum(held), len(held)), COVERAGE
+    yield Requirement(
+        "coverage of what is accepted", f"{low:.2f} to {high:.2f}", _share(covered), _within(covered)
+    )
+    missed = sum(not one.held for one in accepted if one.condition not in large)
+    yield Requirement("small steps and hover: accepted intervals that miss", "0", f"{missed}", missed == 0)
+
+
+def _within(covered: Share) -> bool:
+    """Whether a share is between the bounds, or may be but for chance."""
+    slack = [normal_quantile(CHANCE_LEVEL) * (p * (1 - p) / max(covered.count, 1)) ** 0.5 for p in COVERAGE]
+    return COVERAGE[0] - slack[0] <= covered.value <= COVERAGE[1] + slack[1]
+
+
+def tables(grid: Grid, found: Sequence[Told]) -> str:
+    """What is asked, and a table of every cell."""
+    asked = [
+        (one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements(grid, found)
+    ]
+    header = ("flights", "effectiveness", "lag", "accepted", "intervals that hold", "least squares")
+    rows = []
+    for condition, vehicle in dict.fromkeys((one.condition, one.vehicle) for one in found):
+        own = [one for one in found if (one.condition, one.vehicle) == (condition, vehicle)]
+        rows.append((f"{condition}: {vehicle}", *_cells(own)))
+    flights = len({(one.vehicle, one.condition, one.number) for one in found})
+    return "\n\n".join(
+        (
+            f"Made by `python -m validation.rates.study` of {flights} flights of {grid.seconds:g} s.",
+            markdown(("median size of errors, and coverage", "asked", "measured", "met"), asked),
+            markdown(header, rows),
+        )
+    )
+
+
+def _cells(own: Sequence[Told]) -> tuple[str, ...]:
+    told = [one for one in own if one.method == INSTRUMENTS]
+    plain = [one for one in own if one.method == LEAST_SQUARES]
+    accepted = [one for one in told if one.accepted]
+    beside = f"{_bias(plain, EFFECTIVENESS):+.0%}, {1e3 * _bias(plain, (LAG,)):+.0f} ms" if plain else "-"
+    return (
+        f"{_bias(told, EFFECTIVENESS):+.1%} ({_sizes(told, EFFECTIVENESS):.1%})",
+        f"{1e3 * _bias(told, (LAG,)):+.1f} ({1e3 * _sizes(told, (LAG,)):.1f}) ms",
+        f"{len(accepted)} of {len(told)}",
+        _share(Share(sum(one.held for one in accepted), len(accepted))) if accepted else "-",
+        beside,
+    )
+
+
+def _bias(own: Sequence[Told], names: Sequence[str]) -> float:
+    """Median error."""
+    return float(np.nanmedian([one.error for one in own if one.quantity in names]))
+
+
+def _sizes(own: Sequence[Told], names: Sequence[str]) -> float:
+    """Median size of the error."""
+    return float(np.nanmedian(np.abs([one.error for one in own if one.quantity in names])))
+
+
+def _share(share: Share) -> str:
+    low, high = share.interval
+    return f"{share.value:.2f} [{low:.2f}, {high:.2f}] of {share.count}"

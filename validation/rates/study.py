@@ -1,0 +1,74 @@
+"""Effectiveness and lag from setpoints, against the truth, and the command that finds out.
+
+    python -m validation.rates.study --size full --kept FILE.jsonl [--page docs/studies/rates.md]
+
+Flights are kept as they are done; a run that was interrupted goes on there. The exit code is 0 when every
+requirement is met, 3 when one is not, 2 for an input that cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from eivor.errors import EivorError, InputError
+from eivor.studies.generated_page import page_with
+from eivor.whole_file import write_whole
+from validation.rates.grid import GRID, read_grid
+from validation.rates.page import PART, requirements, tables
+from validation.rates.trials import run
+
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m validation.rates.study", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--grid", type=Path, default=GRID, help="instead of the published one")
+    parser.add_argument("--size", choices=("small", "full"), default="small")
+    parser.add_argument(
+        "--kept", type=Path, required=True, metavar="FILE.jsonl", help="keep every trial here"
+    )
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+    chosen = parser.parse_args(arguments)
+    try:
+        return _run(chosen)
+    except EivorError as error:
+        sys.stderr.write(f"{error}\n")
+        return WRONG
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    grid, page = read_grid(chosen.grid), ""
+    if chosen.page:
+        page = _page(chosen.page)
+    found = run(grid, chosen.size, chosen.kept)
+    told = tables(grid, found)
+    if chosen.page:
+        write_whole(chosen.page, page_with(page, {PART: told}))
+    sys.stdout.write(told + "\n")
+    return 0 if all(one.met for one in requirements(grid, found)) else NOT_MET
+
+
+def _page(path: Path) -> str:
+    """Text of a page that has the marks, read before anything is run.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or has no marks.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    page_with(text, {PART: ""})
+    return text
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""Trials of the study: one flight, identified by instruments and, where it is excited, by least squares."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from eivor.inference.verdict import Status
+from eivor.motions.identify import identify_flight
+from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from validation.rates.flights import VEHICLES, Condition, flight_of
+from validation.rates.grid import Grid
+
+INSTRUMENTS, LEAST_SQUARES = "reference_iv", "least_squares"
+EFFECTIVENESS = ("roll_effectiveness", "pitch_effectiveness")
+LAG = "effective_lag"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one identification says of one quantity.
+
+    Parameters
+    ----------
+    vehicle, condition : str
+        Names of the cell.
+    number : int
+        Of the flight in its cell.
+    method, quantity : str
+        What was asked.
+    error : float
+        Value less truth: of an effectiveness as a share of the truth, of the lag in seconds.
+    below, above : float
+        Ends of the interval less the truth, likewise.
+    accepted : bool
+        The quantity's verdict is identified.
+    """
+
+    vehicle: str
+    condition: str
+    number: int
+    method: str
+    quantity: str
+    error: float
+    below: float
+    above: float
+    accepted: bool
+
+    @property
+    def held(self) -> bool:
+        """The interval holds the truth."""
+        return self.below <= 0.0 <= self.above
+
+
+def told_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Told]:
+    """Everything that one flight tells, by each method."""
+    rotors = VEHICLES[vehicle].rotors
+    truth = {
+        **dict(zip(EFFECTIVENESS, flight.truth.control_effectiveness[:2], strict=True)),
+        LAG: rotors.lag_up + rotors.delay,
+    }
+    for method in (INSTRUMENTS, LEAST_SQUARES) if condition.steps else (INSTRUMENTS,):
+        result = identify_flight(flight.recording, model="rates", method=method)
+        for name, true in truth.items():
+            found, unit = result.quantities[name], 1.0 if name == LAG else true
+            low, high = found.interval
+            yield Told(
+                vehicle,
+                condition.name,
+                number,
+                method,
+                name,
+                (found.value - true) / unit,
+                (low - true) / unit,
+                (high - true) / unit,
+                found.verdict is Status.IDENTIFIED,
+            )
+
+
+def run(grid: Grid, size: str, kept: Path) -> list[Told]:
+    """Run what is left of the study, and return all that its file has.
+
+    Flights are simulated side by side, a number of each cell at a time, and kept when they are done: a run
+    that was interrupted goes on there.
+    """
+    found = read_told(kept) if kept.exists() else []
+    done = {(one.vehicle, one.condition, one.number) for one in found}
+    for number in range(grid.flights[size]):
+        cells = [
+            (vehicle, condition)
+            for condition in grid.conditions
+            for vehicle in VEHICLES
+            if (vehicle, condition.name, number) not in done
+        ]
+        seed = grid.seed + number
+        flights = simulate_rigid_body_flights(
+            [flight_of(vehicle, condition, grid.seconds, seed) for vehicle, condition in cells]
+        )
+        for (vehicle, condition), flight in zip(cells, flights, strict=True):
+            told = list(told_of(flight, vehicle, condition, number))
+            found += told
+            with kept.open("a", encoding="utf-8") as file:
+                file.writelines(json.dumps(asdict(one)) + "\n" for one in told)
+    return found
+
+
+def read_told(path: Path) -> list[Told]:
+    """What a file of the study has."""
+    return [Told(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
