@@ -16,10 +16,11 @@ from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Unjudged
+from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.rule import sensor_reasons
+from eivor.motions.vertical.rule import SIDEWAYS, fast_sideways_reasons, sensor_reasons
 from eivor.motions.vertical.sensors import (
     OFFSET,
     SCALE,
@@ -264,3 +265,11 @@ def test_a_tilt_that_no_sensor_has_is_told_as_such():
     assert far.startswith(
         "Attitude and accelerometer do not go together: it would take a tilt of 52 ± 1 degrees"
     )
+
+
+def test_fast_sideways_flight_makes_the_gain_weak():
+    (reason,) = fast_sideways_reasons(replace(at(), numbers={SIDEWAYS: 5.1}))
+    assert reason.status is Status.WEAK
+    assert "5.1 m/s" in reason.sentence
+    assert fast_sideways_reasons(replace(at(), numbers={SIDEWAYS: 2.9})) == []
+    assert fast_sideways_reasons(at()) == []

@@ -104,6 +104,7 @@ def all_grounds(
         *curve,
         *sensor_reasons(at, OFFSET, SCALE),
         *left_out_reasons(at),
+        *fast_sideways_reasons(at),
         *shared,
     )
     lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
@@ -344,6 +345,21 @@ def sideways_reasons(at: Circumstances) -> list[Reason]:
             f"The vehicle flew sideways at {speed:.1f} m/s (rms), and the angle between attitude and "
             f"accelerometer is known {degrees}.",
             "Fly up and down without sideways motion, or sideways at other times than up and down.",
+        )
+    ]
+
+
+def fast_sideways_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against the gain: air that crosses the rotors fast changes what they give."""
+    speed = at.numbers.get(SIDEWAYS, np.nan)
+    if not speed > FAST_SIDEWAYS:
+        return []
+    return [
+        Reason(
+            Status.WEAK,
+            f"The vehicle flew sideways at {speed:.1f} m/s (rms): rotors give another thrust in air that "
+            "crosses them, and the gain takes it up.",
+            "Fly up and down without fast sideways motion.",
         )
     ]
 
