@@ -199,7 +199,7 @@ def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch
     assert study.main(chosen) == 3
     printed = capsys.readouterr().out
     assert "| 15 s | 1 | " in printed
-    assert "| 15 s: accepted flights | at least 150 |" in printed
+    assert "| 15 s: coverage of K | at least 0.9, or weak |" in printed
     assert printed.strip() in page.read_text(encoding="utf-8")
     (row,) = StudyFolder(tmp_path / "rows", grid).gathered().rows.to_dicts()
     vehicle = short.flight(0).vehicle
