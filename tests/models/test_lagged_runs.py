@@ -131,8 +131,8 @@ def test_instruments_of_an_axis_are_not_those_of_another():
         (problem.bins(AT).instruments, [each.bins(AT).instruments for each in alone]),
     ):
         first = parts[0].shape[0]
-        np.testing.assert_array_equal(rows[:first, :4], parts[0])
-        np.testing.assert_array_equal(rows[first:, 4:], parts[1])
+        np.testing.assert_allclose(rows[:first, :4], parts[0], rtol=1e-12)
+        np.testing.assert_allclose(rows[first:, 4:], parts[1], rtol=1e-12)
         assert not rows[:first, 4:].any()
         assert not rows[first:, :4].any()
     layout = problem.bins(AT).layout
@@ -145,8 +145,8 @@ def test_an_axis_with_one_candidate_beside_one_with_two_has_it_twice():
     bins = LaggedRuns((two, lone), PAIR, (LAG,)).bins(AT)
     alone = [LaggedRuns((each,), PAIR, (LAG,)).bins(AT).responses for each in (two, lone)]
     first = alone[0].shape[0]
-    np.testing.assert_array_equal(bins.responses[:first], alone[0])
-    np.testing.assert_array_equal(bins.responses[first:], np.repeat(alone[1], 2, axis=1))
+    np.testing.assert_allclose(bins.responses[:first], alone[0], rtol=1e-12)
+    np.testing.assert_allclose(bins.responses[first:], np.repeat(alone[1], 2, axis=1), rtol=1e-12)
 
 
 def test_flights_of_one_axis_use_the_candidates_that_all_have():

@@ -75,7 +75,10 @@ def identify(
     vehicle: arguments.VehicleOption = "",
     method: Annotated[
         str,
-        typer.Option(metavar="NAME", help="reference_iv, least_squares, total_least_squares, extended_iv."),
+        typer.Option(
+            metavar="NAME",
+            help="reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv.",
+        ),
     ] = "reference_iv",
     lag: arguments.LagOption = "",
     lag_from: arguments.LagFromOption = "",

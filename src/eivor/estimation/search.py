@@ -24,7 +24,7 @@ from eivor.models.separable import Nuisance, Values
 from eivor.shapes import Float
 
 #: Where only weights are made of an estimate, tolerances are so many times coarser.
-COARSE = 1000.0
+COARSE = 100.0
 #: Points of a product of grids; but no grid is thinned below three.
 PRODUCT_POINTS = 200
 #: A search of several nuisances has settled when beginning again gains less than this share of the
