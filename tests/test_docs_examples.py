@@ -57,7 +57,10 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 @pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
-@pytest.mark.parametrize("name", CHECKS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.thorough] if name == "resampling.md" else []) for name in CHECKS],
+)
 def test_blocks_run(name):
     blocks = BLOCK.findall((DOCS / name).read_text(encoding="utf-8"))
     assert blocks

@@ -104,6 +104,7 @@ def test_several_logs_are_told_one_by_one_and_together(eivor: Caller, log: Path)
     assert {part["schema"] for part in document["logs"]} == {"eivor.inspect/1"}
 
 
+@pytest.mark.thorough
 def test_a_log_of_several_windows_is_read_once(
     eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -121,6 +122,7 @@ def test_a_log_of_several_windows_is_read_once(
     assert read == [log]
 
 
+@pytest.mark.thorough
 def test_logs_that_cannot_be_pooled_are_inspected(
     eivor: Caller, log: Path, flight: polars.DataFrame, tmp_path: Path
 ) -> None:

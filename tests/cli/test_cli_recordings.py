@@ -78,6 +78,7 @@ def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, rec
     assert max(lows) < min(highs)
 
 
+@pytest.mark.thorough
 def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> None:
     """The motors idle on the ground while the land detector says that the vehicle flies."""
     document = _document(eivor("identify", recordings / "px4" / "ekf_failure.ulg", "--json", "-"))
@@ -85,6 +86,7 @@ def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> Non
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
 
 
+@pytest.mark.thorough
 def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recordings: Path) -> None:
     path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
     run = eivor("identify", path, "--json", "-")
@@ -113,6 +115,7 @@ def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path)
     assert document["derived"]["hover_input"]["value"] == pytest.approx(0.524, rel=0.03)
 
 
+@pytest.mark.thorough
 def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recordings: Path) -> None:
     with coarse():
         document = _document(

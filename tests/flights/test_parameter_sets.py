@@ -65,6 +65,7 @@ def searched(result: FlightEstimate, values: np.ndarray) -> np.ndarray:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lag", [None, ev.Prior(0.07, 0.01)])
 def test_sets_are_those_of_a_search_over_everything(gusty, lag):
     result = ev.identify_flight(gusty, lag=lag)

@@ -364,6 +364,7 @@ def half(result, name: str) -> float:
     )
 
 
+@pytest.mark.thorough
 def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     pool = identify_flight(fleet[:4])
     assert [row.label for row in pool.flights] == [flight.name for flight in fleet[:4]]

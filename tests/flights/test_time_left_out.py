@@ -29,6 +29,7 @@ def jumping(log: Recording, jump_s: float) -> Recording:
     )
 
 
+@pytest.mark.thorough
 def test_a_jump_of_the_clock_costs_what_a_pause_costs():
     log = flown(seconds=12.0)[0]
     paused, jumped = (identify_flight(jumping(log, jump_s)) for jump_s in (20.0, 1e6))

@@ -79,6 +79,7 @@ def test_references_that_hardly_move_tell_nothing():
         assert found.quantities["roll_effectiveness"].verdict is Status.REFUSED
 
 
+@pytest.mark.thorough
 def test_a_setpoint_of_the_other_sign_is_named(log):
     torque = log.channels["torque_setpoint_y"]
     turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
@@ -91,6 +92,7 @@ def test_a_setpoint_of_the_other_sign_is_named(log):
     assert found.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
 
 
+@pytest.mark.thorough
 def test_yaw_may_be_missing(log):
     found = identify_flight(changed(log, torque_setpoint_z=None), model="rates")
     assert "yaw_effectiveness" not in found.quantities

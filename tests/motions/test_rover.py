@@ -41,6 +41,7 @@ def simulate(monkeypatch):
         del sys.modules[name]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     motion_by_name("rover")

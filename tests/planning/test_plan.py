@@ -108,6 +108,7 @@ def test_the_formula_knows_what_slow_and_quick_flights_tell():
     assert (calm < windy).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_plan_is_chosen_by_flying_it(monkeypatch):
     monkeypatch.setattr(planning, "FINALISTS", 2)

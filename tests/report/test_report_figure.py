@@ -80,6 +80,7 @@ class TwoAxes(Vertical):
         return up, replace(up, axis="forward acceleration", measured=-up.measured)
 
 
+@pytest.mark.thorough
 def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
     figure = flight_figure(replace(fit, motion=TwoAxes()))
     assert [axes.get_ylabel().split("\n")[0] for axes in figure.axes[:4]] == [
@@ -92,6 +93,7 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
     assert _inside(figure)
 
 
+@pytest.mark.thorough
 def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:
     figure = flight_figure(pool)
     assert "the longest of 2 runs" in _titles(figure)[0]
@@ -113,6 +115,7 @@ def test_every_method_can_be_drawn(recording: Recording, method: str) -> None:
     assert _inside(flight_figure(result))
 
 
+@pytest.mark.thorough
 def test_measured_rotors_have_a_profile_of_their_delay(recording: Recording) -> None:
     channels = {
         name.replace("rotor_command", "rotor_speed"): replace(

@@ -44,6 +44,7 @@ def test_tables_count():
     assert "| left out | +2.00 ± 1.41 % | 0.000 [0.000, 0.658] of 2 |" in text
 
 
+@pytest.mark.thorough
 def test_thinned_logs_keep_every_so_many_samples():
     (flight,) = simulate_vertical_flights([shipped_flight()])
     log = thinned(flight.recording, 5)

@@ -84,6 +84,7 @@ def test_effective_values_are_those_of_the_true_thrust(vehicle, name, expected):
     assert effective(flown(vehicle))[name] == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_motors_of_two_lags_have_an_effective_one_between():
     even, slower = (VehicleSpec(actuator_lag=0.05, delay=0.01, slower_down=by) for by in (1.0, 1.5))
     assert effective(flown(even))["effective_lag"] == pytest.approx(0.06, abs=1e-9)
