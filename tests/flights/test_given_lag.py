@@ -17,7 +17,7 @@ from eivor.inference.verdict import Status
 from eivor.report.fit_checks import checks
 from eivor.signals.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
 
 
 @pytest.fixture(scope="module")

@@ -38,7 +38,7 @@ from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 from motions.turning_logs import STEP_S, Vehicle, turned
 from simulation.rigid_body.test_rigid_flight import VEHICLE
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
 
 ROTORS = Vehicle(lag_s=LAG_S - 2 * STEP_S)
 

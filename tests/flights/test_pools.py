@@ -19,7 +19,7 @@ from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
 K = "viscous_friction"
 
 

@@ -18,7 +18,7 @@ from eivor.report.fit_checks import checks
 from eivor.signals.actuator import actuator_state
 from eivor.signals.recording import Recording
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes")]
 
 
 @pytest.fixture(scope="module")

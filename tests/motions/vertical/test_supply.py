@@ -11,7 +11,7 @@ from eivor.flights.options import FlightOptions
 from eivor.motions.vertical.supply import supply_findings
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes")]
 
 
 @pytest.fixture(scope="module")
