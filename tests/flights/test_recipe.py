@@ -272,6 +272,7 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
     assert [row.label for row in result.comparisons] == [
         "reference_iv",
         "least_squares",
+        "whitened_least_squares",
         "total_least_squares",
         "extended_iv",
     ]
