@@ -23,6 +23,7 @@ from typing import Any, get_args, get_type_hints
 from warnings import catch_warnings, simplefilter
 
 import jaxtyping
+from beartype import BeartypeConf, beartype
 from beartype.roar import BeartypeDecorHintPep585DeprecationWarning
 from jaxtyping import AbstractArray, config
 
@@ -31,6 +32,11 @@ THEIRS = jaxtyping.jaxtyped
 _CONTEXT = THEIRS("context")
 #: In each test, the first so many calls of a function are checked, and of those that follow one in so many.
 FIRST, ONE_IN = 20, 50
+
+
+#: As the type checker reads annotations: an integer is a number wherever a float is asked for. beartype looks
+#: at one entry of a list, by chance, and would else refuse `[3, 1.5]` in one run of two.
+typechecker = beartype(conf=BeartypeConf(is_pep484_tower=True))
 
 
 class _Test:
@@ -52,7 +58,7 @@ def wanted() -> bool:
 def install() -> None:
     """Check every annotation of the package, and of `validation/`, in this process and in no user's."""
     jaxtyping.jaxtyped = jaxtyped  # the hook takes the decorator from there
-    jaxtyping.install_import_hook(["eivor", "validation"], "beartype.beartype")
+    jaxtyping.install_import_hook(["eivor", "validation"], "shape_checks.typechecker")
 
 
 @contextmanager

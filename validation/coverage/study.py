@@ -22,7 +22,7 @@ import polars as pl
 
 from eivor.errors import EivorError, InputError
 from eivor.studies.executors import check_workers, local_executor
-from eivor.studies.generated_page import page_with
+from eivor.studies.generated_page import page_text, page_with
 from eivor.studies.run import run_study
 from eivor.studies.suite_file import Suite, coverage_suite, read_suite
 from eivor.studies.trial_shards import SHARD_TRIALS
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
-    page = _page(chosen.page) if chosen.page else ""
+    page = page_text(chosen.page, PART) if chosen.page else ""
     if chosen.workers is not None:
         check_workers(chosen.workers)
     if chosen.out and not chosen.out.parent.is_dir():
@@ -108,22 +108,6 @@ def _run(chosen: argparse.Namespace) -> int:
         write_whole(chosen.page, page_with(page, {PART: tables}))
     sys.stdout.write(tables + "\n")
     return 0 if all(item.met for item in requirements(rows)) else NOT_MET
-
-
-def _page(path: Path) -> str:
-    """Text of a page that has the marks, read before anything is run.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, or has no marks.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
-    page_with(text, {PART: ""})
-    return text
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eivor.errors import EivorError, InputError
-from eivor.studies.generated_page import page_with
+from eivor.errors import EivorError
+from eivor.studies.generated_page import page_text, page_with
 from eivor.whole_file import write_whole
 from validation.rates.grid import GRID, read_grid
 from validation.rates.page import PART, requirements, tables
@@ -45,29 +45,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(chosen: argparse.Namespace) -> int:
     grid, page = read_grid(chosen.grid), ""
     if chosen.page:
-        page = _page(chosen.page)
+        page = page_text(chosen.page, PART)
     found = run(grid, chosen.size, chosen.kept)
     told = tables(grid, found)
     if chosen.page:
         write_whole(chosen.page, page_with(page, {PART: told}))
     sys.stdout.write(told + "\n")
     return 0 if all(one.met for one in requirements(grid, found)) else NOT_MET
-
-
-def _page(path: Path) -> str:
-    """Text of a page that has the marks, read before anything is run.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, or has no marks.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
-    page_with(text, {PART: ""})
-    return text
 
 
 if __name__ == "__main__":

@@ -10,13 +10,21 @@ import numpy as np
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
-from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Unjudged
+from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, Unjudged, Wording
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Nuisance, SeparableProblem
 from eivor.shapes import Float
 
 #: Sum of lag and delay, which a flight tells better than either.
 EFFECTIVE_LAG = "effective_lag"
+
+
+#: How the three are called and shown.
+LAG_WORDINGS = {
+    ACTUATOR_LAG.name: Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
+    DELAY.name: Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
+    EFFECTIVE_LAG: Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+}
 
 
 def joint_quantities(estimate: Estimate) -> dict[str, Unjudged]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from eivor.flights.motion import Circumstances, Strength
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG
@@ -27,6 +30,44 @@ def given_lag_reasons(at: Circumstances) -> list[Reason]:
             "Check what was given: it is the lag and the delay together, in ms.",
         )
     ]
+
+
+def told_of(strength: Strength, *names: str) -> Strength:
+    """What instruments tell of some parameters, and of the lag that all share."""
+    kept = (*names, ACTUATOR_LAG.name)
+    return replace(
+        strength,
+        first_stage={name: f for name, f in strength.first_stage.items() if name in kept},
+        robust={name: found for name, found in strength.robust.items() if name in kept},
+    )
+
+
+def disagreement_reasons(strength: Strength, *, moves: str, remedy: str) -> list[Reason]:
+    """Ground of references that disagree: what something does to the vehicle, and what to do."""
+    if not strength.p_value < BEYOND_DOUBT:
+        return []
+    sentence = (
+        f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
+        f"{moves} the vehicle that the model does not have."
+    )
+    return [Reason(Status.WEAK, sentence, remedy)]
+
+
+def short_flight_reasons(at: Circumstances, least_s: float) -> list[Reason]:
+    """Ground of flights of which too little could be used."""
+    if not at.used_s < least_s:
+        return []
+    sentence = f"Only {at.used_s:.3g} s could be used; {least_s:.0f} s are needed."
+    return [Reason(Status.WEAK, sentence, "Fly longer, or pool several flights.")]
+
+
+def longest_lag_reasons(strength: Strength, *, remedy: str) -> list[Reason]:
+    """Ground of a lag that ended at the longest that is searched."""
+    lag = strength.searched.get(ACTUATOR_LAG.name)
+    if lag is None or not lag.value >= 0.999 * lag.highest:
+        return []
+    sentence = f"The lag ran into the top of its grid ({lag.highest:.1f} s)."
+    return [Reason(Status.WEAK, sentence, remedy)]
 
 
 def untold(name: str, strength: Strength) -> bool:

@@ -61,6 +61,12 @@ def log_format(name: str) -> LogFormat | None:
     return next((row for row in log_formats() if row.name == name), None)
 
 
+def advising_format(name: str) -> LogFormat:
+    """Return the format whose advice serves logs of a format: itself, or tables where it has none."""
+    known = log_format(name)
+    return known if known is not None and known.advice("") and known.setpoints else CSV
+
+
 def format_of(head: bytes, file: Path) -> LogFormat:
     """Return the format of a file.
 

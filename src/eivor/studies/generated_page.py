@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 from eivor.errors import InputError
 
@@ -32,6 +33,22 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
         before, _, rest = page.partition(begin)
         page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page
+
+
+def page_text(path: Path, part: str) -> str:
+    """Text of a page that has the marks of a part.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or has no marks.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    page_with(text, {part: ""})
+    return text
 
 
 def marks(name: str) -> tuple[str, str]:

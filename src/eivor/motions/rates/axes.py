@@ -1,8 +1,7 @@
 """The axes about which a vehicle turns: channels, parameters and references of each.
 
 With (p, q, r) the rates about forward, left and up axes, u what the actuators make of the torque setpoint,
-and G the
-control effectiveness (the alpha of the rigid body times what the allocation makes of a unit):
+and G the control effectiveness (the alpha of the rigid body times what the allocation makes of a unit):
 
     p' = G_p u_p - D_p p + b,   q' and r' alike, and of yaw  + J u_r'
 

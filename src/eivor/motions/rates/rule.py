@@ -18,12 +18,19 @@ vehicle with the references.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
-from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved, untold
+from eivor.flights.grounds import (
+    disagreement_reasons,
+    given_lag_reasons,
+    instrument_reasons,
+    longest_lag_reasons,
+    moved,
+    short_flight_reasons,
+    told_of,
+    untold,
+)
 from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rates.axes import AXES, Axis
@@ -35,9 +42,8 @@ COMMAND_RATE_HZ = 45.0
 SHORT_FLIGHT_S = 15.0
 
 FLY = (
-    "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in "
-    "which the sticks "
-    "set the attitude."
+    "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
+    "sticks set the attitude."
 )
 LOG_REFERENCE = "Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more."
 LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
@@ -53,47 +59,30 @@ def all_grounds(
             continue
         effect, damping = axis.effectiveness.name, axis.damping.name
         found[effect] = (
-            *shared_reasons(_of(strength, effect), at),
+            *shared_reasons(told_of(strength, effect), at),
             *effectiveness_reasons(axis, quantities[effect], strength, at),
             *rough_lag_reasons(quantities, strength),
         )
         found[damping] = (
-            *shared_reasons(_of(strength, effect, damping), at),
+            *shared_reasons(told_of(strength, effect, damping), at),
             *damping_reasons(axis, quantities[damping], at),
             *rough_lag_reasons(quantities, strength),
         )
         if axis.reacts:
             name = axis.reaction.name
             found[name] = (
-                *shared_reasons(_of(strength, effect, name), at),
+                *shared_reasons(told_of(strength, effect, name), at),
                 *rough_lag_reasons(quantities, strength),
             )
-    lag = (*shared_reasons(_of(strength), at), *rough_lag_reasons(quantities, strength))
+    lag = (*shared_reasons(told_of(strength), at), *rough_lag_reasons(quantities, strength))
     return {**found, ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
-
-
-def _of(strength: Strength, *names: str) -> Strength:
-    """What instruments tell of some parameters, and of the lag that they share."""
-    kept = (*names, ACTUATOR_LAG.name)
-    return replace(
-        strength,
-        first_stage={name: f for name, f in strength.first_stage.items() if name in kept},
-        robust={name: found for name, found in strength.robust.items() if name in kept},
-    )
 
 
 def shared_reasons(strength: Strength, at: Circumstances) -> list[Reason]:
     """Grounds that instruments, logging and length of the flight give."""
     reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
-    if strength.p_value < BEYOND_DOUBT:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
-                "turns the vehicle that the model does not have.",
-                "Fly slowly and away from walls and ground; keep the motors from their limits.",
-            )
-        )
+    remedy = "Fly slowly and away from walls and ground; keep the motors from their limits."
+    reasons += disagreement_reasons(strength, moves="turns", remedy=remedy)
     if at.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
@@ -103,14 +92,7 @@ def shared_reasons(strength: Strength, at: Circumstances) -> list[Reason]:
                 "Log them at 50 Hz or more.",
             )
         )
-    if at.used_s < SHORT_FLIGHT_S:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"Only {at.used_s:.3g} s could be used; {SHORT_FLIGHT_S:.0f} s are needed.",
-                "Fly longer, or pool several flights.",
-            )
-        )
+    reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
     reasons.extend(given_lag_reasons(at))
     return reasons
 
@@ -127,8 +109,7 @@ def effectiveness_reasons(
             Reason(
                 Status.REFUSED,
                 f"The {axis.name} effectiveness came out at {effect.value:.3g} rad/s^2, below zero: "
-                "setpoint and rate "
-                f"of {axis.name} have opposite signs.",
+                f"setpoint and rate of {axis.name} have opposite signs.",
                 f"Check the axes and signs of {axis.torque} and {axis.rate}.",
             )
         ]
@@ -137,8 +118,7 @@ def effectiveness_reasons(
             Reason(
                 Status.REFUSED,
                 f"The {axis.name} effectiveness cannot be told from zero: its interval is [{low:.2g}, "
-                f"{high:.2g}] "
-                f"rad/s^2.{moved(at)}",
+                f"{high:.2g}] rad/s^2.{moved(at)}",
                 FLY,
             )
         ]
@@ -147,8 +127,7 @@ def effectiveness_reasons(
             Reason(
                 Status.WEAK,
                 f"The {axis.name} effectiveness' interval is +-{effect.half_width / effect.value:.1%} "
-                "wide; identified "
-                f"asks for +-{EFFECTIVENESS_SHARE:.0%}.{moved(at)}",
+                f"wide; identified asks for +-{EFFECTIVENESS_SHARE:.0%}.{moved(at)}",
                 "Fly larger and quicker steps, or longer.",
             )
         ]
@@ -162,8 +141,7 @@ def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Re
             Reason(
                 Status.WEAK,
                 f"The {axis.name} damping came out at {damping.value:.3g} 1/s, below zero: a torque "
-                "of the air moved with "
-                "the references.",
+                "of the air moved with the references.",
                 "Fly in calm air.",
             )
         ]
@@ -204,12 +182,6 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
                 "Fly quicker steps, and log setpoints and rates faster.",
             )
         )
-    if lag.value >= 0.999 * lag.highest:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The lag ran into the top of its grid ({lag.highest:.1f} s).",
-                "Check that the setpoints are those of this vehicle, and their time stamps.",
-            )
-        )
+    remedy = "Check that the setpoints are those of this vehicle, and their time stamps."
+    reasons += longest_lag_reasons(strength, remedy=remedy)
     return reasons

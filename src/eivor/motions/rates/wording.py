@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from eivor.flights.estimated import LAG_WORDINGS
 from eivor.flights.motion import CardSection, Words
-from eivor.flights.quantity import Kind, Wording
+from eivor.flights.quantity import Wording
 from eivor.inference.verdict import Status
-from eivor.logs import log_format
-from eivor.logs.table.formats import CSV
+from eivor.logs.formats import advising_format
 from eivor.motions.rates.axes import AXES, PITCH, ROLL, YAW, Axis
 from eivor.motions.rates.rule import FLY
 
@@ -37,9 +37,7 @@ def _of_axis(axis: Axis) -> dict[str, Wording]:
 #: Every quantity, in the order of results.
 QUANTITIES = {
     **{name: wording for axis in AXES for name, wording in _of_axis(axis).items()},
-    "actuator_lag": Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
-    "effective_lag": Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+    **LAG_WORDINGS,
 }
 #: The same in the order of reports.
 SHOWN = (
@@ -66,16 +64,14 @@ _MANOEUVRES = (
     "Calm air, at least 3 m above the ground, a mode in which the sticks set the attitude "
     "(stabilized or altitude).",
     "60 s of roll and pitch steps of about 15°, to and fro, one every second or two at uneven times, "
-    "each axis by "
-    "itself; and a few turns of yaw.",
+    "each axis by itself; and a few turns of yaw.",
     "Or the autopilot's identification mode, which injects a sweep.",
 )
 
 
 def rates_card(log_format_name: str) -> tuple[CardSection, ...]:
     """What to fly and to log; about logs of a format without advice, that of tables."""
-    known = log_format(log_format_name)
-    advised = known if known is not None and known.advice("") and known.setpoints else CSV
+    advised = advising_format(log_format_name)
     return (
         CardSection("Fly", _MANOEUVRES),
         CardSection("Log", advised.advice("")),

@@ -75,15 +75,18 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, 
 
 @dataclass
 class RotorStates:
-    """States of a flight's rotors at a lag and a delay, remembered for the other axes that ask next.
+    """What all axes ask of a flight's rotors; states at a lag and a delay are remembered for the next axis.
 
     Parameters
     ----------
     flight : PreparedFlight
         Of which log.
+    layout : RotorLayout
+        Where the rotors are.
     """
 
     flight: PreparedFlight
+    layout: RotorLayout
     _last: tuple[tuple[float, float], Float[np.ndarray, "n rotors"], Float[np.ndarray, "n rotors"]] | None = (
         None
     )
@@ -96,6 +99,21 @@ class RotorStates:
             state = self._moved(lag_s, delay_s)
             self._last = (lag_s, delay_s), state, input_map(self.flight.input_map)(state)
         return self._last[1:]
+
+    @cached_property
+    def across(self) -> Float[np.ndarray, " n"]:
+        """Square of the velocity across the rotors."""
+        return (self.hub_velocity[0] ** 2 + self.hub_velocity[1] ** 2).mean(axis=1)
+
+    @cached_property
+    def hub_velocity(self) -> tuple[Float[np.ndarray, "n rotors"], ...]:
+        """Velocity through the air at each rotor; of turning alone where the vehicle's is not known."""
+        signals = self.flight.signals
+        velocity = body_velocity(signals)
+        u, v, s = np.zeros((3, signals.sample_count, 1)) if velocity is None else velocity.T[:, :, None]
+        p, q, r = (signals.channel(axis.rate)[:, None] for axis in AXES)
+        x, y = -self.layout.pitch, self.layout.roll
+        return u - r * y, v + r * x, s + p * y - q * x
 
     def _moved(self, lag_s: float, delay_s: float) -> Float[np.ndarray, "n rotors"]:
         signals, family = self.flight.signals, self.flight.input
@@ -115,12 +133,8 @@ class RotorColumns:
 
     Parameters
     ----------
-    flight : PreparedFlight
-        Of which log.
     states : RotorStates
-        Of its rotors.
-    layout : RotorLayout
-        Where the rotors are.
+        Of a flight's rotors.
     axis : int
         Number of the equation.
     moving : tuple of Parameter
@@ -129,9 +143,7 @@ class RotorColumns:
         State of a rotor that drag and damping are told for.
     """
 
-    flight: PreparedFlight
     states: RotorStates
-    layout: RotorLayout
     axis: int
     moving: tuple[Parameter, ...]
     usual: float
@@ -148,37 +160,22 @@ class RotorColumns:
     def _of_axis(
         self, state: Float[np.ndarray, "n rotors"], thrust: Float[np.ndarray, "n rotors"]
     ) -> dict[Parameter, Float[np.ndarray, " n"]]:
-        layout, axis, count = self.layout, self.axis, self.layout.count
-        hub = self._hub_velocity
+        layout, axis, count = self.states.layout, self.axis, self.states.layout.count
+        hub = self.states.hub_velocity
         if axis >= FORCE_X:
             along = axis - FORCE_X
             found = {DRAG[along]: _summed(state, hub[along]) / (-self.usual * count)}
             if axis == FORCE_Z:
-                found |= {THRUST: thrust.sum(axis=1), LIFT: self._across}
+                found |= {THRUST: thrust.sum(axis=1), LIFT: self.states.across}
             return found
         x, y = -layout.pitch, layout.roll
         if axis == YAW:
             turned = _summed(state, x * hub[1] - y * hub[0]) / (-self.usual * float(x @ x + y @ y))
-            spinning = time_derivative(state @ layout.yaw, self.flight.signals.step_s)
+            spinning = time_derivative(state @ layout.yaw, self.states.flight.signals.step_s)
             return {GAIN[YAW]: thrust @ layout.yaw, REACTION: spinning, DAMPING[YAW]: turned}
         arms = (y, -x)[axis]
         inflow = _summed(state, arms * hub[2]) / (-self.usual * float(arms @ arms))
         return {GAIN[axis]: thrust @ arms, OFFSET[axis]: thrust.sum(axis=1), DAMPING[axis]: inflow}
-
-    @cached_property
-    def _across(self) -> Float[np.ndarray, " n"]:
-        """Square of the velocity across the rotors."""
-        return (self._hub_velocity[0] ** 2 + self._hub_velocity[1] ** 2).mean(axis=1)
-
-    @cached_property
-    def _hub_velocity(self) -> tuple[Float[np.ndarray, "n rotors"], ...]:
-        """Velocity through the air at each rotor; of turning alone where the vehicle's is not known."""
-        signals = self.flight.signals
-        velocity = body_velocity(signals)
-        u, v, s = np.zeros((3, signals.sample_count, 1)) if velocity is None else velocity.T[:, :, None]
-        p, q, r = (signals.channel(axis.rate)[:, None] for axis in AXES)
-        x, y = -self.layout.pitch, self.layout.roll
-        return u - r * y, v + r * x, s + p * y - q * x
 
 
 def _summed(
@@ -264,7 +261,7 @@ def _flight(
     """Columns of every axis of a flight."""
     signals = flight.signals
     rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
-    states, instruments = RotorStates(flight), AxisInstruments(flight, rule)
+    states, instruments = RotorStates(flight, layout), AxisInstruments(flight, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
 
     def columns(axis: int, response: Float[np.ndarray, " n"]) -> AxisColumns:
@@ -277,7 +274,7 @@ def _flight(
             flight.runs,
             response[:, None],
             staying,
-            RotorColumns(flight, states, layout, axis, terms.moving, usual),
+            RotorColumns(states, axis, terms.moving, usual),
             instruments.of_axis(axis),
             number,
             axis,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sized
+from collections.abc import Mapping, Sized
 
 from eivor.errors import ParameterError
 
@@ -35,3 +35,11 @@ def triple(name: str, values: Sized) -> None:
     """Refuse what has not three numbers, one for each axis."""
     if len(values) != 3:
         raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)
+
+
+def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
+    """Refuse attributes that are out of their ranges."""
+    for name, (low, high) in ranges.items():
+        value = getattr(given, name)
+        if not low <= value <= high:
+            raise ParameterError(f"{name} between {low:g} and {high:g}", f"{value}", remedy)

@@ -23,10 +23,10 @@ def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Un
     found = dict(joint)
     if THRUST.name not in joint or not isinstance(columns, RotorColumns):
         return found
-    gain = joint[THRUST.name].value * columns.layout.count
+    gain = joint[THRUST.name].value * columns.states.layout.count
     if not gain > 0.0:
         return found
-    ratio = input_map(columns.flight.input_map).inverse(GRAVITY / gain) / columns.usual
+    ratio = input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.usual
     for parameter in (*DRAG, *DAMPING):
         one = found.get(parameter.name)
         if one is not None:

@@ -2,22 +2,28 @@
 
 Each quantity is judged by the instruments of its own equation, and by its own interval:
 
-* refused: instruments too weak for it, a gain that cannot be told from zero or has the wrong sign; *
-provisional: a direct method, for want of references; * identified: a half-width of at most a tenth of a
-gain, a half of a drag or a damping, .1 of a coupling, 10 ms of
-  the lag;
+* refused: instruments too weak for it, a gain that cannot be told from zero or has the wrong sign;
+* provisional: a direct method, for want of references;
+* identified: a half-width of at most a tenth of a gain, a half of a drag or a damping, .1 of a coupling, 10
+  ms of the lag;
 * weak otherwise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
-from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved, untold
+from eivor.flights.grounds import (
+    disagreement_reasons,
+    given_lag_reasons,
+    instrument_reasons,
+    moved,
+    short_flight_reasons,
+    told_of,
+    untold,
+)
 from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
@@ -41,38 +47,22 @@ def all_grounds(
     quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity that there is."""
-    lag = (*_shared(_of(strength), at), *_lag_reasons(quantities))
+    lag = (*_shared(told_of(strength), at), *_lag_reasons(quantities))
     found = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
     for name, quantity in quantities.items():
         if name in found:
             continue
-        reasons = [*_shared(_of(strength, name), at), *_lag_reasons(quantities)]
+        reasons = [*_shared(told_of(strength, name), at), *_lag_reasons(quantities)]
         if not untold(name, strength):
             reasons += _interval_reasons(name, quantity, at)
         found[name] = tuple(reasons)
     return found
 
 
-def _of(strength: Strength, *names: str) -> Strength:
-    kept = (*names, ACTUATOR_LAG.name)
-    return replace(
-        strength,
-        first_stage={name: f for name, f in strength.first_stage.items() if name in kept},
-        robust={name: found for name, found in strength.robust.items() if name in kept},
-    )
-
-
 def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
     reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
-    if strength.p_value < BEYOND_DOUBT:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
-                "moves the vehicle that the model does not have.",
-                "Fly in calm air and away from the ground, and keep the motors from their limits.",
-            )
-        )
+    remedy = "Fly in calm air and away from the ground, and keep the motors from their limits."
+    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
     if at.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
@@ -81,14 +71,7 @@ def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
                 "Log them at 100 Hz or more.",
             )
         )
-    if at.used_s < SHORT_FLIGHT_S:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"Only {at.used_s:.3g} s could be used; {SHORT_FLIGHT_S:.0f} s are needed.",
-                "Fly longer, or pool several flights.",
-            )
-        )
+    reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
     reasons.extend(given_lag_reasons(at))
     return reasons
 

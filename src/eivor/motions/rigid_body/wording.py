@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from eivor.flights.estimated import LAG_WORDINGS
 from eivor.flights.motion import CardSection, Words
-from eivor.flights.quantity import Kind, Wording
+from eivor.flights.quantity import Wording
 from eivor.inference.verdict import Status
-from eivor.logs import log_format
-from eivor.logs.table.formats import CSV
+from eivor.logs.formats import advising_format
 from eivor.motions.rigid_body.parameters import (
     ALONG,
     COUPLING,
@@ -52,9 +52,7 @@ QUANTITIES = {
         one.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
         for one, name, rate in zip(OFFSET, TURNING, _RATES, strict=False)
     },
-    "actuator_lag": Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
-    "effective_lag": Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+    **LAG_WORDINGS,
 }
 #: The same in the order of reports.
 SHOWN = (
@@ -84,8 +82,7 @@ _MANOEUVRES = (
 
 def rigid_body_card(log_format_name: str) -> tuple[CardSection, ...]:
     """What to fly and to log; about logs of a format without advice, that of tables."""
-    known = log_format(log_format_name)
-    advised = known if known is not None and known.advice("") and known.setpoints else CSV
+    advised = advising_format(log_format_name)
     needed = (
         "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and "
         "attitude."

@@ -29,10 +29,16 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eivor.flights.grounds import given_lag_reasons, instrument_reasons, moved, untold
+from eivor.flights.grounds import (
+    disagreement_reasons,
+    given_lag_reasons,
+    instrument_reasons,
+    longest_lag_reasons,
+    moved,
+    untold,
+)
 from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
@@ -141,15 +147,8 @@ def friction_reasons(
         reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
     reasons.extend(_rough_lag_reasons(quantities, strength))
     reasons.extend(_unit_reasons(quantities))
-    if strength.p_value < BEYOND_DOUBT:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The references disagree about the parameters (J p-value {strength.p_value:.1g}): something "
-                "moves the vehicle that the model does not have.",
-                "Keep the tilt small, stay off the ground, and check the input map.",
-            )
-        )
+    remedy = "Keep the tilt small, stay off the ground, and check the input map."
+    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
     if at.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
@@ -282,14 +281,8 @@ def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -
                 QUICKER,
             )
         )
-    if lag.value >= 0.999 * lag.highest:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The lag ran into the top of its grid ({lag.highest:.1f} s).",
-                "Check that the input is the command of this vehicle, and its time stamps.",
-            )
-        )
+    remedy = "Check that the input is the command of this vehicle, and its time stamps."
+    reasons += longest_lag_reasons(strength, remedy=remedy)
     return reasons
 
 

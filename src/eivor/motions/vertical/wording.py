@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from eivor.flights.estimated import LAG_WORDINGS
 from eivor.flights.motion import CardSection, Words
 from eivor.flights.quantity import Kind, Wording
 from eivor.inference.verdict import Status
-from eivor.logs import log_format
-from eivor.logs.table.formats import CSV
+from eivor.logs.formats import advising_format
 from eivor.motions.vertical.rule import FLY
 
 EQUATION = (
@@ -18,9 +18,7 @@ QUANTITIES = {
     "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),
     "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
     "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
-    "actuator_lag": Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    "delay": Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
-    "effective_lag": Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+    **LAG_WORDINGS,
     "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
     "thrust_curve": Wording("thrust curve", "c", "", optional=True),
     "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
@@ -63,8 +61,7 @@ _MANOEUVRES = (
 
 def vertical_card(log_format_name: str) -> tuple[CardSection, ...]:
     """What to fly and to log; about logs of a format without advice, that of tables."""
-    known = log_format(log_format_name)
-    advised = known if known is not None and known.advice("") and known.setpoints else CSV
+    advised = advising_format(log_format_name)
     return (
         CardSection("Fly", _MANOEUVRES),
         CardSection("Log", advised.advice("")),

@@ -21,7 +21,7 @@ WAYPOINT, LOITER, TAKEOFF, CHANGE_SPEED = 16, 17, 22, 178
 RELATIVE, NO_PLACE = 3, 2
 #: QGroundControl's words for the firmware and the vehicle: PX4 and a multirotor.
 PX4, QUADROTOR = 12, 2
-CLIMB, DESCENT = 2, 3
+CLIMB, DESCENT = 2.0, 3.0
 
 
 def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:

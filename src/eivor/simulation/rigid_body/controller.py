@@ -18,6 +18,7 @@ import numpy as np
 from eivor.errors import ParameterError
 from eivor.motions.rigid_body.coefficients import Value, stacked
 from eivor.motions.rigid_body.dynamics import Components, Triple, into_body, rotation, turned
+from eivor.motions.rigid_body.parameter_ranges import within
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
 
@@ -86,12 +87,7 @@ class FlightController:
     hold: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(
-                    f"{name} between {low:g} and {high:g}", f"{value}", "Correct the controller."
-                )
+        within(self, RANGES, "Correct the controller.")
 
 
 #: What each number of a controller may be.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from eivor.errors import ParameterError
+from eivor.motions.rigid_body.parameter_ranges import within
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.flights.trajectories import TrajectoryKind
@@ -212,12 +213,7 @@ class RigidBodyFlightSpec:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ParameterError(
-                    f"{name} between {low:g} and {high:g}", f"{value}", "Correct the flight's description."
-                )
+        within(self, RANGES, "Correct the flight's description.")
         for name in ("rate_hz", "attitude_hz", "height_hz"):
             self._whole(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
         self._whole("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)
