@@ -109,7 +109,7 @@ class Installed:
         subprocess.run([python, "-m", "venv", str(folder / "venv")], check=True)
         exactly = [f"{name}=={version}" for name, version in lowest.items()]
         print("With", *exactly, flush=True)
-        options = ["--quiet", "--disable-pip-version-check", "--prefer-binary"]
+        options = ["--quiet", "--disable-pip-version-check", "--prefer-binary", "--no-compile"]
         subprocess.run([self.python, "-m", "pip", "install", *options, str(ROOT), *exactly], check=True)
 
     def run(self, *arguments: str, codes: tuple[int, ...] = (0,), **variables: str) -> str:

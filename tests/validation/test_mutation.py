@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
 
 from validation.mutation.check import UNNOTICED, main
 from validation.mutation.mutants import Mutant, read_mutants, sample
+from validation.mutation.workspace import PASSED, Workspace
 
 SOURCE = """def twice(x):
     doubled = 2 * x
@@ -128,6 +131,20 @@ def test_mutants_that_cannot_be_tried(project, capsys, change, said):
     told = capsys.readouterr()
     assert re.search(said, told.err)
     assert "noticed" not in told.out
+
+
+def test_what_was_compiled_before_a_swap_is_not_run(project, monkeypatch):
+    """Of a file with the size and the time of the one before, Python cannot tell that it was swapped."""
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    monkeypatch.setenv("PYTHONPYCACHEPREFIX", sys.pycache_prefix or str(project / "compiled"))
+    copied = Workspace(project, project / "copy")
+    [mutant] = read_mutants(table(project, TWICE))
+    assert copied.tested(mutant.tests).code == PASSED
+    swapped = copied.root / mutant.file
+    stamp = swapped.stat()
+    with copied.swapped(mutant):
+        os.utime(swapped, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+        assert copied.tested(mutant.tests).failed_of(mutant.tests[0]) == 1
 
 
 def test_tests_that_fail_anyway_are_refused(project, capsys):

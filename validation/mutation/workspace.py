@@ -17,6 +17,8 @@ from validation.mutation.mutants import Mutant, MutantError
 
 #: What tests of the package need of the project.
 COPIED = ("src", "tests", "validation", "pyproject.toml")
+#: What the tests find in their environment, beside the copy.
+ENVIRONMENT = {"PYTHONDONTWRITEBYTECODE": "1", "EIVOR_SHAPE_CHECKS": "0", "CI": "1"}
 #: Pytest's exit codes: all passed, some failed.
 PASSED, FAILED = 0, 1
 #: A line of pytest's summary: how a test ended, and its name.
@@ -88,21 +90,18 @@ class Workspace:
             compile(after, mutant.file, "exec")
         except SyntaxError as error:
             raise MutantError(f"{mutant.name}: no Python any more: {error}") from error
-        self._write(path, after)
+        path.write_text(after, encoding="utf-8")
         try:
             yield
         finally:
-            self._write(path, before)
-
-    @staticmethod
-    def _write(path: Path, text: str) -> None:
-        """Write a file, and forget what was compiled of it: stamps may be too coarse to tell."""
-        path.write_text(text, encoding="utf-8")
-        for compiled in path.parent.glob(f"__pycache__/{path.stem}.*.pyc"):
-            compiled.unlink()
+            path.write_text(before, encoding="utf-8")
 
     def tested(self, tests: Sequence[str]) -> Run:
-        """Run tests in the copy, in one process, without the checks of shapes, which take longer."""
+        """Run tests in the copy, in one process, without the checks of shapes, which take longer.
+
+        Nothing that is compiled is kept: of a file swapped within a second for one of the same size, Python
+        would run what it compiled before.
+        """
         command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
         begun = time.perf_counter()
         done = subprocess.run(
@@ -111,7 +110,7 @@ class Workspace:
             encoding="utf-8",
             check=False,
             cwd=self.root,
-            env=os.environ | {"PYTHONPATH": str(self.root / "src"), "EIVOR_SHAPE_CHECKS": "0", "CI": "1"},
+            env=os.environ | ENVIRONMENT | {"PYTHONPATH": str(self.root / "src")},
         )
         seconds = time.perf_counter() - begun
         text = done.stdout + done.stderr
