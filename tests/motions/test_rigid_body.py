@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
+from eivor.models.instruments import NoInstruments
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.parameters import FORCE_Z
 from eivor.report.flight_document import flight_document
 from eivor.report.json_document import json_document
 from eivor.signals.recording import Channel, Recording
@@ -146,6 +150,16 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     headings = [section.heading for section in flight_document(replace(fit, motion=motion)).sections]
     assert "What follows for the vehicle" in headings
     assert json_document(replace(fit, motion=motion))["implied"]
+
+
+def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
+    motion = RigidBody(known(SPEC))
+    prepared = prepare(flight.recording, motion, FlightOptions())
+    responses = {one.axis: one.responses for one in motion.problem((prepared,), NoInstruments()).columns}
+    assert [responses[axis].shape[1] for axis in range(6)] == [1, 1, 1, 2, 2, 2]
+    by_sensor, by_velocity = responses[FORCE_Z].T
+    slow = np.fft.rfft(by_sensor - by_velocity)[2:8]  # below half a hertz, where velocity tells more
+    assert np.abs(slow).max() < 0.2 * np.abs(np.fft.rfft(by_sensor)[2:8]).max()
 
 
 def test_a_vehicle_is_asked_for(flight):

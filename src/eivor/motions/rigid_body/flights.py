@@ -24,7 +24,7 @@ from eivor.models.lagged_runs import (
 )
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
-from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity
+from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity
 from eivor.motions.rigid_body.instruments import AxisInstruments
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.layout import RotorLayout
@@ -264,15 +264,15 @@ def _flight(
     states, instruments = RotorStates(flight, layout), AxisInstruments(flight, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
 
-    def columns(axis: int, response: Float[np.ndarray, " n"]) -> AxisColumns:
-        staying = np.zeros((response.size, len(terms.fixed)))
+    def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
+        staying = np.zeros((len(responses), len(terms.fixed)))
         if axis < FORCE_X:
             staying[:, axis] = rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3]
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
         return AxisColumns(
             signals.step_s,
             flight.runs,
-            response[:, None],
+            responses,
             staying,
             RotorColumns(states, axis, terms.moving, usual),
             instruments.of_axis(axis),
@@ -282,11 +282,16 @@ def _flight(
             flight.usable,
         )
 
-    turning = [columns(axis, time_derivative(rates[:, axis], signals.step_s)) for axis in (ROLL, PITCH, YAW)]
-    forces = [
-        columns(FORCE_X + along, signals.channel(f"specific_force_body_{ALONG[along]}"))
-        for along in terms.forces
+    turning = [
+        columns(axis, time_derivative(rates[:, axis], signals.step_s)[:, None]) for axis in (ROLL, PITCH, YAW)
     ]
+    by_velocity = force_by_velocity(signals) if terms.velocity else None
+    forces = []
+    for along in terms.forces:
+        measured = [signals.channel(f"specific_force_body_{ALONG[along]}")]
+        if by_velocity is not None:
+            measured.append(by_velocity[:, along])
+        forces.append(columns(FORCE_X + along, np.column_stack(measured)))
     return [*turning, *forces]
 
 
