@@ -31,7 +31,7 @@ from jaxtyping import AbstractArray, config
 THEIRS = jaxtyping.jaxtyped
 _CONTEXT = THEIRS("context")
 #: In each test, the first so many calls of a function are checked, and of those that follow one in so many.
-FIRST, ONE_IN = 20, 50
+FIRST, ONE_IN = 6, 200
 
 
 #: As the type checker reads annotations: an integer is a number wherever a float is asked for. beartype looks

@@ -125,8 +125,10 @@ def test_the_first_calls_are_checked_and_some_of_those_that_follow():
                 found.append(call)
         return found
 
-    assert refused(120) == [*range(1, 21), 50, 100]
-    assert refused(40) == [150 - 120]
+    first, one_in = shape_checks.FIRST, shape_checks.ONE_IN
+    assert 2 <= first < one_in
+    assert refused(2 * one_in + 1) == [*range(1, first + 1), one_in, 2 * one_in]
+    assert refused(one_in) == [one_in - 1]
     shape_checks.begin_test()
     assert refused(2) == [1, 2]
 
