@@ -45,11 +45,13 @@ def test_import_loads_nothing_heavy():
 
 
 def test_public_names_load_nothing_heavy():
-    """Touching every name loads the estimator, but no file format, no figure and no scipy.signal."""
+    """Touching every name loads the estimator, but no file format, no figure, no scipy.signal, no checks."""
     loaded = modules_after("import eivor\nfor name in eivor.__all__: getattr(eivor, name)")
     assert heavy(loaded) == []
+    assert "beartype" not in loaded
 
 
+@pytest.mark.thorough
 def test_one_ulog_loads_no_pools_and_no_tables():
     """A whole command is held against a reading of the log: what few need is loaded by those."""
     loaded = modules_after(
@@ -67,6 +69,7 @@ def test_one_ulog_loads_no_pools_and_no_tables():
     assert not unwanted & loaded
 
 
+@pytest.mark.thorough
 def test_help_loads_nothing_heavy():
     code = (
         "from eivor.cli.main import run\n"
@@ -103,11 +106,6 @@ def test_shapes_are_checked_in_this_run():
 
     with pytest.raises(Exception, match=r"violates|Type-check"):
         first_order_lag(np.zeros((3, 2)), step_s=0.01, lag_s=0.1)
-
-
-def test_shapes_are_not_checked_for_users():
-    loaded = modules_after("import eivor\nfor name in eivor.__all__: getattr(eivor, name)")
-    assert "beartype" not in loaded
 
 
 @pytest.mark.parametrize("name", ["methods", "covariances"])

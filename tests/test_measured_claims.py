@@ -49,6 +49,7 @@ def test_least_squares_without_the_lag_is_negative(example):
     assert float(with_lag) == pytest.approx(fitted(example, 0.072)[1], abs=0.006)
 
 
+@pytest.mark.thorough
 def test_a_wrong_map_shows_in_the_intercept(example):
     wrong = ev.identify_flight(ev.example_flight(), ev.FlightOptions(input_map="power:1.5"))
     stated = re.findall(

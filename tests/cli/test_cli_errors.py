@@ -45,6 +45,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert not heavy & loaded
 
 
+@pytest.mark.thorough
 def test_help_loads_little_more_than_what_draws_it(shell: Caller) -> None:
     """Half a second on a slow machine, of which most is Python, typer and rich."""
 
@@ -93,6 +94,7 @@ def test_help_shows_what_to_type_and_no_types(eivor: Caller, command: tuple[str,
     assert all(len(line) > 60 for line in paragraphs)
 
 
+@pytest.mark.thorough
 def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) -> None:
     for words, expected in (("eivor ide", "identify"), ("eivor identify --exa", "--example")):
         completed = shell(

@@ -13,14 +13,16 @@ Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
-def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path) -> None:
-    run = eivor("identify", log, "--lag", "70:15", "--json", "-")
-    document = json.loads(run.out)
+@pytest.mark.usefixtures("coarse_search")
+def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    run = eivor("identify", log, "--lag", "70:15", "--json", tmp_path / "fit.json")
+    document = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
     assert document["provenance"]["options"]["lag"] == {"mean": 0.07, "std": 0.015}
     assert document["given_lag"]["mean"] == 0.07
-    assert "given 70 ± 15 ms" in eivor("identify", log, "--lag", "70:15").out
+    assert "given 70 ± 15 ms" in run.out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_bounds_of_a_lag_and_no_lag_are_given(eivor: Caller, log: Path) -> None:
     document = json.loads(eivor("identify", log, "--lag", "50..90", "--json", "-").out)
     assert document["provenance"]["options"]["lag"] == {"low": 0.05, "high": 0.09}

@@ -26,6 +26,7 @@ def test_the_example_is_identified(eivor: Caller) -> None:
     assert "Flight card" not in run.out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_the_table_has_every_quantity_in_80_columns(
     eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -39,6 +40,7 @@ def test_the_table_has_every_quantity_in_80_columns(
     assert all(method in run.out for method in ("reference_iv", "total_least_squares", "extended_iv"))
 
 
+@pytest.mark.thorough
 def test_json_on_standard_output_is_nothing_but_json_and_the_example_s_intervals_hold_the_truth(
     shell: Caller,
 ) -> None:
@@ -90,6 +92,7 @@ def test_tilt_method_map_and_input_are_passed_on(eivor: Caller, log: Path) -> No
     assert document["verdict"] == "provisional"
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
     document = json.loads(eivor("identify", log, "--instruments", "reference_position_z", "--json", "-").out)
     assert document["instruments"] == "reference_position_z"
@@ -169,7 +172,10 @@ def test_measured_rotor_speeds_have_no_lag(eivor: Caller, flight: polars.DataFra
     assert document["covariance"]["names"] == ["viscous_friction", "input_gain", "delay"]
 
 
-@pytest.mark.parametrize("grounded", [True, False], ids=["grounded", "constant"])
+@pytest.mark.usefixtures("coarse_search")
+@pytest.mark.parametrize(
+    "grounded", [pytest.param(True, marks=pytest.mark.thorough), False], ids=["grounded", "constant"]
+)
 def test_a_flight_that_tells_nothing_is_refused_not_failed(
     eivor: Caller, flight: polars.DataFrame, tmp_path: Path, *, grounded: bool
 ) -> None:

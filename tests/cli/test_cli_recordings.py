@@ -170,7 +170,13 @@ def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
 
 
 @pytest.mark.usefixtures("coarse_search")
-@pytest.mark.parametrize("name", ["B2_circle_medium_rep3", "B9_trefoil_fast_rep3", "B9_trefoil_fast_rep15"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "B2_circle_medium_rep3",
+        *(pytest.param(f"B9_trefoil_fast_rep{n}", marks=pytest.mark.thorough) for n in (3, 15)),
+    ],
+)
 def test_overflow_is_reported(eivor: Caller, recordings: Path, name: str) -> None:
     run = eivor("inspect", recordings / "nanobench" / f"{name}.csv")
     assert run.code == 0

@@ -152,6 +152,7 @@ def test_another_study_in_the_folder(eivor, file):
     assert "Choose another folder with --out" in run.err
 
 
+@pytest.mark.thorough
 def test_more_runs_go_on(eivor, file):
     eivor("study", file, "--workers", 1)
     assert eivor("study", file, "--runs", 31, "--workers", 1).code == 0

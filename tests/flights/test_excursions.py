@@ -50,7 +50,7 @@ def test_runs_of_a_second_serve_and_those_mostly_beyond_the_limit_do_not(log):
     assert prepare_vertical(tilting(log, *short), FlightOptions()).runs == ()
 
 
-@pytest.mark.parametrize("method", ["reference_iv", "extended_iv"])
+@pytest.mark.parametrize("method", ["reference_iv", pytest.param("extended_iv", marks=pytest.mark.thorough)])
 @pytest.mark.usefixtures("coarse_search")
 def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
     tilted = tilting(log, (4.0, 4.6), (9.0, 9.8))

@@ -24,7 +24,7 @@ def telemetry(log: Recording, late_s: float) -> Recording:
     return changed(log, "rotor_command_1", rotor_speed_1=replace(measured, held=False))
 
 
-@pytest.mark.parametrize("late_s", [0.0, 0.02, -0.023])
+@pytest.mark.parametrize("late_s", [0.0, 0.02, pytest.param(-0.023, marks=pytest.mark.thorough)])
 def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
     found = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
     delay = found.quantities["delay"]

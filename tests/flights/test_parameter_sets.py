@@ -131,6 +131,7 @@ def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencie
     assert low < narrow[0] < narrow[1] < high
 
 
+@pytest.mark.thorough
 def test_other_levels_of_a_set_are_not_read_back(two_frequencies, gusty, tmp_path):
     for log in (two_frequencies, gusty):
         result = ev.identify_flight(log)

@@ -412,6 +412,7 @@ def test_a_log_given_twice_is_used_once(fleet):
     assert len(identify_flight(fleet[:2]).flights) == 2
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
     pool = identify_flight([fleet[0], grounded])

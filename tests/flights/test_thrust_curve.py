@@ -41,7 +41,12 @@ def commanded(log: Recording, true: InputMap, *, thrust: bool) -> Recording:
 
 
 @pytest.mark.parametrize(
-    ("true", "thrust", "value"), [(Power(1.5), False, 1.5), (Mixed(0.5), True, 0.5), (Mixed(0.0), True, 0.0)]
+    ("true", "thrust", "value"),
+    [
+        (Power(1.5), False, 1.5),
+        (Mixed(0.5), True, 0.5),
+        pytest.param(Mixed(0.0), True, 0.0, marks=pytest.mark.thorough),
+    ],
 )
 def test_the_curve_is_found_out(log, true, thrust, value):
     found = ev.identify_flight(commanded(log, true, thrust=thrust), input_map="fit")

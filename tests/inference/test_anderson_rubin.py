@@ -127,6 +127,7 @@ def test_shadow_of_two_parameters_is_the_least_over_the_other():
     assert [region.excess(corner) for corner in inner] == pytest.approx([1.0] * len(inner), abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_three_parameters_by_search_agree_with_the_closed_form():
     rng = np.random.default_rng(9)
     psi = rng.standard_normal((400, 6))

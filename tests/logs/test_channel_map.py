@@ -420,6 +420,7 @@ def test_refused_expressions(text):
         parse_expression(text, "here")
 
 
+@pytest.mark.thorough
 def test_rotorpys_own_table(tmp_path):
     """The map of RotorPy against a flight of it: the specific force turned to world up is z'' + g."""
     pytest.importorskip("rotorpy")

@@ -8,13 +8,14 @@ from typing import Any
 
 import pytest
 
+from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf
 from eivor.report.flight_document import document_of, flight_document
-from eivor.report.inspection import pooled_inspection
+from eivor.report.inspection import PooledInspection, pooled_inspection
 from eivor.report.inspection_document import inspection_document, pooled_documents
 from eivor.report.json_document import json_document, json_of, json_text
 from eivor.report.json_inspection import inspection_json
@@ -61,8 +62,15 @@ def test_another_medium_tells_a_result(pool: FlightEstimate) -> None:
     assert "![](flight.svg)" in lines
 
 
-def test_another_medium_tells_inspections(recording: Recording) -> None:
-    found = pooled_inspection([recording], FlightOptions(), [None], Vertical())
+@pytest.fixture(scope="module")
+def inspected(recording: Recording) -> PooledInspection:
+    """The inspection of the example flight."""
+    with coarse():
+        return pooled_inspection([recording], FlightOptions(), [None], Vertical())
+
+
+def test_another_medium_tells_inspections(recording: Recording, inspected: PooledInspection) -> None:
+    found = inspected
     lines = list(markdown(inspection_document(found.logs[0])))
     assert all(any(line.startswith(f"{name} ") for line in lines) for name in recording.channels)
     assert "**identified** (method reference_iv)" in lines
@@ -108,8 +116,8 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
         assert words in written, words
 
 
-def test_json_and_document_of_an_inspection_take_one_flight(recording: Recording) -> None:
-    (found,) = pooled_inspection([recording], FlightOptions(), [None], Vertical()).logs
+def test_json_and_document_of_an_inspection_take_one_flight(inspected: PooledInspection) -> None:
+    (found,) = inspected.logs
     flown = found.flown
     assert flown is not None
     written: dict[str, Any] = inspection_json(found)

@@ -148,6 +148,7 @@ def test_the_same_result_gives_the_same_bytes(fit: FlightEstimate, tmp_path: Pat
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
+@pytest.mark.thorough
 def test_pyplot_is_left_alone() -> None:
     code = "import sys, eivor.report.flight_figure; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -141,7 +141,7 @@ def test_a_study_has_a_row_for_each_method(tmp_path):
 # -- noises ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("order", [-0.5, -0.4, 0.0, 0.3])
+@pytest.mark.parametrize("order", [pytest.param(-0.5, marks=pytest.mark.thorough), -0.4, 0.0, 0.3])
 def test_the_fitted_line_lies_on_the_bands(order):
     values = FractionalNoise(0.2, order).sample(20_000, np.random.default_rng(2))
     figure = noise_spectrum_figure(values, rate_hz=50.0, unit="m/s²", title="accelerometer")

@@ -73,6 +73,7 @@ def test_a_seal_in_the_data_is_not_the_files(table):
     assert is_sealed(content, FACTS)
 
 
+@pytest.mark.thorough
 def test_equal_tables_give_equal_bytes_in_every_process():
     script = (
         "import polars as pl; from eivor.studies.sealed_table import sealed; import sys;"

@@ -259,6 +259,7 @@ def wait_for_workers(address: str, count: int) -> None:
         client.wait_for_workers(count, timeout=PATIENCE_S)
 
 
+@pytest.mark.thorough
 def test_dask_without_a_scheduler(tmp_path, monkeypatch):
     monkeypatch.setattr("eivor.studies.dask_executor.PATIENCE_S", 0.5)
     with pytest.raises(

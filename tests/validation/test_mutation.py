@@ -133,6 +133,7 @@ def test_mutants_that_cannot_be_tried(project, capsys, change, said):
     assert "noticed" not in told.out
 
 
+@pytest.mark.thorough
 def test_what_was_compiled_before_a_swap_is_not_run(project, monkeypatch):
     """Of a file with the size and the time of the one before, Python cannot tell that it was swapped."""
     monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)

@@ -14,6 +14,7 @@ from validation.plan.study import Outcome, outcomes, table
 SHORT = FlightLimits(duration_s=20.0)
 
 
+@pytest.mark.thorough
 def test_vehicles_follow_a_plan_under_both_controllers():
     vehicle = OWN[2]
     shape = next(candidates(SHORT, ("multisine",), 0))

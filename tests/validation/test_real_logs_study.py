@@ -187,6 +187,7 @@ def test_rows_are_kept_and_a_run_goes_on(tmp_path, monkeypatch):
         read_study_table(tmp_path / "all.parquet")
 
 
+@pytest.mark.thorough
 def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch):
     """One short flight from its specification to the tables."""
     (short,) = [family for family in GRID.families if family.holds == "short"]

@@ -203,6 +203,7 @@ def test_climbs_are_one_climb_and_one_descent():
 # ------------------------------------------------------------------------------ noise and the seed
 
 
+@pytest.mark.thorough
 def test_same_specification_gives_the_same_bytes():
     first, second = fly(NOISY), simulate_rotorpy_flight(NOISY)
     for name, channel in first.recording.channels.items():

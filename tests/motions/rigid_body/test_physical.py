@@ -339,6 +339,7 @@ def _coverage(seeds, relative):
     return {name: count / seeds for name, count in held.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_intervals_include_what_is_supplied():
     """Without the errors of mass, arm and scale most of them would hold the truth far less often."""

@@ -65,6 +65,7 @@ def test_an_estimate_at_its_limit_is_not_compared(log, value, words):
     assert "hover_estimate" not in found
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_hover_that_is_not_identified_or_no_thrust_is_not_compared(log):
     wrong = replace(log, parameters={"MPC_THR_HOVER": 0.3})

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
+from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.logs.example import example_flight
@@ -16,7 +17,8 @@ from eivor.motions.vertical.motion import Vertical, vertical_flight
 
 @pytest.fixture(scope="module")
 def fit() -> ev.FlightEstimate:
-    return ev.identify_flight(example_flight(), FlightOptions(window=(0.0, 20.0)))
+    with coarse():
+        return ev.identify_flight(example_flight(), FlightOptions(window=(0.0, 20.0)))
 
 
 def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
