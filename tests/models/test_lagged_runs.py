@@ -219,3 +219,19 @@ def test_every_parameter_has_a_column():
         ShapeError, match="a fixed or moving column for each of 3 parameters; received 1 and 1"
     ):
         problem.rows(AT)
+
+
+def test_an_axis_says_which_of_the_moving_parameters_its_equation_has():
+    velocity, acceleration, throttle = drive(np.random.default_rng(3))
+    problem = rover(velocity, acceleration, throttle)
+    (alone,) = problem.columns
+    nothing = np.zeros((velocity.size, 1))
+    names = (*problem.parameters[:2], Parameter("absent", ""), problem.parameters[2])
+    among = replace(alone, moved=(1,))
+    padded = replace(alone, moving=lambda at: np.column_stack([nothing, alone.moving(at)]))
+    said, zeros = (LaggedRuns((one,), names, (LAG,)) for one in (among, padded))
+    np.testing.assert_array_equal(said.rows(AT).regressors, zeros.rows(AT).regressors)
+    np.testing.assert_allclose(said.bins(AT).regressors, zeros.bins(AT).regressors, atol=1e-13)
+    assert not said.bins(AT).regressors[:, 2].any()
+    with pytest.raises(ShapeError, match="moving column for each"):
+        LaggedRuns((replace(alone, moved=(0, 1)),), names, (LAG,)).rows(AT)

@@ -2,8 +2,9 @@
 
 One continuous nuisance: the objective on its grid, and parabolas and golden sections between the
 neighbours of the least (Brent 1973).
-Several: the objective on a coarse product of their grids, and from its least a bounded search without
-derivatives (Nelder and Mead 1965), begun again where it ends until that gains nothing.
+Several: the objective on a coarse product of their grids, and from its least the minima of quadratics
+through points around the best (Winfield 1973); where these do not settle a bounded search without derivatives
+(Nelder and Mead 1965), begun again where it ends until that gains nothing.
 
 What is known beforehand of a nuisance t adds ``unit ((t - mean) / std)^2``, with the variance of one
 equation as the unit: the term that a measurement of t would add.
@@ -19,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from eivor.errors import ConvergenceError
+from eivor.estimation.quadratics import quadratics_settle
 from eivor.linalg.system import Solution
 from eivor.models.separable import Nuisance, Values
 from eivor.shapes import Float
@@ -315,6 +317,8 @@ def bounded_search(
     steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
     accuracy = float(np.min([n.tolerance for n in sought] / steepest)) * tolerance
     spacing = np.array([0.5 / (grid.size - 1) for grid in grids])
+    if quadratics_settle(left_at, (scaled(np.array(best.point)) - low) / (high - low), spacing, accuracy):
+        return found
     for _ in range(RESTARTS):
         before = found
         place = (scaled(np.array(before.point)) - low) / (high - low)

@@ -82,7 +82,8 @@ class AxisColumns:
     fixed : ndarray, shape (n, f)
         Columns of the first f parameters.
     moving : callable
-        From the nuisances' values to the columns of the other parameters, shape (n, m).
+        From the nuisances' values to the columns of the other parameters, shape (n, m); with `moved` to those
+        of some of them.
     instruments : ndarray, shape (n, p)
         Exogenous columns; as many in every flight of the axis, zero for none.
     flight, axis : int
@@ -92,6 +93,9 @@ class AxisColumns:
     valid : ndarray of bool, shape (n,), optional
         Samples that count. Default: all. Within runs a few may not: rows in time leave them out, and rows in
         frequency have no weight there.
+    moved : tuple of int, optional
+        Which of the other parameters `moving` gives columns of, where the axis' equation has but some of
+        them. Default: all.
     """
 
     step_s: float
@@ -104,6 +108,7 @@ class AxisColumns:
     axis: int = 0
     band_hz: tuple[float, float] = BAND_HZ
     valid: Bool[np.ndarray, " n"] | None = None
+    moved: tuple[int, ...] | None = None
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
         """Samples of a run that count; None for all."""
@@ -183,18 +188,31 @@ class LaggedRuns(SeparableProblem):
             for run in one.runs:
                 yield one, run
 
-    def _moving(self, at: Values) -> list[Float[np.ndarray, "_ m"]]:
-        """Moving columns of every run."""
+    def _moving(self, at: Values) -> list[Float[np.ndarray, "_ k"]]:
+        """Moving columns of every run, of the parameters that move in its equation."""
         found: list[np.ndarray] = []
         for one in self.columns:
-            columns = one.moving(at)
-            if one.fixed.shape[1] + columns.shape[1] != len(self.parameters):
+            columns, places = one.moving(at), self._places(one)
+            if columns.shape[1] != len(places):
                 raise ShapeError(
                     f"a fixed or moving column for each of {len(self.parameters)} parameters",
                     f"{one.fixed.shape[1]} and {columns.shape[1]}",
-                    "Give columns of zeros for parameters that are not in an axis' equation.",
+                    "Give columns of zeros for what is not in an axis' equation, or say what is.",
                 )
             found.extend(columns[run] for run in one.runs)
+        return found
+
+    def _places(self, one: AxisColumns) -> Sequence[int]:
+        """Places of the columns that move in an axis' equation, among all that move."""
+        return range(len(self.parameters) - one.fixed.shape[1]) if one.moved is None else one.moved
+
+    def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
+        """Moving columns of every run at their places, with zeros for what is not in its equation."""
+        found = []
+        for (one, _), block in zip(self._cut(), blocks, strict=True):
+            whole = np.zeros((block.shape[0], len(self.parameters) - one.fixed.shape[1]), block.dtype)
+            whole[:, list(self._places(one))] = block
+            found.append(whole)
         return found
 
     @cached_property
@@ -241,7 +259,7 @@ class LaggedRuns(SeparableProblem):
     def rows(self, at: Values) -> Regression:
         """Rows in time, means of each run removed when it has an intercept."""
         fixed, instruments = self._fixed_rows
-        moving = self._timed(self._moving(at))
+        moving = self._timed(self._among_all(self._moving(at)))
         regressors = np.column_stack([fixed[:, 1:], moving])
         return Regression(
             fixed[:, 0], regressors, instruments, self.parameters, self._row_layout, self.regressor_noise
@@ -266,9 +284,9 @@ class LaggedRuns(SeparableProblem):
             )
         )
 
-    def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Complex[np.ndarray, "bins columns"]:
+    def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
         runs = self._bin_layout.runs
-        return np.concatenate([run.spectrum(block) for run, block in zip(runs, blocks, strict=True)])
+        return [run.spectrum(block) for run, block in zip(runs, blocks, strict=True)]
 
     @cached_property
     def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"], np.ndarray]:
@@ -283,7 +301,7 @@ class LaggedRuns(SeparableProblem):
             responses = one.responses[run, -common[one.axis] :]
             twice = [responses] * (most - responses.shape[1] + 1)
             blocks.append(np.column_stack([*twice, one.fixed[run], instruments]))
-        spectra = self._spectra(blocks)
+        spectra = np.concatenate(self._spectra(blocks))
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
     @cached_property
@@ -334,7 +352,7 @@ class LaggedRuns(SeparableProblem):
         key = tuple(at[nuisance.name] for nuisance in self.nuisances)
         found = self._moving_bins.get(key)
         if found is None:
-            found = self._spectra(self._moving(at))
+            found = np.concatenate(self._among_all(self._spectra(self._moving(at))))
             if (len(self._moving_bins) + 1) * found.size <= MEMO_NUMBERS:
                 self._moving_bins[key] = found
         return found

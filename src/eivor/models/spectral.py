@@ -100,7 +100,7 @@ class SpectralRun:
             return whole
         mean = (values if self.counted is None else values[self.counted]).mean(axis=0)
         centred = (values - mean) * self.taper[:, None]
-        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred, axis=0)[self.bins]
+        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred.T)[:, self.bins].T
         return spectrum / np.sqrt(self.length)
 
     def series(self, spectrum: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "length columns"]:

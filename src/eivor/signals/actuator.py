@@ -53,7 +53,7 @@ def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.
     """
     band = np.empty((2, driven.shape[0]))
     band[0], band[1] = 1.0, -decay
-    state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U")[0]
+    state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
     return state
 
 

@@ -37,6 +37,7 @@ from eivor.motions.rigid_body.parameters import (
     FORCE_Z,
     GAIN,
     LIFT,
+    MOVING,
     OFFSET,
     PITCH,
     REACTION,
@@ -87,40 +88,59 @@ class RotorStates:
 
     flight: PreparedFlight
     layout: RotorLayout
-    _last: tuple[tuple[float, float], Float[np.ndarray, "n rotors"], Float[np.ndarray, "n rotors"]] | None = (
-        None
-    )
+    _last: tuple[tuple[float, float], Float[np.ndarray, "7 n"], Float[np.ndarray, "7 n"]] | None = None
 
-    def at(
-        self, lag_s: float, delay_s: float
-    ) -> tuple[Float[np.ndarray, "n rotors"], Float[np.ndarray, "n rotors"]]:
-        """States, and what thrust is a multiple of."""
+    def at(self, lag_s: float, delay_s: float) -> tuple[Float[np.ndarray, "7 n"], Float[np.ndarray, "7 n"]]:
+        """Sums over the rotors of their states, and of what thrust goes with; see `RotorLayout.sums`."""
         if self._last is None or self._last[0] != (lag_s, delay_s):
-            state = self._moved(lag_s, delay_s)
-            self._last = (lag_s, delay_s), state, input_map(self.flight.input_map)(state)
+            state, weights = self._moved(lag_s, delay_s), self.layout.sums
+            thrust = input_map(self.flight.input_map)(state)
+            self._last = (lag_s, delay_s), weights @ state.T, weights @ thrust.T
         return self._last[1:]
 
     @cached_property
     def across(self) -> Float[np.ndarray, " n"]:
-        """Square of the velocity across the rotors."""
-        return (self.hub_velocity[0] ** 2 + self.hub_velocity[1] ** 2).mean(axis=1)
+        """Square of the velocity across the rotors, its mean over them."""
+        (u, v, _), (_, _, r) = self.velocity, self.rates
+        x, y = -self.layout.pitch, self.layout.roll
+        forward, left = u[:, None] - np.outer(r, y), v[:, None] + np.outer(r, x)
+        return (forward**2 + left**2).mean(axis=1)
+
+    def dragged(self, axis: int, state: Float[np.ndarray, "7 n"]) -> Float[np.ndarray, " n"]:
+        """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one."""
+        total, x, y, xx, xy, yy, _ = state
+        (u, v, w), (p, q, r) = self.velocity, self.rates
+        if axis == ROLL:
+            return w * y + p * yy - q * xy
+        if axis == PITCH:
+            return q * xx - p * xy - w * x
+        if axis == YAW:
+            return v * x - u * y + r * (xx + yy)
+        if axis == FORCE_Z:
+            return w * total + p * y - q * x
+        return u * total - r * y if axis == FORCE_X else v * total + r * x
 
     @cached_property
-    def hub_velocity(self) -> tuple[Float[np.ndarray, "n rotors"], ...]:
-        """Velocity through the air at each rotor; of turning alone where the vehicle's is not known."""
-        signals = self.flight.signals
-        velocity = body_velocity(signals)
-        u, v, s = np.zeros((3, signals.sample_count, 1)) if velocity is None else velocity.T[:, :, None]
-        p, q, r = (signals.channel(axis.rate)[:, None] for axis in AXES)
-        x, y = -self.layout.pitch, self.layout.roll
-        return u - r * y, v + r * x, s + p * y - q * x
+    def rates(self) -> Float[np.ndarray, "3 n"]:
+        """Body rates."""
+        return np.stack([self.flight.signals.channel(axis.rate) for axis in AXES])
+
+    @cached_property
+    def velocity(self) -> Float[np.ndarray, "3 n"]:
+        """Velocity through the air on the body's axes; zero where it is not known."""
+        found = body_velocity(self.flight.signals)
+        return np.zeros_like(self.rates) if found is None else np.ascontiguousarray(found.T)
+
+    @cached_property
+    def _logged(self) -> Float[np.ndarray, "n rotors"]:
+        """What was logged of the rotors, each rotor's values side by side in memory."""
+        return np.asfortranarray(self.flight.signals.family(self.flight.input.name))
 
     def _moved(self, lag_s: float, delay_s: float) -> Float[np.ndarray, "n rotors"]:
-        signals, family = self.flight.signals, self.flight.input
-        logged = signals.family(family.name)
-        if family.measured:
-            return shifted_by(logged, step_s=signals.step_s, delay_s=delay_s)
-        return actuator_state(logged, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s)
+        step_s = self.flight.signals.step_s
+        if self.flight.input.measured:
+            return shifted_by(self._logged, step_s=step_s, delay_s=delay_s)
+        return actuator_state(self._logged, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
 
 
 @dataclass(frozen=True)
@@ -148,41 +168,28 @@ class RotorColumns:
     moving: tuple[Parameter, ...]
     usual: float
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
-        """Columns at a lag and a delay; zeros for parameters of other equations."""
-        state, thrust = self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name])
-        columns = np.zeros((len(self.moving), state.shape[0]))
-        for parameter, values in self._of_axis(state, thrust).items():
-            if parameter in self.moving:
-                columns[self.moving.index(parameter)] = values
-        return columns.T
+    def __call__(self, at: Values) -> Float[np.ndarray, "n k"]:
+        """Columns at a lag and a delay, of the parameters of this equation."""
+        found = self._of_axis(*self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name]))
+        return np.stack([found[self.moving[place]] for place in self.places]).T
+
+    @cached_property
+    def places(self) -> tuple[int, ...]:
+        """Places of this equation's parameters among those of all moving columns."""
+        return tuple(place for place, one in enumerate(self.moving) if one in MOVING[self.axis])
 
     def _of_axis(
-        self, state: Float[np.ndarray, "n rotors"], thrust: Float[np.ndarray, "n rotors"]
+        self, state: Float[np.ndarray, "7 n"], thrust: Float[np.ndarray, "7 n"]
     ) -> dict[Parameter, Float[np.ndarray, " n"]]:
-        layout, axis, count = self.states.layout, self.axis, self.states.layout.count
-        hub = self.states.hub_velocity
+        axis, (count, _, _, xx, _, yy, _) = self.axis, self.states.layout.sums.sum(axis=1).tolist()
+        dragged = -self.states.dragged(axis, state) / self.usual
         if axis >= FORCE_X:
-            along = axis - FORCE_X
-            found = {DRAG[along]: _summed(state, hub[along]) / (-self.usual * count)}
-            if axis == FORCE_Z:
-                found |= {THRUST: thrust.sum(axis=1), LIFT: self.states.across}
-            return found
-        x, y = -layout.pitch, layout.roll
+            return {DRAG[axis - FORCE_X]: dragged / count, THRUST: thrust[0], LIFT: self.states.across}
         if axis == YAW:
-            turned = _summed(state, x * hub[1] - y * hub[0]) / (-self.usual * float(x @ x + y @ y))
-            spinning = time_derivative(state @ layout.yaw, self.states.flight.signals.step_s)
-            return {GAIN[YAW]: thrust @ layout.yaw, REACTION: spinning, DAMPING[YAW]: turned}
-        arms = (y, -x)[axis]
-        inflow = _summed(state, arms * hub[2]) / (-self.usual * float(arms @ arms))
-        return {GAIN[axis]: thrust @ arms, OFFSET[axis]: thrust.sum(axis=1), DAMPING[axis]: inflow}
-
-
-def _summed(
-    state: Float[np.ndarray, "n rotors"], velocity: Float[np.ndarray, "n rotors"]
-) -> Float[np.ndarray, " n"]:
-    """Sum of their products over the rotors."""
-    return np.einsum("nr,nr->n", state, velocity)
+            spinning = time_derivative(state[6], self.states.flight.signals.step_s)
+            return {GAIN[YAW]: thrust[6], REACTION: spinning, DAMPING[YAW]: dragged / (xx + yy)}
+        arms, square = ((thrust[2], yy), (-thrust[1], xx))[axis]
+        return {GAIN[axis]: arms, OFFSET[axis]: thrust[0], DAMPING[axis]: dragged / square}
 
 
 def rigid_body_problem(
@@ -269,17 +276,19 @@ def _flight(
         if axis < FORCE_X:
             staying[:, axis] = rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3]
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
+        moving = RotorColumns(states, axis, terms.moving, usual)
         return AxisColumns(
             signals.step_s,
             flight.runs,
             responses,
             staying,
-            RotorColumns(states, axis, terms.moving, usual),
+            moving,
             instruments.of_axis(axis),
             number,
             axis,
             (low, min(high, BAND_SHARE * slowest)),
             flight.usable,
+            moving.places,
         )
 
     turning = [

@@ -42,3 +42,9 @@ class RotorLayout:
     def yaw(self) -> Float[np.ndarray, " rotors"]:
         """Sign of each reaction torque."""
         return np.array(self.vehicle.spins, dtype=np.float64)
+
+    @cached_property
+    def sums(self) -> Float[np.ndarray, "7 rotors"]:
+        """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
+        x, y = -self.pitch, self.roll
+        return np.stack([np.ones(self.count), x, y, x * x, x * y, y * y, self.yaw])

@@ -35,3 +35,13 @@ THRUST = Parameter("thrust_gain", "m/s^2")
 
 #: Parameters of what the rotors drive.
 DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)
+
+#: Parameters of each equation that move with lag and delay.
+MOVING = (
+    (GAIN[ROLL], DAMPING[ROLL], OFFSET[ROLL]),
+    (GAIN[PITCH], DAMPING[PITCH], OFFSET[PITCH]),
+    (GAIN[YAW], DAMPING[YAW], REACTION),
+    (DRAG[0],),
+    (DRAG[1],),
+    (THRUST, DRAG[2], LIFT),
+)
