@@ -31,6 +31,7 @@ from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
 from eivor.motions.rigid_body.physical import PhysicalParameter, physical_parameters
 from eivor.motions.rigid_body.quantities import at_hover
+from eivor.motions.rigid_body.rotor_order import order_shown
 from eivor.motions.rigid_body.rule import all_grounds
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
@@ -132,6 +133,13 @@ class RigidBody(Motion[LaggedRuns]):
             return Implications()
         found = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
         return Implications(tuple(map(_implied, found.rows)), found.contradictions)
+
+    def diagnostics(
+        self, _problem: LaggedRuns, _estimate: Estimate, flights: tuple[PreparedFlight, ...], /
+    ) -> Mapping[str, float]:
+        """As which rotors the commands act, where the vehicle file has another order; see `rotor_order`."""
+        shown = order_shown(flights, self.layout)
+        return {} if shown is None else shown.numbers
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""

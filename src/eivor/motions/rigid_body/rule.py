@@ -2,7 +2,8 @@
 
 Each quantity is judged by the instruments of its own equation, and by its own interval:
 
-* refused: instruments too weak for it, a gain that cannot be told from zero or has the wrong sign;
+* refused: instruments too weak for it, a gain that cannot be told from zero or has the wrong sign, rotors in
+  another order than that of the vehicle file;
 * provisional: a direct method, for want of references;
 * identified: a half-width of at most a tenth of a gain, a half of a drag or a damping, .1 of a coupling, 10
   ms of the lag;
@@ -27,6 +28,7 @@ from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+from eivor.motions.rigid_body.rotor_order import Order
 
 GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
 SHORT_FLIGHT_S = 10.0
@@ -35,6 +37,7 @@ FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
+CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
 LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
 LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
 
@@ -73,6 +76,9 @@ def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
         )
     reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
     reasons.extend(given_lag_reasons(at))
+    order = Order.of_numbers(at.numbers)
+    if order is not None:
+        reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
     return reasons
 
 
@@ -85,7 +91,7 @@ def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[
                 Reason(
                     Status.REFUSED,
                     f"The {words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}.",
-                    "Correct positions and spins in the vehicle file, in the order of the rotor commands.",
+                    CORRECT_ROTORS,
                 )
             ]
         if low <= 0.0:
