@@ -80,6 +80,8 @@ ACCEPTED = {
     ("FlightOptions", "align"): {"flag"},
     ("FlightOptions", "lag"): {"none"},
     ("FlightOptions", "accelerometer_bias"): NUMBER,
+    ("FlightOptions", "terms"): {"list", "texts"},
+    ("FlightOptions", "rotor_radius"): {*NUMBER, "none"},
     ("Bounds", "low"): ANY_NUMBER,
     ("Bounds", "high"): ANY_NUMBER,
     ("FlightLimits", "speed"): NUMBER,
@@ -233,6 +235,8 @@ def doors(folder):
                 "align": False,
                 "accelerometer_bias": 0.1,
                 "pool_friction": "auto",
+                "terms": (),
+                "rotor_radius": 0.1,
             },
         ),
         "FlightLimits": (

@@ -91,6 +91,8 @@ SCHEMA: dict[str, Any] = {
             "align": bool,
             "accelerometer_bias": float,
             "pool_friction": {"auto", "common", "separate"},
+            "terms": [str],
+            "rotor_radius": (float, type(None)),
         },
     },
 }

@@ -62,6 +62,25 @@ InputOption = Annotated[
         show_default=False,
     ),
 ]
+TermOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--term",
+        metavar="NAME",
+        help="Add an optional term of the motion to its equation, such as quadratic-drag; several times "
+        "for several.",
+        show_default=False,
+    ),
+]
+RotorRadiusOption = Annotated[
+    float | None,
+    typer.Option(
+        "--rotor-radius",
+        metavar="M",
+        help="Radius of a rotor in metres, such as 0.12: heights over the ground are told in radii.",
+        show_default=False,
+    ),
+]
 InputMapOption = Annotated[
     str,
     typer.Option(

@@ -86,6 +86,8 @@ def identify(
         bool, typer.Option("--align", help="Take offset and scale out of sensors that disagree.")
     ] = False,
     pool_friction: arguments.PoolFrictionOption = "auto",
+    term: arguments.TermOption = None,
+    rotor_radius: arguments.RotorRadiusOption = None,
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
@@ -117,6 +119,8 @@ def identify(
         lag_from=lag_from,
         align=align,
         pool_friction=pool_friction,
+        terms=term or (),
+        rotor_radius=rotor_radius,
     )
     recordings, windows = chosen.read(options)
     check_named_instruments(recordings, options.instruments)

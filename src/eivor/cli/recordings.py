@@ -136,6 +136,8 @@ def flight_options(
     lag_from: str = "",
     align: bool = False,
     pool_friction: str = "auto",
+    terms: Sequence[str] = (),
+    rotor_radius: float | None = None,
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -146,6 +148,7 @@ def flight_options(
     """
     from eivor.estimation.methods import by_name
     from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
+    from eivor.flights.terms import check_options
 
     chosen = by_name(method)
     if instruments and not (compare or chosen.needs_instruments):
@@ -173,8 +176,10 @@ def flight_options(
         align=align,
         accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
         pool_friction=pool_friction,
+        terms=tuple(terms),
+        rotor_radius=rotor_radius,
     )
-    motion.check(options)
+    check_options(motion, options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
 
 

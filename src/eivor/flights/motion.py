@@ -341,6 +341,8 @@ class Motion(ABC, Generic[P]):
     of_flight: ClassVar[tuple[str, ...]] = ()
     """Linear parameters that belong to the flight (wind, load) and not to the vehicle: flights of a pool have
     each their own. Names out of the problem's parameters; what belongs to a run is none of them."""
+    terms: ClassVar[Mapping[str, str]] = {}
+    """Terms that its equation may have beside the others: the word of each, and what it is."""
     direct: ClassVar[str] = "least_squares"
     """Method that serves when no instrument is at hand."""
     memory_s: ClassVar[float] = MEMORY_S
@@ -360,6 +362,21 @@ class Motion(ABC, Generic[P]):
         UsageError
             With what there is.
         """
+
+    def for_flights(self, _flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> Motion[P]:
+        """Return the same motion with the terms that were asked for, and what all flights say together.
+
+        Raises
+        ------
+        EivorError
+            When a log lacks what a term needs, with what it is.
+        """
+        return self
+
+    @property
+    def written(self) -> tuple[str, str]:
+        """The equation with the terms that were asked for, and what its symbols are."""
+        return self.equation
 
     def of_vehicle(self, vehicle: str) -> Motion[P]:
         """Return the same motion of a vehicle that a user describes, by a name or a file.

@@ -19,6 +19,9 @@ ACCELEROMETER_BIAS = 0.1
 #: Longest lag that bounds may reach [s].
 LONGEST_LAG_S = 1.0
 
+#: Largest radius of a rotor [m].
+LARGEST_RADIUS = 5.0
+
 #: What flights of a pool may share of what belongs to a flight.
 POOL_FRICTIONS = ("auto", "common", "separate")
 
@@ -59,6 +62,10 @@ class FlightOptions:
         What flights of a pool share of what belongs to a flight, such as the friction: "auto" for each
         flight's own and a common value where they agree, "separate" for each flight's own and their mean,
         "common" for one value throughout.
+    terms : tuple of str
+        Optional terms of the motion that its equation is to have, by the words of `Motion.terms`.
+    rotor_radius : float, optional
+        Radius of a rotor [m], for what a motion tells in radii.
 
     Raises
     ------
@@ -77,6 +84,8 @@ class FlightOptions:
     align: bool = False
     accelerometer_bias: float = ACCELEROMETER_BIAS
     pool_friction: str = "auto"
+    terms: tuple[str, ...] = ()
+    rotor_radius: float | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -89,6 +98,12 @@ class FlightOptions:
                 "a standard deviation of the accelerometer's bias above zero",
                 f"{self.accelerometer_bias:g} m/s^2",
                 "The default is 0.1; give inf when nothing is known of it.",
+            )
+        if self.rotor_radius is not None and not 0.0 < self.rotor_radius <= LARGEST_RADIUS:
+            raise UsageError(
+                f"a rotor's radius between 0 and {LARGEST_RADIUS:g} m",
+                f"{self.rotor_radius:g} m",
+                "Give it in metres: half a propeller's diameter, such as 0.12.",
             )
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
@@ -117,6 +132,9 @@ class FlightOptions:
         for name in ("input", "input_map", "method", "pool_friction"):
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
+        checks.items("terms", self.terms, str, "names", 'Give ("quadratic-drag",), for example.')
+        if self.rotor_radius is not None:
+            checks.number("rotor_radius", self.rotor_radius)
         checks.flag("compare", self.compare)
         checks.flag("align", self.align)
         if self.lag is not None:

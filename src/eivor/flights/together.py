@@ -17,6 +17,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import LagsBeside, estimated
 from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.flights.terms import check_options
 from eivor.signals.recording import Recording
 
 Window = tuple[float, float] | None
@@ -55,7 +56,7 @@ def identified(
         When the flights are of vehicles with different input maps or parameters.
     """
     by_name(options.method)  # unknown names are told before anything is estimated
-    motion.check(options)
+    check_options(motion, options)
     if len(windows) != len(logs):
         raise UsageError(
             f"{len(logs)} windows, one for each log", f"{len(windows)}", "Use None for a whole log."
@@ -66,6 +67,7 @@ def identified(
         for log, window in kept
     )
     check_poolable(prepared, motion)
+    motion = motion.for_flights(prepared, options)
     beside: LagsBeside = tuple
     if len(kept) == 1 and others:
         ((log, window),) = kept

@@ -36,6 +36,8 @@ class Choices(TypedDict, total=False):
     align: bool
     accelerometer_bias: float
     pool_friction: str
+    terms: tuple[str, ...]
+    rotor_radius: float | None
 
 
 def identify_flight(
@@ -66,7 +68,7 @@ def identify_flight(
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
-        ``accelerometer_bias=``, ``pool_friction=``.
+        ``accelerometer_bias=``, ``pool_friction=``, ``terms=("quadratic-drag",)``, ``rotor_radius=``.
 
     Returns
     -------

@@ -245,7 +245,7 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         logs=tuple(flight.recording.name for flight in result.prepared),
         verdict=result.verdict,
         meaning=motion.words.meanings[result.verdict.status],
-        equation=motion.equation,
+        equation=motion.written,
         symbols=motion.symbols(result.prepared[0]),
         method=result.method,
         instruments=result.instruments,

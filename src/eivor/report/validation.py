@@ -224,6 +224,13 @@ def validate(
             f"one without: {' '.join(result.reasons)}",
             "Validate a flight that tells something.",
         )
+    terms = result.document["provenance"]["options"].get("terms", [])
+    if terms:
+        raise UsageError(
+            "a result of the equation without optional terms",
+            f"one with {', '.join(terms)}",
+            "Identify the first flight again without --term; predictions have none.",
+        )
     motion = motion_of_model(str(result.document["model"]["name"]))
     flight = _prepared(result, motion, recording, window, max_tilt_deg)
     problem = motion.problem((flight.shortened,), NoInstruments())

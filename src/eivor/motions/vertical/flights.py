@@ -26,6 +26,7 @@ from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.terms import OptionalTerm, TermIngredients, term_instruments
 from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.signals import Signals
@@ -48,6 +49,9 @@ class VerticalFlight:
         Stretches to use; of their samples those count that are valid.
     band_hz : tuple of float
         Band of spectral rows [Hz].
+    radii, voltage : ndarray, shape (n,), optional
+        Height over the ground in rotor radii, and the supply's voltage over that which the gain belongs to,
+        less one: for terms that need them.
     """
 
     signals: Signals
@@ -55,6 +59,8 @@ class VerticalFlight:
     measured: bool
     runs: tuple[slice, ...]
     band_hz: tuple[float, float] = BAND_HZ
+    radii: Float[np.ndarray, " n"] | None = None
+    voltage: Float[np.ndarray, " n"] | None = None
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, " n"]:
@@ -91,8 +97,8 @@ class VerticalFlight:
 
 
 @dataclass(frozen=True)
-class MappedInput:
-    """The column that moves with lag and delay.
+class MovingColumns:
+    """The mapped input, which moves with lag and delay, and the optional terms.
 
     Parameters
     ----------
@@ -100,15 +106,41 @@ class MappedInput:
         Whose input.
     motion : VerticalMotion
         With the input map.
+    terms : tuple of OptionalTerm
+        Terms beside the model's.
     """
 
     flight: VerticalFlight
     motion: VerticalMotion
+    terms: tuple[OptionalTerm, ...] = ()
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n 1"]:
-        """U at a lag and a delay."""
-        lag_s, delay_s = at[ACTUATOR_LAG.name], at[DELAY.name]
-        return self.flight.mapped_input(self.motion, lag_s, delay_s)[:, None]
+    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
+        """U at a lag and a delay, and a column for each term."""
+        mapped = self.flight.mapped_input(self.motion, at[ACTUATOR_LAG.name], at[DELAY.name])
+        if not self.terms:
+            return mapped[:, None]
+        of = self._ingredients(mapped)
+        return np.column_stack([mapped, *(term.column(of) for term in self.terms)])
+
+    def instruments(self, references: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n q"]:
+        """References, and where there are any an instrument for each term."""
+        if not (self.terms and references.shape[1]):
+            return references
+        own = term_instruments(self.terms, self._ingredients(self._unlagged), references, self.flight.runs)
+        return np.column_stack([references, own])
+
+    def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
+        lift = GRAVITY / self._mean * mapped
+        return TermIngredients(self.flight.velocity, lift, self.flight.radii, self.flight.voltage)
+
+    @cached_property
+    def _unlagged(self) -> Float[np.ndarray, " n"]:
+        return self.flight.mapped_input(self.motion, 0.0, 0.0)
+
+    @cached_property
+    def _mean(self) -> float:
+        """Mean of the mapped input over the runs, of either sign; one where it is zero."""
+        return float(np.concatenate(self.flight.cut(self._unlagged[:, None])).mean()) or 1.0
 
 
 @dataclass(frozen=True)
@@ -128,6 +160,8 @@ class VerticalFlights(SeparableProblem):
         measured no lag and a delay of either sign.
     curve : FittedCurve, optional
         How the model's input map was found out; None for one that was chosen.
+    terms : tuple of OptionalTerm
+        Terms beside the model's; their parameters follow its own.
 
     Raises
     ------
@@ -142,6 +176,7 @@ class VerticalFlights(SeparableProblem):
     rule: InstrumentRule = field(default_factory=NoInstruments)
     nuisances: tuple[Nuisance, ...] = ()
     curve: FittedCurve | None = None
+    terms: tuple[OptionalTerm, ...] = ()
     runs: LaggedRuns = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -170,10 +205,15 @@ class VerticalFlights(SeparableProblem):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Linear parameters."""
-        return self.motion.parameters
+        return (*self.motion.parameters, *(term.parameter for term in self.terms))
+
+    def moving(self, flight: VerticalFlight) -> MovingColumns:
+        """Columns of one of the flights that are the input's and the terms'."""
+        return MovingColumns(flight, self.motion, self.terms)
 
     def _columns(self, number: int, flight: VerticalFlight) -> AxisColumns:
-        """Columns of one flight: z'' measured and from the velocity, -z', and the mapped input."""
+        """Columns of one flight: z'' measured and from the velocity, -z', the mapped input, terms."""
+        moving = self.moving(flight)
         responses = [flight.velocity_derivative]
         if flight.acceleration is not None:
             responses.insert(0, flight.acceleration)
@@ -182,8 +222,10 @@ class VerticalFlights(SeparableProblem):
             flight.runs,
             np.column_stack(responses),
             -flight.velocity[:, None],
-            MappedInput(flight, self.motion),
-            self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))),
+            moving,
+            moving.instruments(
+                self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0)))
+            ),
             number,
             band_hz=flight.band_hz,
             valid=flight.signals.valid,
@@ -198,11 +240,11 @@ class VerticalFlights(SeparableProblem):
         return self.runs.bins(at)
 
     @cached_property
-    def regressor_noise(self) -> Float[np.ndarray, "3 3"] | None:
-        """Declared variances of the errors in z', U and z'', averaged over flights; or None.
+    def regressor_noise(self) -> Float[np.ndarray, "m m"] | None:
+        """Declared variances of the errors in z', U, the terms and z'', averaged over flights; or None.
 
-        A commanded input is exact. Without an accelerometer z'' is the central difference of z', whose
-        white noise of variance s^2 it turns into one of variance s^2 / (2 h^2).
+        A commanded input is exact, and terms are taken to be. Without an accelerometer z'' is the central
+        difference of z', whose white noise of variance s^2 it turns into one of variance s^2 / (2 h^2).
         """
         variances = []
         for flight in self.flights:
@@ -213,5 +255,6 @@ class VerticalFlights(SeparableProblem):
                 noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
             if not {"velocity_z", "specific_force_z"} <= set(noise):
                 return None
-            variances.append([noise["velocity_z"], 0.0, noise["specific_force_z"]])
+            exact = [0.0] * (1 + len(self.terms))
+            variances.append([noise["velocity_z"], *exact, noise["specific_force_z"]])
         return np.diag(np.mean(variances, axis=0))

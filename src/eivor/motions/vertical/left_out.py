@@ -24,24 +24,21 @@ import numpy as np
 from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import Difference, estimated
-from eivor.flights.grid import on_grid
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.separable import Values
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.surroundings import height_over_ground, voltage
+from eivor.motions.vertical.terms import DRAG, GROUND, SUPPLY, explained
 from eivor.shapes import Float
 
-#: Names of the terms, and what their numbers are called.
-DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
+#: What their numbers are called.
 PREFIX = "left_out_"
 #: A term is missed below this p-value.
 MISSED = 0.005
 #: Smaller ones matter to nothing.
 LEAST = {SUPPLY: 0.02}
-#: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground
-#: is taken to be so far below the flight [m].
-ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
@@ -72,6 +69,8 @@ def left_out(
 ) -> dict[str, Difference]:
     """Coefficient of each term as if it alone were added; none without instruments.
 
+    Terms that the problem has are not tested.
+
     Parameters
     ----------
     problem : VerticalFlights
@@ -94,13 +93,16 @@ def left_out(
     explained = [_explained(one, of) for one, of in zip(own, measured, strict=True)]
     base = [_linear(problem, one, estimate) for one in own]
     found: dict[str, Difference] = {}
+    added = {term.left_out for term in problem.terms}
     for name, term in _TERMS.items():
+        if name in added:
+            continue
         columns, instruments = [term(of) for of in measured], [term(of) for of in explained]
         known = [(x, z) for x, z in zip(columns, instruments, strict=True) if x is not None and z is not None]
         if len(known) < len(own):
             continue
-        added = [_with(one, linear, x, z) for one, linear, (x, z) in zip(own, base, known, strict=True)]
-        coefficient = _coefficient(tuple(added), name)
+        with_term = [_with(one, linear, x, z) for one, linear, (x, z) in zip(own, base, known, strict=True)]
+        coefficient = _coefficient(tuple(with_term), name)
         if coefficient is not None:
             found[name] = coefficient
     if SUPPLY in found:
@@ -116,39 +118,17 @@ def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: 
     time = flight.grid.time_s
     span = time[used[-1]] - time[used[0]]
     share = (time - time[used[0]]) / span - 0.5
-    return _Flight(problem.flights[place].velocity, mapped, _height(flight), _voltage(flight), share)
-
-
-def _height(flight: PreparedFlight) -> Column | None:
-    """Height over the ground; of a log without any, over a place below all of the flight."""
-    channel = flight.recording.channels.get("position_z")
-    if channel is None or np.isfinite(channel.values).sum() < 2:
-        return None
-    height = on_grid(channel, flight.grid)[0]
-    lowest_flown, lowest = float(height[flight.used].min()), float(np.nanquantile(channel.values, 0.005))
-    known = lowest_flown - lowest > ABOVE_GROUND
-    return height - (lowest if known else lowest_flown - BELOW_FLIGHT)
-
-
-def _voltage(flight: PreparedFlight) -> Column | None:
-    """Voltage as a share of its mean, less one."""
-    channel = flight.recording.channels.get("battery_voltage")
-    if channel is None or np.isfinite(channel.values).sum() < 2:
-        return None
-    volts = on_grid(channel, flight.grid)[0]
-    mean = float(volts[flight.used].mean())
-    return volts / mean - 1.0 if mean > 0.0 else None
+    volts = voltage(flight)
+    away = None if volts is None else volts / float(volts[flight.used].mean()) - 1.0
+    return _Flight(problem.flights[place].velocity, mapped, height_over_ground(flight), away, share)
 
 
 def _explained(own: AxisColumns, of: _Flight) -> _Flight:
     """The same as far as the instruments of a flight explain it; voltage and time as they are."""
-    B = np.column_stack([own.instruments, np.ones(own.instruments.shape[0])])
-    used = np.concatenate([np.arange(run.start, run.stop) for run in own.runs])
     known = {"velocity": of.velocity, "mapped": of.mapped} | (
         {} if of.height is None else {"height": of.height}
     )
-    targets = np.column_stack(list(known.values()))
-    fitted = B @ np.linalg.lstsq(B[used], targets[used], rcond=None)[0]
+    fitted = explained(own.instruments, own.runs, np.column_stack(list(known.values())))
     return replace(of, **dict(zip(known, fitted.T, strict=True)))
 
 

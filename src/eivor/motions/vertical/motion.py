@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from eivor.flights.motion import (
 )
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Quantity, Unjudged
+from eivor.flights.quantity import NAN, Quantity, Unjudged
 from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
@@ -42,6 +43,8 @@ from eivor.motions.vertical.rule import APPARENT_GRAVITY, SIDEWAYS, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
 from eivor.motions.vertical.supply import supply_findings
+from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
+from eivor.motions.vertical.terms import TERMS, OptionalTerm
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.shapes import Float
 from eivor.signals.input_map import input_map
@@ -50,7 +53,21 @@ from eivor.signals.recording import Finding, Recording
 
 @dataclass(frozen=True)
 class Vertical(Motion[VerticalFlights]):
-    """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
+    """z'' + g = K_u U - K z' + b, behind the lag of the actuators.
+
+    Parameters
+    ----------
+    added : tuple of OptionalTerm
+        Terms that were asked for.
+    rotor_radius : float, optional
+        Of a rotor [m].
+    mean_voltage : float
+        Voltage that the gain belongs to, where a term follows the voltage [V].
+    """
+
+    added: tuple[OptionalTerm, ...] = ()
+    rotor_radius: float | None = None
+    mean_voltage: float = NAN
 
     name = "vertical"
     model_name = "vertical_motion"
@@ -59,6 +76,7 @@ class Vertical(Motion[VerticalFlights]):
     shown = SHOWN
     headline = ("viscous_friction",)
     of_flight = ("viscous_friction",)
+    terms = MappingProxyType({word: term.meaning for word, term in TERMS.items()})
     rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
     words = WORDS
     inputs = INPUTS
@@ -92,7 +110,8 @@ class Vertical(Motion[VerticalFlights]):
     )
 
     def check(self, options: FlightOptions) -> None:
-        """Refuse input maps that do not exist, see `Motion.check`."""
+        """Refuse input maps that do not exist, and terms without what they need, see `Motion.check`."""
+        check_terms(options)
         if options.input_map not in ("", FIT_MAP):
             input_map(options.input_map)
 
@@ -100,10 +119,31 @@ class Vertical(Motion[VerticalFlights]):
         """Velocity, specific force, tilt and what drives the rotors, see `Motion.select`."""
         return selected(log, options)
 
+    def for_flights(self, flights: tuple[PreparedFlight, ...], options: FlightOptions) -> Vertical:
+        """With the terms that were asked for, see `Motion.for_flights`."""
+        check_flights(flights, options)
+        added = tuple(TERMS[word] for word in options.terms)
+        return replace(
+            self, added=added, rotor_radius=options.rotor_radius, mean_voltage=mean_voltage(flights)
+        )
+
+    @property
+    def written(self) -> tuple[str, str]:
+        """The equation with the terms that were asked for, see `Motion.written`."""
+        equation, symbols = self.equation
+        told = (symbols, *(term.symbols for term in self.added if term.symbols))
+        return " ".join((equation, *(term.written for term in self.added))), "; ".join(told)
+
     def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> VerticalFlights:
         """Regressions of the flights for each lag and delay, see `Motion.problem`."""
         model = VerticalMotion(input_map(flights[0].input_map))
-        return VerticalFlights(tuple(vertical_flight(flight) for flight in flights), model, rule)
+        cut = tuple(self._cut(flight) for flight in flights)
+        return VerticalFlights(cut, model, rule, terms=self.added)
+
+    def _cut(self, flight: PreparedFlight) -> VerticalFlight:
+        """What the regressions need of a flight, with what its terms need."""
+        cut = vertical_flight(flight)
+        return with_surroundings(cut, flight, self.rotor_radius, self.mean_voltage) if self.added else cut
 
     def settled(
         self,

@@ -26,8 +26,8 @@ def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, Sim
     fitted = np.linalg.lstsq(rows.regressors, rows.response)[0].tolist()
     least_squares = {**at, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, at).items()}
-    friction, gain = estimate.best.theta[:2].tolist()
-    weight = GRAVITY / hover_of_sums(friction, gain, sums)
+    linear = dict(zip((p.name for p in rows.parameters), estimate.best.theta.tolist(), strict=True))
+    weight = GRAVITY / hover_of_sums(linear, sums)
     others = {parameter.name: 0.0 for parameter in rows.parameters}
     return {
         "least_squares": SimpleModel("least squares that ignores the lag", least_squares),

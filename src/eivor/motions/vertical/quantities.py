@@ -28,7 +28,7 @@ from eivor.motions.vertical.balance import (
     intercepts_by_run,
 )
 from eivor.motions.vertical.flights import VerticalFlights
-from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN
 from eivor.motions.vertical.rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
 from eivor.shapes import Float
 from eivor.signals.input_map import Mixed
@@ -45,6 +45,7 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
         "viscous_friction": joint["viscous_friction"],
         "input_gain": joint["input_gain"],
         "intercept": _intercept(estimate, terms),
+        **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
         **lag_quantities(problem, estimate),
         "hover_input": _hover(problem, estimate, terms),
         "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
@@ -64,7 +65,8 @@ def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]
     found = {
         "viscous_friction": K,
         "input_gain": K_u,
-        "hover_input": problem.motion.input_map.inverse(hover_of_sums(K, K_u, drawn.sums)),
+        **{term.parameter.name: drawn.parameters[term.parameter.name] for term in problem.terms},
+        "hover_input": problem.motion.input_map.inverse(hover_of_sums(drawn.parameters, drawn.sums)),
     }
     lag_s, delay_s = drawn.at[ACTUATOR_LAG.name], drawn.at[DELAY.name]
     if problem.lag.searched:
@@ -105,14 +107,15 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Place, Bala
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Exponents of thrust and of the input map at hover; of thrust it is m K_u U_h / g, see `rule`."""
-    friction, gain = estimate.best.theta[:2].tolist()
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, estimate.best.at).items()}
-    mapped = hover_of_sums(friction, gain, sums)
+    best = estimate.best
+    linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.at).items()}
+    mapped = hover_of_sums(linear, sums)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)
     of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
     return {
-        THRUST_EXPONENT: of_map * gain * mapped / GRAVITY,
+        THRUST_EXPONENT: of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
         MAP_EXPONENT: of_map,
         IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
     }

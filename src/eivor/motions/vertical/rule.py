@@ -44,9 +44,10 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT, curve_reasons
-from eivor.motions.vertical.left_out import GROUND, SUPPLY, left_out_sentence, missed
+from eivor.motions.vertical.left_out import left_out_sentence, missed
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
+from eivor.motions.vertical.terms import GROUND, SUPPLY, TERMS
 
 FRICTION_SHARE = 0.5
 GAIN_SHARE = 0.1
@@ -129,6 +130,11 @@ def all_grounds(
         "delay": (*lag, *delay_reasons(quantities["delay"])),
         "effective_lag": lag,
         "thrust_curve": found,
+        **{
+            parameter.name: tuple(term_reasons(quantities[parameter.name], parameter, strength, at))
+            for parameter in (term.parameter for term in TERMS.values())
+            if parameter.name in quantities
+        },
     }
 
 
@@ -417,6 +423,30 @@ def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
         return f"Use --input-map mixed:{share:.2g} if nothing else is wrong; a sagging supply looks alike."
     known = {1.0: "linear", 2.0: "square"}.get(round(exponent, 1), f"power:{exponent:.2g}")
     return f"Use --input-map {known} if nothing else is wrong; a supply that sags under load looks alike."
+
+
+def term_reasons(
+    coefficient: Unjudged, parameter: Parameter, strength: Strength, at: Circumstances
+) -> list[Reason]:
+    """Grounds against the coefficient of an optional term."""
+    words = parameter.name.replace("_", " ")
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, f"A direct method made the {words}.", LOG_REFERENCE))
+    first_stage = strength.first_stage.get(parameter.name, np.nan)
+    if first_stage < STRONG_FIRST_STAGE:
+        reasons.append(Reason(Status.WEAK, _too_low(words, first_stage), FLY))
+    low, high = coefficient.interval
+    if low <= 0.0 <= high:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The {words} cannot be told from zero: its interval is [{low:.2g}, {high:.2g}]"
+                f"{f' {parameter.unit}' if parameter.unit else ''}.",
+                "Leave the term out, and what remains is told more closely; or fly so that it shows.",
+            )
+        )
+    return [*reasons, *given_lag_reasons(at), *unit_of_force_reasons(at)]
 
 
 def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:

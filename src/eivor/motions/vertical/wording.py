@@ -17,6 +17,9 @@ EQUATION = (
 QUANTITIES = {
     "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),
     "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
+    "quadratic_drag": Wording("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
+    "ground_effect": Wording("ground effect", "k", "", optional=True),
+    "voltage_exponent": Wording("voltage exponent", "n", "", optional=True),
     "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
     **LAG_WORDINGS,
     "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
@@ -33,6 +36,9 @@ SHOWN = (
     "actuator_lag",
     "delay",
     "intercept",
+    "quadratic_drag",
+    "ground_effect",
+    "voltage_exponent",
     "thrust_curve",
 )
 WORDS = Words(

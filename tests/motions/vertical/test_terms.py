@@ -1,0 +1,176 @@
+"""Optional terms of the vertical equation: found where they are, zero where they are not, else refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.cli.recordings import flight_options
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.terms import check_options
+from eivor.motions import motion_by_name
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.json_document import json_document
+from eivor.report.validation import validate
+from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
+
+pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+
+RADIUS = 0.2
+
+
+@pytest.fixture(scope="module")
+def log():
+    return flown(seconds=30.0, seed=5)[0]
+
+
+def commanded(log, change):
+    """The log of a vehicle that needed another thrust: its mapped command is changed by what is given."""
+    command = log.channels["rotor_command_1"]
+    values = np.sqrt(change(command.values**2))
+    return replace(log, channels={**log.channels, command.name: replace(command, values=values)})
+
+
+def near(quantity, truth):
+    """Whether the truth lies within four standard errors or so."""
+    return abs(quantity.value - truth) < 2.0 * quantity.half_width
+
+
+def with_channel(log, name, values, time_s=None):
+    like = log.channels["velocity_z"]
+    channel = replace(like, name=name, values=values, time_s=like.time_s if time_s is None else time_s)
+    return replace(log, channels={**log.channels, name: channel})
+
+
+def with_height(log, lowest):
+    """Height over the ground, which the log begins on, and the log with it."""
+    reference = log.channels["reference_position_z"].values
+    over = reference - reference.min() + lowest
+    time = log.channels["velocity_z"].time_s
+    before = time[0] - 0.01 * np.arange(200, 0, -1)
+    values = np.concatenate([np.zeros(200), over])
+    return over, with_channel(log, "position_z", values, np.concatenate([before, time]))
+
+
+def sagging(log):
+    """Share of the voltage that is lost, about its mean."""
+    lost = np.linspace(0.0, 0.1, log.channels["velocity_z"].values.size)
+    return (1.0 - lost) / (1.0 - lost.mean())
+
+
+def test_quadratic_drag_is_told_apart_from_friction(log):
+    velocity = log.channels["reference_velocity_z"].values
+    draggy = commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
+    biased = identify_flight(draggy).quantities["viscous_friction"]
+    assert biased.interval[0] > FRICTION
+    found = identify_flight(draggy, terms=("quadratic-drag",)).quantities
+    assert near(found["viscous_friction"], FRICTION)
+    assert near(found["quadratic_drag"], 0.2)
+    assert found["quadratic_drag"].interval[0] > 0.0
+    assert found["quadratic_drag"].unit == "1/m"
+
+
+def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
+    over, near_ground = with_height(log, 0.5)
+    near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
+    fit = identify_flight(near_ground, terms=("ground-effect",), rotor_radius=RADIUS)
+    assert near(fit.quantities["ground_effect"], 0.3)
+    assert fit.quantities["ground_effect"].interval[0] > 0.0
+    assert near(fit.quantities["input_gain"], GAIN)
+    assert not any(name.startswith("left_out_ground_effect") for name in fit.diagnostics)
+    assert "left_out_quadratic_drag" in fit.diagnostics
+
+
+def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
+    voltage = sagging(log)
+    sags = commanded(with_channel(log, "battery_voltage", 16.0 * voltage), lambda U: U / voltage**2)
+    fit = identify_flight(sags, terms=("voltage",))
+    assert near(fit.quantities["voltage_exponent"], 2.0)
+    assert fit.quantities["voltage_exponent"].interval[0] > 1.0
+    assert near(fit.quantities["input_gain"], GAIN)
+    # at the mean voltage
+    assert near(fit.quantities["hover_input"], HOVER)
+
+
+def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(log):
+    _, high_up = with_height(with_channel(log, "battery_voltage", 16.0 * sagging(log)), 0.5)
+    every = ("quadratic-drag", "ground-effect", "voltage")
+    fit = identify_flight(high_up, terms=every, rotor_radius=RADIUS)
+    for name in ("quadratic_drag", "ground_effect", "voltage_exponent"):
+        low, high = fit.quantities[name].interval
+        assert low < 0.0 < high
+        assert any("cannot be told from zero" in one.sentence for one in fit.quantities[name].reasons)
+    assert near(fit.quantities["viscous_friction"], FRICTION)
+    assert "voltage_exponent" in fit.summary()
+    model = json_document(fit)["model"]
+    assert model["equation"].startswith(
+        "z'' + g = K_u U - K z' + b - K_2 z'|z'| + k g (U/mean U) (R/h)² + n g (U/mean U) (V/V_0 - 1); "
+    )
+    with pytest.raises(UsageError, match="without optional terms; received one with quadratic-drag, ground"):
+        validate(fit, log)
+
+
+def test_flights_of_a_pool_share_a_term_and_the_voltage_that_the_gain_belongs_to():
+    logs = []
+    for seed, full in ((5, 16.0), (6, 15.0)):
+        one = flown(seconds=20.0, seed=seed)[0]
+        volts = full * sagging(one)
+        logs.append(
+            commanded(
+                with_channel(replace(one, name=f"{seed}"), "battery_voltage", volts),
+                lambda U, volts=volts: U / (volts / 15.5) ** 2,
+            )
+        )
+    fit = identify_flight(logs, terms=("voltage",))
+    assert fit.motion.mean_voltage == pytest.approx(15.5, abs=0.02)
+    assert near(fit.quantities["voltage_exponent"], 2.0)
+    assert near(fit.quantities["input_gain"], GAIN)
+    assert len({row.quantities["voltage_exponent"].value for row in fit.by_flight}) == 1
+
+
+def test_without_instruments_terms_are_provisional(log):
+    fit = identify_flight(log, terms=("quadratic-drag",), method="least_squares")
+    assert fit.quantities["quadratic_drag"].verdict.value == "provisional"
+
+
+def test_what_a_term_needs_is_asked_for(log):
+    with pytest.raises(UsageError, match="quadratic-drag, ground-effect, voltage; received 'qudratic-drag'"):
+        identify_flight(log, terms=("qudratic-drag",))
+    with pytest.raises(UsageError, match="each term once; received voltage twice"):
+        identify_flight(log, terms=("voltage", "voltage"))
+    with pytest.raises(UsageError, match="the radius of a rotor with the term ground-effect"):
+        identify_flight(log, terms=("ground-effect",))
+    with pytest.raises(UsageError, match="between 0 and 5 m; received -1 m"):
+        identify_flight(log, rotor_radius=-1.0)
+    with pytest.raises(MissingChannelError, match="battery_voltage for the term voltage"):
+        identify_flight(log, terms=("voltage",))
+    with pytest.raises(MissingChannelError, match="position_z for the term ground-effect"):
+        identify_flight(changed(log, "position_z"), terms=("ground-effect",), rotor_radius=RADIUS)
+    with pytest.raises(InputError, match="begins or ends on the ground"):
+        identify_flight(log, terms=("ground-effect",), rotor_radius=RADIUS)
+    measured = with_channel(log, "battery_voltage", 16.0 * sagging(log))
+    command = measured.channels["rotor_command_1"]
+    measured = replace(
+        measured,
+        channels={name: one for name, one in measured.channels.items() if name != command.name}
+        | {"rotor_speed_1": replace(command, name="rotor_speed_1", held=False)},
+    )
+    with pytest.raises(InputError, match="commands for the term voltage"):
+        identify_flight(measured, terms=("voltage",))
+
+
+def test_the_command_line_takes_terms_before_a_log_is_read():
+    options = flight_options(Vertical(), terms=["ground-effect", "voltage"], rotor_radius=RADIUS)
+    assert (options.terms, options.rotor_radius) == (("ground-effect", "voltage"), RADIUS)
+    with pytest.raises(UsageError, match="received 'lift'"):
+        flight_options(Vertical(), terms=["lift"])
+
+
+def test_motions_without_terms_say_so():
+    with pytest.raises(UsageError, match="no optional terms: 'rates' has none"):
+        check_options(motion_by_name("rates"), FlightOptions(terms=("voltage",)))
+    assert Vertical().written == Vertical.equation
