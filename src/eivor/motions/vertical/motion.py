@@ -288,7 +288,8 @@ class Vertical(Motion[VerticalFlights]):
             if flight.input.measured
             else "behind a lag τ and a delay d"
         )
-        return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}"
+        of_terms = "".join(f"; {term.symbols}" for term in self.added if term.symbols)
+        return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration, means of each run removed, see `Motion.traces`."""
