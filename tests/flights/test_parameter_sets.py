@@ -187,14 +187,15 @@ def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
 def test_sets_cover_and_tell_where_instruments_are_weak():
     logs = [
         log
-        for first in range(4)
+        for first in range(2)
         for log in flown(10, seconds=30.0, gust=3.0, amplitude=0.7, seed=900 + first, hertz=(0.3, 0.35))
     ]
     results = [ev.identify_flight(log) for log in logs]
     weak = [result for result in results if min(result.fit.checks.first_stage.values()) < STRONG_FIRST_STAGE]
-    assert len(weak) >= 20
+    assert len(weak) >= 10
     robust = [result.fit.sets[K].robust for result in weak]
-    assert np.mean([found.contains(FRICTION) for found in robust]) >= 0.9
+    covered = sum(found.contains(FRICTION) for found in robust)
+    assert covered >= scipy.stats.binom.ppf(1e-3, len(robust), 0.95)
     told = [found.is_bounded and found.hull[0] > 0.0 for found in robust]
     assert np.mean(told) >= 0.3
     assert np.mean([result.fit.sets[K].wald.hull[0] > 0.0 for result in weak]) < np.mean(told)

@@ -11,7 +11,7 @@ from eivor.motions.identify import identify_flight
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.scenario_files.flight_file import shipped_flight
 
-SEEDS = 24
+SEEDS = 14
 #: The bounds are crossed by chance once in a thousand sets of seeds.
 CHANCE = 1e-3
 
