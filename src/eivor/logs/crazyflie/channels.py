@@ -12,6 +12,13 @@ Names, units and signs are those of the firmware's log groups (`stabilizer.c`, `
   which the pitch is negated; the quaternions are not, and turn from the body to the world.
 * `motor.m*` is the duty cycle of a motor, 0 to 65535: 1 is full power. `stabilizer.thrust` and
   `controller.cmd_thrust` have the same scale.
+* `controller.cmd_roll`, `.cmd_pitch` and `.cmd_yaw` (`ctrlMel` of the Mellinger controller) are on the same
+  scale. The motors on the left get half of the first, and those on the right lose it; those in front get half
+  of the second, which turns the nose up; those that spin counterclockwise get the third, to which the body
+  reacts clockwise. Turned to forward, left, up the last two are negative.
+* `ctrltarget.roll` and `.pitch` [deg] are set from outside, in the older axes; `ctrltarget.yaw` is a rate
+  [deg/s]. `controller.roll` and `.pitch` [deg] and the rates `.rollRate`, `.pitchRate` and `.yawRate` [deg/s]
+  are what the loops make of those or of the position's error.
 * `posCtl.targetVZ` is what the position loop computes from its error, hence feedback.
 """
 
@@ -153,7 +160,15 @@ def _tilt(group: str) -> Source:
     return Source("attitude", (rule,))
 
 
+def _asked(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+    """Sources of what is asked of turning: zeros throughout are those of a loop that is not in use."""
+    for column, factor in variables:
+        yield _measured(name, column, factor)
+
+
 _G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
+#: Of each axis the letter, the firmware's name, and the signs of its angles and of its torques.
+_TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.0, -1.0))
 
 #: All sources; of one quantity the preferred first.
 SOURCES: tuple[Source, ...] = (
@@ -194,6 +209,30 @@ SOURCES: tuple[Source, ...] = (
     *_set("reference_velocity_z", ("ctrltarget.vz", 1.0), ("ctrltargetZ.vz", _MILLI)),
     *_set("reference_acceleration_z", ("ctrltarget.az", 1.0), ("ctrltargetZ.az", _MILLI)),
     *_set("feedback_reference_velocity_z", ("posCtl.targetVZ", 1.0)),
+    *(
+        source
+        for letter, angle, _, sign in _TURNING
+        for source in _asked(
+            f"torque_setpoint_{letter}",
+            *((f"{group}.cmd_{angle}", sign / FULL_POWER) for group in ("controller", "ctrlMel")),
+        )
+    ),
+    *(
+        source
+        for _, angle, sign, _ in _TURNING[:2]
+        for source in (
+            *_asked(f"reference_{angle}", (f"ctrltarget.{angle}", sign * _DEG)),
+            *_asked(f"feedback_reference_{angle}", (f"controller.{angle}", sign * _DEG)),
+        )
+    ),
+    *_asked("reference_angular_rate_z", ("ctrltarget.yaw", _DEG)),
+    *(
+        source
+        for letter, angle, sign, _ in _TURNING
+        for source in _asked(
+            f"feedback_reference_angular_rate_{letter}", (f"controller.{angle}Rate", sign * _DEG)
+        )
+    ),
 )
 
 #: What was looked for, by channel.

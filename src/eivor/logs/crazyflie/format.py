@@ -24,6 +24,13 @@ TO_LOG = {
     "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
     **{f"rotor_command_{rotor}": f"motor.m{rotor}" for rotor in range(1, 5)},
     **{f"rotor_speed_{rotor}": f"rpm.m{rotor}" for rotor in range(1, 5)},
+    **{
+        f"torque_setpoint_{axis}": f"controller.cmd_{angle}"
+        for axis, angle in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
+    },
+    "reference_roll": "ctrltarget.roll",
+    "reference_pitch": "ctrltarget.pitch",
+    "reference_angular_rate_z": "ctrltarget.yaw",
 }
 _ADVICE = (
     "Name these variables below 'on:fixedFrequency' in config.txt on the card: stateEstimate.z, .vz and .az, "
@@ -65,5 +72,6 @@ CRAZYFLIE = LogFormat(
     takes_map=True,
     advice=_advice,
     setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
-    "motor.m1 to motor.m4 (the commands).",
+    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
+    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
 )
