@@ -15,7 +15,9 @@ from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.pool_verdict import agreement, not_below
 from eivor.flights.result import FlightEstimate
 from eivor.inference.diagnostics.over_identification import OverIdentification
+from eivor.inference.quantiles import t_quantile
 from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.models.lagged_runs import LAG_GRID_S
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording
 
@@ -123,6 +125,29 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
         assert (own.value, own.interval) == (row.quantities[K].value, row.quantities[K].interval)
     for level in (0.8, 0.95):
         assert read.interval(K, level) == pytest.approx(one_sine.interval(K, level))
+    assert read.interval("actuator_lag") == one_sine.interval("actuator_lag")
+    with pytest.raises(ev.errors.UsageError, match="a set for weak instruments or a pool"):
+        read.interval("actuator_lag", 0.8)
+
+
+def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
+    pool = one_sine.fit.pooled
+    low, high = one_sine.quantities["effective_lag"].interval
+    assert one_sine.by_flight[0].quantities["effective_lag"].interval == (low, high)
+
+    def excess(whole_s: float) -> float:
+        lags = [(one, whole_s - one.at["delay"]) for one in pool.candidates]
+        J = [one.separate.least([np.log([lag])])[0] for one, lag in lags if lag >= LAG_GRID_S[0]]
+        return float(min(J)) - min(one.criterion for one in pool.candidates)
+
+    allowance = pool.inflation * t_quantile(0.95, 8) ** 2
+    assert excess(high) == pytest.approx(allowance, rel=0.01)
+    assert excess(0.5 * (low + high)) < allowance < excess(1.05 * high)
+    shorter = one_sine.interval("actuator_lag", 0.8)
+    longer = one_sine.interval("actuator_lag")
+    assert longer[0] <= shorter[0] < shorter[1] < longer[1]
+    for row, sets in zip(one_sine.by_flight, pool.member_sets(K), strict=True):
+        assert row.quantities[K].interval == sets.profile.hull
 
 
 def test_the_mean_of_flights_that_differ_counts_the_differences():

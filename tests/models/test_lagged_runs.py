@@ -10,10 +10,10 @@ import pytest
 import eivor as ev
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.equation import Parameter
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.rows import AxisRows
 from eivor.models.separable import Nuisance
-from eivor.signals.actuator import first_order_lag
+from eivor.signals.actuator import actuator_state, first_order_lag
 
 STEP_S = 0.02
 AT = {"actuator_lag": 0.1}
@@ -235,3 +235,22 @@ def test_an_axis_says_which_of_the_moving_parameters_its_equation_has():
     assert not said.bins(AT).regressors[:, 2].any()
     with pytest.raises(ShapeError, match="moving column for each"):
         LaggedRuns((replace(alone, moved=(0, 1)),), names, (LAG,)).rows(AT)
+
+
+def test_a_lag_shorter_than_the_step_has_the_slope_of_longer_ones():
+    """Samples do not move with it, so that a derivative there would make intervals many times too wide."""
+    step_s = 0.01
+    command = np.sin(2.0 * np.pi * 0.3 * step_s * np.arange(1000))[:, None]
+
+    def slope(lag_s: float, resolution: float) -> float:
+        (lag, _) = lag_and_delay(step_s=resolution)
+
+        def state(at):
+            return actuator_state(command, step_s=step_s, lag_s=at[lag.name], delay_s=0.0)
+
+        return float(np.linalg.norm(lag.derivative(state, {lag.name: lag_s})))
+
+    longer = slope(0.03, 0.0)
+    assert slope(0.002, 0.0) < 0.2 * longer
+    assert 0.6 * longer < slope(0.002, step_s) < longer
+    assert slope(0.03, step_s) == longer

@@ -37,8 +37,10 @@ def test_grid_is_as_large_as_promised():
     assert no_drag.flight(3).vehicle.viscous_friction == 0.0
 
 
-def test_flights_of_a_pool_share_the_vehicle_and_not_the_wind():
-    (family,) = [family for family in GRID.families if len(family.frequencies) == 2]
+@pytest.mark.parametrize(
+    "family", [one for one in GRID.families if one.frequencies], ids=lambda one: one.name
+)
+def test_flights_of_a_pool_share_the_vehicle_and_not_the_wind(family):
     specs = [family.flight(number) for number in range(12)]
     first, second = specs[:6], specs[6:]
     assert len({(spec.vehicle.actuator_lag, spec.vehicle.hover_input) for spec in first}) == 1

@@ -8,7 +8,7 @@ pool's own value of such a parameter is the common one where the flights agree, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from eivor.estimation.pools.pooled import Pooled, pooled
 from eivor.estimation.weighting.whitening import SpectralWhitening
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.diagnostics import FitDiagnostics, fit_diagnostics, flight_findings
+from eivor.flights.estimated import EFFECTIVE_LAG
 from eivor.flights.given_lag import with_given_lag
 from eivor.flights.instruments import Instruments, instruments
 from eivor.flights.motion import Circumstances, Motion
@@ -31,6 +32,8 @@ from eivor.flights.pool_verdict import agreement, linear_names, not_below, pool_
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import circumstances, known_lag, with_fit
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, Unaided, pooled_traces
+from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
 
@@ -153,16 +156,18 @@ class _Pool:
             problem = with_given_lag(problem, given.for_the_log, estimate.best.at)
             pool = self._pooled(problem)
             estimate = pool.whole()
+        sets = _found({name: pool.whole_sets(name) for name in linear_names(pool)})
         fit = Fit(
             problem,
             estimate,
             self.chosen.rule.label,
             self._checks(pool),
             given,
-            _found({name: pool.whole_sets(name) for name in motion.headline if name in linear_names(pool)}),
+            {name: sets[name] for name in motion.headline if name in sets},
             sensors,
             unaided,
             pool,
+            {**_profiles(sets), **_of_lags(pool)},
         )
         numbers = dict(motion.diagnostics(problem, estimate, tuple(one.shortened for one in flights)))
         at = replace(
@@ -226,11 +231,8 @@ class _Pool:
     def _by_flight(self, pool: Pooled, fit: Fit, at: Circumstances) -> Iterator[FlightRow]:
         """What the pool says of each flight."""
         motion = self.motion
-        of_headline = {
-            name: pool.member_sets(name) if name in pool.own else (fit.sets.get(name),) * len(self.members)
-            for name in motion.headline
-            if name in linear_names(pool)
-        }
+        of_own = {name: pool.member_sets(name) for name in pool.own}
+        shared = {name: one for name, one in fit.profiles.items() if name not in pool.own}
         for number, member in enumerate(self.members):
             flight = (member.flight,)
             problem = pool.problems[number].with_nuisances(pool.nuisances)
@@ -243,8 +245,12 @@ class _Pool:
                 numbers=dict(motion.diagnostics(problem, estimate, (member.flight.shortened,))),
             )
             checks = replace(member.fit.checks, first_stage=_first_stage(pool, number))
-            sets = _found({name: each[number] for name, each in of_headline.items()})
-            own = Fit(problem, estimate, member.fit.instruments, checks, fit.given_lag, sets)
+            of_flight = _found({name: each[number] for name, each in of_own.items()})
+            sets = {name: one for name, one in {**fit.sets, **of_flight}.items() if name in motion.headline}
+            profiles = {**shared, **_profiles(of_flight)}
+            own = Fit(
+                problem, estimate, member.fit.instruments, checks, fit.given_lag, sets, profiles=profiles
+            )
             told = with_fit(motion, flight, self.options, own, here)
             yield FlightRow(
                 member.flight.recording.name, told.verdict.status, told.quantities, told.verdict.sentences
@@ -256,6 +262,19 @@ def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
     joint = pool.candidates[pool.best].joint
     names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
     return dict(zip(names, joint.first_stage[joint.places[number]].tolist(), strict=True))
+
+
+def _profiles(sets: Mapping[str, ParameterSets]) -> dict[str, ConfidenceSet]:
+    return {name: one.profile for name, one in sets.items()}
+
+
+def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
+    """Profile sets of the lag, and of lag and delay together."""
+    if pool.nuisance_names != (ACTUATOR_LAG.name,):
+        return {}
+    names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
+    found = {name: pool.lag_set(each) for name, each in names.items()}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _found(sets: dict[str, ParameterSets | None]) -> dict[str, ParameterSets]:

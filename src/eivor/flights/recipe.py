@@ -174,7 +174,7 @@ def with_fit(
     at: Circumstances,
 ) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
-    unjudged = with_robust_intervals(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    unjudged = with_intervals_by_sets(motion, motion.quantities(fit.problem, fit.estimate), fit)
     flying = tuple(flight for flight in prepared if flight.runs)
     unjudged = with_allowances(
         motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged, at)
@@ -204,13 +204,13 @@ def headline_sets(
     return {name: sets for name, sets in found.items() if sets is not None}
 
 
-def with_robust_intervals(
+def with_intervals_by_sets(
     motion: Motion[Any], unjudged: Mapping[str, Unjudged], fit: Fit
 ) -> Mapping[str, Unjudged]:
-    """Quantities, those that weak instruments tell with intervals that hold however weak these are."""
-    if not fit.robust_sets:
+    """Quantities, those that are judged by confidence sets with the hulls of these as intervals."""
+    if not fit.by_sets:
         return unjudged
-    changed = {name: replace(unjudged[name], interval=fit.interval(name)) for name in fit.robust_sets}
+    changed = {name: replace(unjudged[name], interval=one.hull) for name, one in fit.by_sets.items()}
     quantities = {**unjudged, **changed}
     return {**quantities, **motion.following(quantities)}
 

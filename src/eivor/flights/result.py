@@ -105,6 +105,8 @@ class Fit:
     pooled : Pooled or None
         Behind a pool some of whose parameters belong to the flight: there `problem` has all parameters in
         common, and `estimate` the mean of each that is not.
+    profiles : mapping of str to ConfidenceSet
+        95 % profile sets of such a pool, or of a flight of it: intervals of what instruments tell well.
     """
 
     problem: SeparableProblem
@@ -116,6 +118,7 @@ class Fit:
     sensors: SensorAgreement | None = None
     unaided: Unaided | None = None
     pooled: Pooled | None = None
+    profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
 
     @property
     def by_itself(self) -> Unaided:
@@ -144,18 +147,30 @@ class Fit:
         }
         return {name: own.robust for name, own in judged.items()}
 
+    @property
+    def by_sets(self) -> dict[str, ConfidenceSet]:
+        """Sets whose hull is an interval, which of all others is the estimate plus and minus."""
+        return {**self.profiles, **self.robust_sets}
+
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """Confidence interval of a parameter: the hull of its robust set where it is judged by that one."""
-        robust = self.robust_sets.get(name)
-        if robust is not None and level != 0.95:
-            pooled = self.pooled
-            sets = (
-                parameter_sets(self.problem, self.estimate, name, level)
-                if pooled is None
-                else pooled.whole_sets(name, level)
-            )
-            robust = None if sets is None else sets.robust
-        return self.estimate.interval(name, level) if robust is None else robust.hull
+        """Confidence interval of a parameter: the hull of its set where it is judged by one."""
+        found = self.by_sets.get(name)
+        if found is not None and level != 0.95:
+            found = self._set(name, level)
+        return self.estimate.interval(name, level) if found is None else found.hull
+
+    def _set(self, name: str, level: float) -> ConfidenceSet | None:
+        """The set that a parameter is judged by, of another level."""
+        pooled = self.pooled
+        if pooled is None:
+            sets = parameter_sets(self.problem, self.estimate, name, level)
+        else:
+            if name in pooled.nuisance_names:
+                return pooled.lag_set((name,), level)
+            sets = pooled.whole_sets(name, level)
+        if sets is None:
+            return None
+        return sets.robust if name in self.robust_sets else sets.profile
 
 
 @dataclass(frozen=True)

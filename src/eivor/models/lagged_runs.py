@@ -43,6 +43,8 @@ TELEMETRY_DELAYS_S = np.linspace(-0.06, 0.06, 25)
 def lag_and_delay(
     lags_s: Sequence[float] | Float[np.ndarray, " lags"] = LAG_GRID_S,
     delays_s: Sequence[float] | Float[np.ndarray, " delays"] = DELAYS_S,
+    *,
+    step_s: float = 0.0,
 ) -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators that lag behind their commands.
 
@@ -50,9 +52,11 @@ def lag_and_delay(
     ----------
     lags_s, delays_s : sequence of float
         Lags to search, and delays to tell apart [s]; a single one when it is known.
+    step_s : float
+        Between samples [s], which do not tell shorter lags apart.
     """
     return (
-        Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64)),
+        Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s),
         Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True, halvings=DELAY_HALVINGS),
     )
 

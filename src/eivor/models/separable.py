@@ -124,6 +124,9 @@ class Nuisance:
         Accuracy of the refinement, in the parameter's unit.
     halvings : int
         How often the steps of a discrete one are halved beside the value that fits best.
+    resolution : float
+        Of a positive one: columns hardly move with values below it, as samples do not with a lag that is
+        much shorter than their step. A derivative there says nothing of larger values; a difference does.
 
     Raises
     ------
@@ -139,6 +142,7 @@ class Nuisance:
     known_with: tuple[str, ...] = ()
     tolerance: float = 1e-6
     halvings: int = 0
+    resolution: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.grid.size and np.isfinite(self.grid).all() and (np.diff(self.grid) > 0.0).all()):
@@ -206,11 +210,11 @@ class Nuisance:
     def around(self, value: float) -> tuple[float, float]:
         """Values below and above one, for a numerical derivative.
 
-        A thousandth of the value away; or, for a grid that is not positive, a thousandth of its span, and
-        not beyond its ends, where the parameter may have no meaning.
+        A thousandth of the value away, the one above not below the resolution; or, for a grid that is not
+        positive, a thousandth of its span, and not beyond its ends, where the parameter may have no meaning.
         """
         if self.positive:
-            return (1.0 - DIFFERENCE) * value, (1.0 + DIFFERENCE) * value
+            return (1.0 - DIFFERENCE) * value, max((1.0 + DIFFERENCE) * value, self.resolution)
         low, high = float(self.grid[0]), float(self.grid[-1])
         step = DIFFERENCE * (high - low)
         return max(value - step, low), min(value + step, high)

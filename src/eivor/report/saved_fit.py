@@ -116,7 +116,7 @@ class SavedFit:
         ------
         UsageError
             For an unknown name, a level that is none, or another than .95 for a derived quantity or for a
-            parameter whose interval is that of a set for weak instruments.
+            parameter whose interval is that of a set.
         """
         check_level(level)
         if name in self.quantities and level == 0.95:
@@ -129,14 +129,17 @@ class SavedFit:
                 f"'{name}' at level {level}",
                 "Name one of them.",
             )
-        sets = self.document["parameters"][name].get("sets")
         quantity = self.quantities[name]
-        if sets and quantity.interval != quantity.widened(_hull(sets["wald"])):
+        if not math.isclose(quantity.interval[1], quantity.widened(self._wald(name, 0.95))[1], rel_tol=1e-9):
             raise UsageError(
-                f"level .95 for {name}, whose interval is that of a set for weak instruments",
+                f"level .95 for {name}, whose interval is that of a set for weak instruments or a pool",
                 f"level {level}",
                 "Identify the flight again and ask its result: fit.interval(name, level).",
             )
+        return quantity.widened(self._wald(name, level))
+
+    def _wald(self, name: str, level: float) -> tuple[float, float]:
+        """The estimate plus and minus."""
         place = self.names.index(name)
         direction = np.eye(len(self.names))[place]
         allowance = chi_square_quantile(level, self.document["covariance"].get("choices", 1))
@@ -146,7 +149,7 @@ class SavedFit:
             for sign in (-1.0, 1.0)
             if candidate.excess <= allowance
         ]
-        return quantity.widened((min(ends), max(ends)))
+        return min(ends), max(ends)
 
     def _repr_html_(self) -> str:
         rows = [
@@ -246,10 +249,6 @@ def _quantity(one: Mapping[str, Any]) -> Quantity:
 
 def _allowance(one: Mapping[str, Any]) -> Allowance:
     return Allowance(Counts(one["counts"]), float(one["below"]), float(one["above"]), str(one["sentence"]))
-
-
-def _hull(pieces: list[list[float | None]]) -> tuple[float, float]:
-    return _number(pieces[0][0], -math.inf), _number(pieces[-1][-1], math.inf)
 
 
 def _candidate(one: Mapping[str, Any]) -> SavedCandidate:

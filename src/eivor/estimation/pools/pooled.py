@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 from typing import cast
 
 import numpy as np
@@ -97,6 +98,11 @@ class Pooled:
         return tuple(member.problem for member in self.candidates[0].separate.members)
 
     @property
+    def nuisance_names(self) -> tuple[str, ...]:
+        """Of those that are searched for between the values of their grids."""
+        return tuple(axis.nuisance.name for axis in self.candidates[0].separate.nodes.axes)
+
+    @property
     def _method(self) -> LinearMethod:
         method = by_name(self.estimates[0].method)
         check_linear(method)
@@ -157,7 +163,7 @@ class Pooled:
             found = self._below([one.separate for one in self.candidates], excess, place)
             return [ConfidenceSet.union(pieces) for pieces in found]
 
-        profiles = below(t_quantile(level, DEGREES) ** 2)
+        profiles = below(self._allowance(level))
         robust = {
             count: below(chi_square_quantile(level, count)) for count in {m.instruments for m in members}
         }
@@ -193,20 +199,48 @@ class Pooled:
 
         return ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
-            below(t_quantile(level, DEGREES) ** 2),
+            below(self._allowance(level)),
             below(chi_square_quantile(level, instruments)),
+        )
+
+    def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
+        """Profile set of the continuous nuisance, or of its sum with discrete ones.
+
+        None where none is continuous, or several are. A nuisance that is positive and fits down to the least
+        value of its grid may be none at all; one that fits up to the largest has no upper bound.
+        """
+        nodes = self.candidates[0].separate.nodes
+        if len(nodes.axes) != 1:
+            return None
+        (axis,) = nodes.axes
+        criteria = [one.separate for one in self.candidates]
+        pieces = []
+        for pool, lowest in zip(self.candidates, self._least(criteria), strict=True):
+            beside = sum(pool.at[name] for name in names if name != axis.nuisance.name)
+            for within, cut_short in pool.separate.scan.stretches(lowest + self._allowance(level)):
+                low, high = axis.at(within[[0, -1]]).tolist()
+                if axis.nuisance.positive and within[0] == axis.places[0]:
+                    low = 0.0
+                pieces.append((beside + low, inf if cut_short else beside + high))
+        return ConfidenceSet.union(pieces)
+
+    def _allowance(self, level: float) -> float:
+        """By how much J may exceed its least in a profile set; more where what is shared differs."""
+        return self.inflation * t_quantile(level, DEGREES) ** 2
+
+    def _least(self, criteria: Sequence[PoolCriterion]) -> list[float]:
+        """For each candidate the least J of those it competes with."""
+        points = [one.at for one in self.candidates]
+        return least_of_competitors(
+            bounded_sums(self.nuisances), points, [one.minimum[1] for one in criteria]
         )
 
     def _below(
         self, criteria: Sequence[PoolCriterion], excess: float, place: int
     ) -> list[list[tuple[float, float]]]:
         """For each flight pieces where J exceeds the least of those it competes with by no more."""
-        points = [one.at for one in self.candidates]
-        least = least_of_competitors(
-            bounded_sums(self.nuisances), points, [one.minimum[1] for one in criteria]
-        )
         found: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
-        for lowest, one in zip(least, criteria, strict=True):
+        for lowest, one in zip(self._least(criteria), criteria, strict=True):
             for pieces, more in zip(found, one.below(lowest + excess, place), strict=True):
                 pieces.extend(more)
         return found

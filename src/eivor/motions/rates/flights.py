@@ -80,7 +80,8 @@ def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> 
         for number, flight in enumerate(flights)
         for axis in axes
     )
-    return LaggedRuns(columns, (*fixed, *moving), lag_and_delay(LAGS_S, DELAYS_S))
+    step_s = max((one.step_s for one in columns), default=0.0)
+    return LaggedRuns(columns, (*fixed, *moving), lag_and_delay(LAGS_S, DELAYS_S, step_s=step_s))
 
 
 def _columns(

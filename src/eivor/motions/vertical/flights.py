@@ -182,7 +182,9 @@ class VerticalFlights(SeparableProblem):
     def __post_init__(self) -> None:
         if not self.nuisances:
             measured = all(flight.measured for flight in self.flights)
-            object.__setattr__(self, "nuisances", measured_state() if measured else lag_and_delay())
+            step_s = max((flight.signals.step_s for flight in self.flights), default=0.0)
+            nuisances = measured_state() if measured else lag_and_delay(step_s=step_s)
+            object.__setattr__(self, "nuisances", nuisances)
         columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
         runs = LaggedRuns(
             columns, self.parameters, self.nuisances, self.motion.intercept, self.regressor_noise

@@ -279,11 +279,12 @@ def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -
     reasons = []
     half_width = quantities["effective_lag"].half_width
     if half_width > LAG_HALF_WIDTH_S:
+        bounded = np.isfinite(half_width)
+        known = f"is known to +-{half_width * 1e3:.0f} ms only" if bounded else "has no upper bound"
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The actuator's lag is known to +-{half_width * 1e3:.0f} ms only; "
-                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
+                f"The actuator's lag {known}; +-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
                 QUICKER,
             )
         )
