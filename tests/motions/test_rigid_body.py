@@ -172,7 +172,7 @@ def test_a_vehicle_may_be_named_or_come_from_a_file(flight, tmp_path: Path):
     assert named.vehicle is not None
     assert len(named.vehicle.spins) == 4
     with pytest.raises(UsageError, match="asks what flies"):
-        identify_flight(flight.recording, model="vertical", vehicle="crazyflie-2x")
+        identify_flight(flight.recording, model="rates", vehicle="crazyflie-2x")
     with pytest.raises(InputError):
         identify_flight(flight.recording, model="rigid-body", vehicle=tmp_path / "none.toml")
 

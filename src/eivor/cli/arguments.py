@@ -151,7 +151,8 @@ VehicleOption = Annotated[
     typer.Option(
         "--vehicle",
         metavar="FILE|NAME",
-        help="What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list).",
+        help="What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list). The "
+        "vertical motion takes the radius of its rotors.",
         show_default=False,
     ),
 ]

@@ -77,7 +77,11 @@ def test_quadratic_drag_is_told_apart_from_friction(log):
 def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     over, near_ground = with_height(log, 0.5)
     near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
+    plain = identify_flight(near_ground, rotor_radius=RADIUS)
+    for name in ("input_gain", "hover_input"):
+        assert any("rotor radii over the ground" in one.sentence for one in plain.quantities[name].reasons)
     fit = identify_flight(near_ground, terms=("ground-effect",), rotor_radius=RADIUS)
+    assert not any("rotor radii" in one.sentence for one in fit.quantities["input_gain"].reasons)
     assert near(fit.quantities["ground_effect"], 0.3)
     assert fit.quantities["ground_effect"].interval[0] > 0.0
     assert near(fit.quantities["input_gain"], GAIN)

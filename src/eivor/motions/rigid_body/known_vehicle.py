@@ -28,6 +28,8 @@ RANGES = {
 }
 #: Cutoffs of filters [Hz].
 CUTOFFS_HZ = (1.0, 10_000.0)
+#: Radii of rotors [m].
+RADII = (0.005, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +64,8 @@ class KnownVehicle:
         unit of the commands.
     gyro_cutoff_hz, accelerometer_cutoff_hz : float, optional
         Of the onboard filters that the logged values have passed, low-passes of second order [Hz].
+    rotor_radius : float, optional
+        Of a rotor [m]; heights over the ground are counted in it.
 
     Raises
     ------
@@ -83,6 +87,7 @@ class KnownVehicle:
     thrust_map: str = "square"
     gyro_cutoff_hz: float | None = None
     accelerometer_cutoff_hz: float | None = None
+    rotor_radius: float | None = None
 
     def __post_init__(self) -> None:
         _check_rotors(self.positions, self.spins)
@@ -94,6 +99,8 @@ class KnownVehicle:
             cutoff: float | None = getattr(self, name)
             if cutoff is not None:
                 KnownNumber(cutoff).check(name, *CUTOFFS_HZ, " Hz")
+        if self.rotor_radius is not None:
+            KnownNumber(self.rotor_radius).check("rotor_radius", *RADII, " m")
         input_map(self.thrust_map)
 
     @property

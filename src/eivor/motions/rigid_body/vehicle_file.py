@@ -20,6 +20,7 @@
     speed_scale = 1000.0            # rotor speed per unit of the logged command [rad/s]
     thrust_map = "square"           # or linear, power:EXPONENT, mixed:SHARE
     torque_ratio = 0.016            # reaction torque over thrust [m]
+    radius = 0.12                   # of a rotor [m]
 
 A number is given plainly where it counts as exact, or as { value, std }. Unknown keys are errors.
 """
@@ -115,6 +116,7 @@ def _vehicle(top: TomlTable) -> KnownVehicle:
             rotors.text("thrust_map", "square"),
             _plain(top, "gyro_cutoff_hz"),
             _plain(top, "accelerometer_cutoff_hz"),
+            _plain(rotors, "radius"),
         )
     except UsageError as error:
         raise InputError(f"{error.expected} in {top.file}", error.received, error.remedy) from error

@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement, sensor_agreement
 from eivor.flights.allowance import Allowance
@@ -35,6 +36,7 @@ from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import apparent_gravity, balance_sums
 from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.height import near_ground
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
 from eivor.motions.vertical.model import VerticalMotion
@@ -44,7 +46,7 @@ from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_lo
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
-from eivor.motions.vertical.terms import TERMS, OptionalTerm
+from eivor.motions.vertical.terms import TERMS, GroundEffect, OptionalTerm
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.shapes import Float
 from eivor.signals.input_map import input_map
@@ -111,7 +113,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def check(self, options: FlightOptions) -> None:
         """Refuse input maps that do not exist, and terms without what they need, see `Motion.check`."""
-        check_terms(options)
+        check_terms(options, self.rotor_radius)
         if options.input_map not in ("", FIT_MAP):
             input_map(options.input_map)
 
@@ -119,13 +121,31 @@ class Vertical(Motion[VerticalFlights]):
         """Velocity, specific force, tilt and what drives the rotors, see `Motion.select`."""
         return selected(log, options)
 
+    def of_vehicle(self, vehicle: str) -> Vertical:
+        """Return the same motion with the radius of a vehicle's rotors, see `Motion.of_vehicle`.
+
+        Raises
+        ------
+        UsageError
+            When the vehicle tells none.
+        """
+        from eivor.motions.rigid_body.vehicle_file import load_vehicle  # late: few name one
+
+        radius = load_vehicle(vehicle).rotor_radius
+        if radius is None:
+            raise UsageError(
+                f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one",
+                f"{vehicle!r}, which has none",
+                "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out.",
+            )
+        return replace(self, rotor_radius=radius)
+
     def for_flights(self, flights: tuple[PreparedFlight, ...], options: FlightOptions) -> Vertical:
         """With the terms that were asked for, see `Motion.for_flights`."""
         check_flights(flights, options)
         added = tuple(TERMS[word] for word in options.terms)
-        return replace(
-            self, added=added, rotor_radius=options.rotor_radius, mean_voltage=mean_voltage(flights)
-        )
+        radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
+        return replace(self, added=added, rotor_radius=radius, mean_voltage=mean_voltage(flights))
 
     @property
     def written(self) -> tuple[str, str]:
@@ -230,11 +250,12 @@ class Vertical(Motion[VerticalFlights]):
     def diagnostics(
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, float]:
-        """Thrust near hover and in the input map, the gravity that is felt, and tests of terms left out."""
+        """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
         return {
             **thrust_curve(problem, estimate),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
+            **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
             **left_out_numbers(left_out(problem, estimate, flights)),
         }
 

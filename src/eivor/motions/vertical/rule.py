@@ -44,6 +44,7 @@ from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT, curve_reasons
+from eivor.motions.vertical.height import near_ground_reasons
 from eivor.motions.vertical.left_out import left_out_sentence, missed
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS, either_sentence, sentence
@@ -111,6 +112,7 @@ def all_grounds(
         *curve,
         *sensor_reasons(at, OFFSET, SCALE),
         *left_out_reasons(at),
+        *near_ground_reasons(at),
         *fast_sideways_reasons(at),
         *shared,
     )
@@ -124,6 +126,7 @@ def all_grounds(
         "hover_input": (
             *hover_reasons(quantities["hover_input"], at),
             *curve,
+            *near_ground_reasons(at),
             *unit_of_force_reasons(at),
         ),
         "actuator_lag": lag,

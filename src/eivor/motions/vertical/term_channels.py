@@ -15,19 +15,26 @@ from eivor.motions.vertical.surroundings import VOLTAGE, ground, height_logged, 
 from eivor.motions.vertical.terms import GroundEffect, VoltageTerm
 
 
-def check_terms(options: FlightOptions) -> None:
+def check_terms(options: FlightOptions, radius: float | None = None) -> None:
     """Refuse a term near the ground without the rotors' radius.
+
+    Parameters
+    ----------
+    options : FlightOptions
+        With the terms, and perhaps the radius.
+    radius : float, optional
+        Of the vehicle that was named [m].
 
     Raises
     ------
     UsageError
         With what to give.
     """
-    if GroundEffect.word in options.terms and options.rotor_radius is None:
+    if GroundEffect.word in options.terms and options.rotor_radius is None and radius is None:
         raise UsageError(
             f"the radius of a rotor with the term {GroundEffect.word}, which counts heights in radii",
             "none",
-            "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or rotor_radius=0.12.",
+            "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it.",
         )
 
 
