@@ -55,9 +55,9 @@ TURNING_BAND_HZ = (0.1, 20.0)
 FORCE_BAND_HZ = (0.05, 8.0)
 #: No band reaches beyond this share of the rate of what is measured.
 BAND_SHARE = 0.2
-#: Lags and delays to search [s].
-LAGS_S = np.geomspace(0.005, 0.2, 24)
-DELAYS_S = np.linspace(0.0, 0.03, 7)
+#: Lags and delays that a search begins with [s]: in a band up to 20 Hz neighbours differ by little.
+LAGS_S = np.geomspace(0.005, 0.2, 12)
+DELAYS_S = np.linspace(0.0, 0.03, 4)
 #: Accuracy of both [s]: gains are wrong by 5 % for a delay that is wrong by a millisecond.
 TOLERANCE_S = 3e-7
 
