@@ -16,8 +16,9 @@ from validation.real_logs.grid import grid_from, published_grid
 from validation.real_logs.named import NAMES, SENTENCES
 from validation.real_logs.page import PART
 from validation.real_logs.requirements import far_off, requirements
-from validation.real_logs.table import StudyFolder, read_study_table
-from validation.real_logs.trials import family_tasks, interleaved
+from validation.real_logs.table import folder_of
+from validation.real_logs.trials import family_tasks, interleaved, rows_of
+from validation.study_folder import read_study_table
 
 GRID = published_grid()
 
@@ -160,23 +161,22 @@ def test_pools_are_judged_by_their_lag():
     assert f"{name}: half-width of the lag in the median" in unmet(rows(12, name))
 
 
-def test_rows_are_kept_and_a_run_goes_on(tmp_path, monkeypatch):
+def test_rows_are_kept_and_a_run_goes_on(tmp_path):
     """The rows of two tasks in a folder; a damaged one is done again, and the table is the same again."""
     families = tuple(replace(family, count=1) for family in GRID.families[:2])
-    folder = StudyFolder(tmp_path / "study", replace(GRID, families=families))
+    folder = folder_of(tmp_path / "study", replace(GRID, families=families))
     made = []
 
     def trial(task):
         made.append(task.family)
         return tuple(rows(1, task.family).to_dicts())
 
-    monkeypatch.setattr(study, "rows_of", trial)
-    study.run(folder, 1)
+    folder.run(trial, 1)
     before = folder.gathered()
     assert made == [family.name for family in families]
     victim = sorted((tmp_path / "study").iterdir())[1]
     victim.write_bytes(victim.read_bytes()[:-9])
-    study.run(folder, 1)
+    folder.run(trial, 1)
     assert made[2:] == [families[1].name]
     assert folder.gathered().rows.equals(before.rows)
     assert before.origin["flights"] == "2 of 2"
@@ -204,7 +204,7 @@ def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch
     assert "| 15 s | 1 | " in printed
     assert "| 15 s: coverage of K | at least 0.9, or weak |" in printed
     assert printed.strip() in page.read_text(encoding="utf-8")
-    (row,) = StudyFolder(tmp_path / "rows", grid).gathered().rows.to_dicts()
+    (row,) = folder_of(tmp_path / "rows", grid).gathered().rows.to_dicts()
     vehicle = short.flight(0).vehicle
     assert row["truth.effective_lag"] == pytest.approx(vehicle.actuator_lag + vehicle.delay)
     assert row["truth.viscous_friction"] == pytest.approx(vehicle.viscous_friction, rel=0.01)
@@ -223,8 +223,8 @@ def test_small_size(tmp_path):
         for family in grid.families
         if family.holds == "yes" and family.flight(0).duration < 100.0 and not family.flight(0).multirotor
     )
-    folder = StudyFolder(tmp_path, replace(grid, families=families[:3]))
-    study.run(folder, 1)
+    folder = folder_of(tmp_path, replace(grid, families=families[:3]))
+    folder.run(rows_of, 1)
     table = folder.gathered().rows
     assert table.height >= 20
     assert (table["verdict"] == "identified").mean() > 0.6

@@ -12,7 +12,7 @@ from validation.flight_recipe.trials import QUANTITIES
 from validation.real_logs.grid import Grid
 from validation.real_logs.named import NAMES
 from validation.real_logs.requirements import LAG, far_off, judged, requirements, said
-from validation.real_logs.table import StudyTable
+from validation.study_folder import StudyTable
 
 #: Name of the generated part of the page.
 PART = "real logs"

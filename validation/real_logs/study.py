@@ -14,46 +14,21 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 from eivor.errors import EivorError
-from eivor.studies.executors import local_executor
 from eivor.studies.generated_page import page_with
 from eivor.whole_file import write_whole
 from validation.real_logs.grid import Grid, published_grid
 from validation.real_logs.page import PART, study_tables
 from validation.real_logs.requirements import requirements
-from validation.real_logs.table import StudyFolder, StudyTable, read_study_table
+from validation.real_logs.table import folder_of
 from validation.real_logs.trials import rows_of
+from validation.study_folder import StudyTable, read_study_table
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2
-
-
-def run(folder: StudyFolder, workers: int | None = None) -> None:
-    """Do what is left of a study.
-
-    Parameters
-    ----------
-    folder : StudyFolder
-        Where finished tasks are kept.
-    workers : int, optional
-        Processes; default one for each core. The rows do not depend on it.
-    """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    missing = folder.missing()
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("tasks", total=len(missing))
-        if missing:
-            with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
-                for place, rows in results:
-                    folder.write(missing[place], rows)
-                    bar.advance(task)
 
 
 def part_of(grid: Grid, share: float, word: str) -> Grid:
@@ -95,9 +70,9 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _flown(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
-    folder = StudyFolder(chosen.folder, part_of(grid, chosen.share, chosen.families))
+    folder = folder_of(chosen.folder, part_of(grid, chosen.share, chosen.families))
     if not chosen.tables:
-        run(folder, chosen.workers)
+        folder.run(rows_of, chosen.workers)
     return folder.gathered()
 
 

@@ -49,6 +49,22 @@ class Task:
     first: int
     last: int
 
+    @property
+    def file_name(self) -> str:
+        """Name of the file that its rows are kept in, without its ending."""
+        place = [family.name for family in published_grid().families].index(self.family)
+        return f"family-{place + 1:02d}-{self.first:03d}-{self.last:03d}"
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What that file is sealed with."""
+        return {"family": self.family, "flights": f"{self.first} to {self.last - 1}"}
+
+    @property
+    def flights(self) -> int:
+        """Number of flights, those of pools counted one by one."""
+        return (self.last - self.first) * published_grid().family(self.family).pool
+
 
 def family_tasks(family: Family) -> tuple[Task, ...]:
     """Tasks of a family, in order."""

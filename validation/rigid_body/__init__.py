@@ -1,0 +1,1 @@
+"""The rigid body identified from rotor commands, against the truth of the simulator."""

@@ -1,0 +1,107 @@
+"""The grid of the study: read from its published file, and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from eivor.toml_table import TomlTable, toml_table
+from validation.flight_recipe.rotorpy_vehicles import Vehicle
+from validation.rigid_body.quantities import GROUPS
+from validation.rigid_body.scenario import Asked, Scenario
+
+GRID = Path(__file__).with_name("grid.toml")
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """What is flown.
+
+    Parameters
+    ----------
+    name : str
+        Of the grid.
+    seconds : float
+        Of a flight [s].
+    scenarios : tuple of Scenario
+        In the order of the file.
+    text : str
+        The file.
+    """
+
+    name: str
+    seconds: float
+    scenarios: tuple[Scenario, ...]
+    text: str
+
+    def scenario(self, name: str) -> Scenario:
+        """Return a scenario by its name."""
+        return next(one for one in self.scenarios if one.name == name)
+
+
+@cache
+def published_grid() -> Grid:
+    """Return the grid that lies beside this file."""
+    return grid_from(GRID.read_text(encoding="utf-8"))
+
+
+def grid_from(text: str) -> Grid:
+    """Grid from the text of a TOML file.
+
+    Raises
+    ------
+    InputError
+        When a key is missing or unknown, or a value is none that it may be.
+    """
+    table = toml_table(text, GRID, "a grid")
+    name, seconds = table.text("name"), table.number("seconds")
+    grid = Grid(name, seconds, tuple(_scenario(one) for one in table.sections("scenario")), text)
+    table.finish()
+    return grid
+
+
+def _scenario(table: TomlTable) -> Scenario:
+    asked = Asked(
+        _bounds(table, "largest"),
+        _bounds(table, "rmse"),
+        _bounds(table, "bias"),
+        table.number("coverage_each", 0.0),
+        table.numbers("coverage_pooled", ()),
+    )
+    named = table.texts("vehicles") if table.has("vehicles") else (str(Vehicle.CRAZYFLIE),)
+    if not set(named) <= set(Vehicle):
+        raise table.wrong("vehicles", f"vehicles out of {', '.join(Vehicle)}", ", ".join(named))
+    scenario = Scenario(
+        table.text("name"),
+        table.whole("seed"),
+        table.whole("flights"),
+        tuple(map(Vehicle, named)),
+        table.texts("methods"),
+        asked,
+        table.whole("others", 0),
+        table.number("noise", 1.0),
+        table.number("delay", 0.0),
+        table.number("taken_delay") if table.has("taken_delay") else None,
+        table.number("jitter", 0.0),
+        table.number("command_hz", 0.0),
+        table.flag("filtered", default=False),
+        table.number("torque", 0.0),
+        table.number("injected", 0.0),
+    )
+    table.finish()
+    return scenario
+
+
+def _bounds(table: TomlTable, key: str) -> Mapping[str, float]:
+    """Bounds by group of quantities."""
+    if not table.has(key):
+        return {}
+    section = table.section(key)
+    unknown = sorted(set(section.values) - set(GROUPS))
+    if unknown:
+        raise table.wrong(key, f"groups out of {', '.join(GROUPS)}", ", ".join(unknown))
+    found = {name: section.number(name) for name in section.values}
+    section.finish()
+    return found

@@ -1,0 +1,41 @@
+"""What a flight tells, what is true of it, and in which groups it is judged."""
+
+from __future__ import annotations
+
+from eivor.motions.rigid_body.effective import EffectiveParameters
+from eivor.motions.rigid_body.parameters import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+
+LAG = "effective_lag"
+GROUPS = {
+    "torque gains": tuple(one.name for one in GAIN),
+    "gyroscopic ratios": tuple(one.name for one in COUPLING),
+    "rate damping": tuple(one.name for one in DAMPING),
+    "lag": (LAG,),
+    "thrust gain": (THRUST.name,),
+    "vertical drag": (DRAG[ALONG.index("z")].name,),
+    "horizontal drag": tuple(one.name for one in DRAG if not one.name.endswith("z")),
+    "translational lift": (LIFT.name,),
+}
+#: A ratio nearer to zero than this is compared absolutely.
+NEARLY_ZERO = 0.1
+
+
+def truth_of(parameters: EffectiveParameters) -> dict[str, float]:
+    """True value of every quantity that is judged."""
+    told = (
+        *zip(GROUPS["torque gains"], parameters.torque_gains, strict=True),
+        *zip(GROUPS["gyroscopic ratios"], parameters.gyroscopic_ratios, strict=True),
+        *zip(GROUPS["rate damping"], parameters.rate_damping, strict=True),
+        *zip((one.name for one in DRAG), parameters.drag, strict=True),
+    )
+    return {
+        **dict(told),
+        THRUST.name: parameters.thrust_gain,
+        LIFT.name: parameters.translational_lift,
+        LAG: parameters.lag_up + parameters.delay,
+    }
+
+
+def unit_of_error(name: str, truth: float) -> float:
+    """What errors of a quantity are told in: the truth, or one for a ratio that is nearly zero."""
+    return 1.0 if name in GROUPS["gyroscopic ratios"] and abs(truth) < NEARLY_ZERO else abs(truth)

@@ -1,0 +1,75 @@
+"""The study of the rigid body, and the command that runs it.
+
+    python -m validation.rigid_body.study [--folder FOLDER] [--out FILE.parquet] [--page FILE.md]
+
+flies the published grid (`grid.toml`), identifies every log, and prints the tables. Finished parts are kept
+in the folder: a run that was interrupted goes on there, and `--tables` makes the tables of what is done.
+`--share` flies only the first flights of each scenario, `--scenarios` only those whose name holds a word.
+`--from FILE.parquet` makes the tables anew from a finished run. The exit code is 0 when every requirement is
+met, 3 when one is not, 2 for an input that cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from eivor.errors import EivorError
+from eivor.studies.generated_page import page_text, page_with
+from eivor.whole_file import write_whole
+from validation.rigid_body.grid import Grid, published_grid
+from validation.rigid_body.page import PART, study_tables
+from validation.rigid_body.requirements import requirements
+from validation.rigid_body.trials import rows_of, tasks_of
+from validation.study_folder import StudyFolder, StudyTable, read_study_table
+
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.study", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--folder", type=Path, default=Path("rigid-body-study"), help="keeps finished parts")
+    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
+    parser.add_argument("--share", type=float, default=1.0, help="of the flights of each scenario")
+    parser.add_argument("--scenarios", default="", metavar="WORD", help="those with this in their name")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
+    parser.add_argument("--out", type=Path, metavar="FILE.parquet", help="write every row")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+    parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
+    chosen = parser.parse_args(arguments)
+    try:
+        return _run(chosen)
+    except EivorError as error:
+        sys.stderr.write(f"{error}\n")
+        return WRONG
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    grid = published_grid()
+    page = page_text(chosen.page, PART) if chosen.page else ""
+    table = read_study_table(chosen.source) if chosen.source else _flown(chosen, grid)
+    if chosen.out:
+        table.write(chosen.out)
+    tables = study_tables(table, grid)
+    if chosen.page:
+        write_whole(chosen.page, page_with(page, {PART: tables}))
+    sys.stdout.write(tables + "\n")
+    return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
+
+
+def _flown(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
+    tasks = tasks_of(grid, chosen.share, chosen.scenarios)
+    planned = sum(one.count * len(one.vehicles) for one in grid.scenarios)
+    folder = StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
+    if not chosen.tables:
+        folder.run(rows_of, chosen.workers)
+    return folder.gathered()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
