@@ -20,6 +20,7 @@ from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.parameters import FORCE_Z
+from eivor.motions.rigid_body.vehicle import BodyDrag
 from eivor.report.flight_document import flight_document
 from eivor.report.json_document import json_document
 from eivor.signals.recording import Channel, Recording
@@ -203,3 +204,19 @@ def test_pictures_have_a_trace_for_each_axis(fit):
     assert axes[3:] == [f"specific force along {axis}" for axis in "xyz"]
     for trace in fit.fit.traces(fit.motion)[:3]:
         assert np.std(trace.measured - trace.predicted) < 0.3 * np.std(trace.measured)
+
+
+def test_what_the_body_drags_stands_beside_what_its_rotors_do():
+    body = BodyDrag(quadratic=(0.001, 0.001, 0.002))
+    flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, drag=body), sensors=EXACT, duration=8.0))
+    motion, truth = RigidBody(known(SPEC)), flight.truth.parameters
+    prepared = prepare(flight.recording, motion, FlightOptions())
+    problem = motion.problem((prepared,), NoInstruments())
+    rows = problem.rows({"actuator_lag": truth.lag_up, "delay": truth.delay})
+    size = np.linalg.norm(rows.regressors, axis=0)
+    theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
+    told = {parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)}
+    # not along z, where the rotors' state before the first command is not known
+    for axis, own in zip("xy", truth.quadratic_drag[:2], strict=True):
+        assert told[f"quadratic_drag_{axis}"] == pytest.approx(own, rel=1e-8)
+    assert "quadratic_drag_z" in told

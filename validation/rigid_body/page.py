@@ -26,8 +26,8 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
             "## What is asked, and what came out",
             requirement_table(rows, grid),
             "## Errors and coverage",
-            "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups of quantities "
-            "the worst of each number.",
+            "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the "
+            "worst of each number.",
             score_table(rows, grid),
         ]
     )

@@ -47,3 +47,8 @@ def _on_body_axes(
             2.0 * (x * z + w * y) * u + 2.0 * (y * z - w * x) * v + (1.0 - 2.0 * (x * x + y * y)) * s,
         ]
     )
+
+
+def swift_velocity(velocity: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """Velocity times its size, what a body's own drag goes with."""
+    return np.linalg.norm(velocity, axis=1)[:, None] * velocity

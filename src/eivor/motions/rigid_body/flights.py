@@ -24,7 +24,7 @@ from eivor.models.lagged_runs import (
 )
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
-from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity
+from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
 from eivor.motions.rigid_body.instruments import AxisInstruments
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.layout import RotorLayout
@@ -40,6 +40,7 @@ from eivor.motions.rigid_body.parameters import (
     MOVING,
     OFFSET,
     PITCH,
+    QUADRATIC_DRAG,
     REACTION,
     ROLL,
     THRUST,
@@ -235,7 +236,8 @@ class Terms:
     @property
     def fixed(self) -> tuple[Parameter, ...]:
         """Parameters of the columns that stay."""
-        return COUPLING
+        body = tuple(QUADRATIC_DRAG[along] for along in self.forces) if self.velocity else ()
+        return (*COUPLING, *body)
 
     @property
     def moving(self) -> tuple[Parameter, ...]:
@@ -275,6 +277,9 @@ def _flight(
         staying = np.zeros((len(responses), len(terms.fixed)))
         if axis < FORCE_X:
             staying[:, axis] = rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3]
+        elif terms.velocity:
+            place = terms.fixed.index(QUADRATIC_DRAG[axis - FORCE_X])
+            staying[:, place] = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
         moving = RotorColumns(states, axis, terms.moving, usual)
         return AxisColumns(

@@ -15,12 +15,12 @@ import numpy as np
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.instruments import DrivenSignals, InstrumentRule, LaggedReferences, NoInstruments
 from eivor.motions.rates.axes import AXES
-from eivor.motions.rigid_body.body_velocity import body_velocity
+from eivor.motions.rigid_body.body_velocity import body_velocity, swift_velocity
 from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z, PITCH, ROLL, YAW
 from eivor.shapes import Float
 
 #: Successive lags of references, how many and how long [s]: for turning, for forces across, and for thrust.
-QUICK, SLOW, HEIGHT = (4, 0.06), (4, 0.4), (4, 0.15)
+QUICK, SLOW, HEIGHT = (4, 0.06), (4, 1.0), (4, 0.15)
 #: And of the height where a centre of mass beside the middle turns the vehicle.
 TILTING = (1, 0.15)
 
@@ -53,8 +53,9 @@ class AxisInstruments:
             return np.column_stack([*columns, self._lagged(FORCE_Z, TILTING)] if axis != YAW else columns)
         if axis == FORCE_Z:
             across = sum((self._said_of_velocity(along) ** 2 for along in (0, 1)), np.zeros(self._count))
-            return np.column_stack([self._lagged(FORCE_Z, HEIGHT), across])
-        return self._lagged(_TILTED[axis - FORCE_X], SLOW)
+            return np.column_stack([self._lagged(FORCE_Z, HEIGHT), across, self._swift[:, 2]])
+        along = axis - FORCE_X
+        return np.column_stack([self._lagged(_TILTED[along], SLOW), self._swift[:, along]])
 
     @property
     def _count(self) -> int:
@@ -78,10 +79,16 @@ class AxisInstruments:
         return self._said(self._lagged(axis, QUICK), self.flight.signals.channel(AXES[axis].rate))
 
     def _said_of_velocity(self, along: int) -> Float[np.ndarray, " n"]:
-        """What references say of the velocity forward, or left; nothing where it is not known."""
+        """What references say of the velocity along an axis; nothing where it is not known."""
         if self._velocity is None:
             return np.zeros(self._count)
-        return self._said(self._lagged(_TILTED[along], SLOW), self._velocity[:, along])
+        references = self._lagged(FORCE_Z, HEIGHT) if along == 2 else self._lagged(_TILTED[along], SLOW)
+        return self._said(references, self._velocity[:, along])
+
+    @cached_property
+    def _swift(self) -> Float[np.ndarray, "n 3"]:
+        """What references say of the velocity times its size."""
+        return swift_velocity(np.column_stack([self._said_of_velocity(along) for along in range(3)]))
 
     @cached_property
     def _velocity(self) -> Float[np.ndarray, "n 3"] | None:

@@ -3,8 +3,8 @@
     p'  = beta_1 q r + alpha_p sum y phi + o_p sum phi - d_p p + b
     q'  = beta_2 p r - alpha_q sum x phi + o_q sum phi - d_q q + b
     r'  = beta_3 p q + alpha_r sum s phi + j sum s n' - d_r r + b
-    s_z = alpha_z sum phi - d_z v_z + h (v_x^2 + v_y^2) + b
-    s_x = -d_x v_x + b, s_y alike
+    s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b
+    s_x = -d_x v_x - c_x |v| v_x + b, s_y alike
 
 phi is the input map of a rotor's state n, which lags behind its command: tau n' + n = command(t - d). v is
 the velocity on the body's axes, through air at rest. o is what a centre of mass beside the middle of the
@@ -23,6 +23,8 @@ ROLL, PITCH, YAW, FORCE_X, FORCE_Y, FORCE_Z = range(6)
 COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
 DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
 DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
+#: Of the body, which goes with the size of the velocity, beside what the rotors drag.
+QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
 LIFT = Parameter("translational_lift", "1/m")
 GAIN = (
     Parameter("roll_gain", "rad/s^2/m"),

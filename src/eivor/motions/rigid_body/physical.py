@@ -10,6 +10,7 @@ Combinations go by these names; those that are missing are taken for not identif
     rotor_reaction                                  j [rad/s per unit of command]
     thrust_gain                                     alpha_z [m/s^2 per unit of phi]
     drag_x, drag_y, drag_z                          [1/s]
+    quadratic_drag_x, ..._y, ..._z                  c_x, c_y, c_z [1/m]
     translational_lift                              h [1/m]
 
 phi is the thrust map of a rotor's state in the unit of the logged commands.

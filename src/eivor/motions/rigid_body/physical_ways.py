@@ -96,6 +96,12 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[Sought, ...]:
             _per_kilogram(f"drag_{axis}", f"drag along {axis}", f"D_{axis}", "N/(m/s)", "1/s")
             for axis in "xyz"
         ),
+        *(
+            _per_kilogram(
+                f"quadratic_drag_{axis}", f"quadratic drag along {axis}", f"C_{axis}", "N/(m/s)^2", "1/m"
+            )
+            for axis in "xyz"
+        ),
         _per_kilogram("translational_lift", "thrust per squared speed across it", "H", "N/(m/s)^2", "1/m"),
         _tilting_drag("roll", "x"),
         _tilting_drag("pitch", "y"),

@@ -15,6 +15,7 @@ from eivor.motions.rigid_body.parameters import (
     GAIN,
     LIFT,
     OFFSET,
+    QUADRATIC_DRAG,
     REACTION,
     THRUST,
     TURNING,
@@ -22,7 +23,8 @@ from eivor.motions.rigid_body.parameters import (
 from eivor.motions.rigid_body.rule import FLY
 
 EQUATION = (
-    "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; s_z = alpha_z sum phi - d_z v_z + h (v_x^2+v_y^2) + b",
+    "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; "
+    "s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b",
     "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
 )
 _RATES = "pqr"
@@ -45,6 +47,10 @@ QUANTITIES = {
     **{
         one.name: Wording(f"drag along {axis}", f"d_{axis}", "1/s", shown_unit="1/s", optional=True)
         for one, axis in zip(DRAG, ALONG, strict=True)
+    },
+    **{
+        one.name: Wording(f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True)
+        for one, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
     },
     LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
     REACTION.name: Wording("rotor reaction", "j", ""),
