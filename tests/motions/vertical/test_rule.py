@@ -388,6 +388,14 @@ def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust,
     assert not [reason for reason in grounds["viscous_friction"] if "power" in reason.sentence]
 
 
+def test_an_intercept_is_clear_where_a_one_sided_test_says_so():
+    """Its interval has two sides, and is a union over delays that need not all hold at once."""
+    wide = quantities(intercept=quantity(0.9, 0.6))
+    for least, told in ((0.41, True), (0.39, False)):
+        at = replace(curve(1.8, 2.0), numbers={**curve(1.8, 2.0).numbers, "least_intercept": least})
+        assert bool(all_grounds(wide, numbers(), at)["input_gain"]) is told
+
+
 @pytest.mark.parametrize("intercept", [quantity(0.45, 0.1), quantity(-2.0, 1.7), quantity(0.0, 0.01)])
 def test_an_intercept_that_may_be_small_says_nothing(intercept):
     grounds = all_grounds(quantities(intercept=intercept), numbers(), curve(1.9, 2.0))

@@ -67,6 +67,7 @@ OTHER_UNIT = 3.0
 
 #: Numbers of this motion among those of the circumstances: the exponent of thrust near hover, that of the
 #: input map there, and one for a command of thrust, whose map is linear or mixed.
+LEAST_INTERCEPT = "least_intercept"
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
 #: Root mean square of the horizontal speed [m/s]; from where on a tilt between attitude and accelerometer
 #: matters, and how well it must be known [rad].
@@ -404,7 +405,8 @@ def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) 
     """Grounds against gain and hover input: an intercept that says that the input map is another one."""
     intercept = quantities["intercept"]
     exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
-    if not (abs(intercept.value) - intercept.half_width > CLEAR_INTERCEPT and np.isfinite(exponent)):
+    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
+    if not (least > CLEAR_INTERCEPT and np.isfinite(exponent)):
         return []
     told = (
         f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
