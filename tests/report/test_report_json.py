@@ -70,6 +70,7 @@ SCHEMA: dict[str, Any] = {
     "contradictions": [],
     "covariance": (dict, type(None)),
     "prediction": (dict, type(None)),
+    "ahead": (dict, type(None)),
     "given_lag": (dict, type(None)),
     "diagnostics": dict,
     "findings": [{"name": str, "message": str}],

@@ -31,6 +31,7 @@ KEYS = {
     "rate_hz",
     "band",
     "predictions",
+    "ahead",
     "provenance",
 }
 

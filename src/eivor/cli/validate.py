@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from eivor.report.validation import Validation
 
 EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, in open loop; "
-    "3 it does not (the numbers are printed all the same); 2 wrong usage, such as a result without an "
-    "estimate; 1 a file that cannot be read or written (the numbers are printed all the same).\n\n"
-    "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error, the share "
-    "explained, and both in each run."
+    "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, in open loop "
+    "or, of turning and of the rigid body, half a second ahead; 3 it does not (the numbers are printed all "
+    "the same); 2 wrong usage, such as a result without an estimate; 1 a file that cannot be read or written "
+    "(the numbers are printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
+    "explained, over all runs and in each; of turning and of the rigid body the RMS error after .1 to .5 s."
 )
 
 
@@ -53,7 +54,7 @@ def validate(
         ),
     ] = "",
 ) -> ExitCode:
-    """Predict another flight by a result, beside least squares without a lag and the hover input alone."""
+    """Predict another flight by a result, beside simpler models of the flights that it came from."""
     from eivor.flights.options import FlightOptions
 
     chosen = chosen_logs([log], example=False, channel_map=channel_map)

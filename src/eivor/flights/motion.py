@@ -17,6 +17,7 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement
+from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active, airborne_by_log
 from eivor.flights.allowance import Allowance
 from eivor.flights.given_lag import GivenLag
@@ -547,6 +548,34 @@ class Motion(ABC, Generic[P]):
         By default nothing: the motion cannot be validated.
         """
         return ()
+
+    def ahead(
+        self,
+        _flights: tuple[PreparedFlight, ...],
+        _models: Mapping[str, SimpleModel],
+        _refused: frozenset[str],
+        /,
+    ) -> Ahead | None:
+        """Predictions some tenths of a second ahead, from many starts of flights that all have runs.
+
+        By default nothing. The models are those of `simple_models`, the fit itself before them; quantities
+        that the fit refuses have no say.
+        """
+        return None
+
+    def told_vehicle(self) -> Mapping[str, object] | None:
+        """What a result says of the vehicle it was made for, for JSON; nothing for a motion that asks not."""
+        return None
+
+    def of_told_vehicle(self, _told: object, /) -> Motion[P]:
+        """Return the same motion of the vehicle that a result tells of, see `told_vehicle`.
+
+        Raises
+        ------
+        InputError
+            When the motion asks what flies, and is not told.
+        """
+        return self
 
     # -- for planning ---------------------------------------------------------------------------------------
 

@@ -13,10 +13,11 @@ from eivor.errors import EstimationError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.agreement import SensorAgreement
+from eivor.flights.ahead import FIT, Ahead
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.implied import Implications
-from eivor.flights.motion import Motion, Trace, joined
+from eivor.flights.motion import Motion, SimpleModel, Trace, joined
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
@@ -228,6 +229,23 @@ class FlightEstimate:
         if self.fit is None or self.verdict.status is Status.REFUSED:
             return Implications()
         return self.motion.implications(self.fit.estimate)
+
+    @cached_property
+    def simple_models(self) -> Mapping[str, SimpleModel]:
+        """Models of the same flights that the estimate is held against, by name; none without an estimate."""
+        return {} if self.fit is None else self.motion.simple_models(self.fit.problem, self.fit.estimate)
+
+    @cached_property
+    def ahead(self) -> Ahead | None:
+        """Predictions of the flights themselves some tenths of a second ahead; None where there are none."""
+        if self.fit is None:
+            return None
+        estimate = self.fit.estimate
+        names = dict(zip(estimate.names, estimate.best.values.tolist(), strict=True))
+        models = {FIT: SimpleModel("the fit", {**estimate.best.at, **names}), **self.simple_models}
+        refused = (name for name, one in self.quantities.items() if one.verdict is Status.REFUSED)
+        flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
+        return self.motion.ahead(flying, models, frozenset(refused))
 
     @property
     def instruments(self) -> str:

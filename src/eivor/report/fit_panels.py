@@ -24,6 +24,8 @@ AUTOCORRELATION_LAGS = 30
 #: Length of the segments that spectra are averaged over [s].
 SEGMENT_S = 10.0
 LONGEST_NAME = 48
+#: Amplitudes below this share of the largest are not drawn: outside of the band there may be none at all.
+LEAST_AMPLITUDE = 1e-6
 #: Line styles of several axes in one panel.
 STYLES = ("-", "--", ":")
 
@@ -185,13 +187,15 @@ def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]
         ):
             frequency, amplitude = _spectrum(values, runs)
             axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
+    low, high = axes.get_ylim()
+    axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
     low, high = runs[0].spectral.band_hz
     axes.axvspan(low, high, color=SHADE, alpha=0.12, lw=0, label="band used")
     axes.set_title("Excitation", fontsize=9)
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"amplitude [{traces[0].unit} per √Hz]", parse_math=False)
     axes.grid(alpha=0.25, which="both")
-    legend(axes, place="lower left")
+    legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
 
 
 def _spectrum(

@@ -9,6 +9,7 @@ from typing import Any
 from eivor.flights.implied import Implications
 from eivor.flights.motion import CardSection
 from eivor.flights.result import FlightEstimate
+from eivor.report.ahead_parts import ahead_parts
 from eivor.report.document import (
     Bullets,
     Cell,
@@ -57,6 +58,8 @@ def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     where = () if card or not told.card else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*told.remedies, *where))
     yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
+    if told.ahead is not None:
+        yield Section("Predicted ahead, from many starts of this flight", ahead_parts(told.ahead))
     parts = (Fact(words, sentence) for words, sentence in told.systematic)
     yield from section("Systematic parts", Facts, parts)
     if told.by_flight:

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 
+import numpy as np
+
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.parameter_sets import ParameterSets
 from eivor.flights.given_lag import GivenLag
@@ -22,6 +24,7 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.flights.telemetry import TELEMETRY
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
+from eivor.report.json_ahead import ahead_json
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
 from eivor.signals.recording import Finding
 
@@ -77,6 +80,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "contradictions": list(told.implications.contradictions),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
+        "ahead": ahead_json(told.ahead),
         "given_lag": None if result.fit is None else _given_lag(result.fit.given_lag),
         "diagnostics": {name: number(value) for name, value in told.diagnostics.items()},
         "findings": findings_list(told.findings),
@@ -173,8 +177,10 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
         },
         "beside": {
             name: {"words": simple.words, "values": {key: number(one) for key, one in simple.values.items()}}
-            for name, simple in result.motion.simple_models(fit.problem, fit.estimate).items()
+            for name, simple in result.simple_models.items()
         },
+        "input_level": number(float(np.mean([result.motion.input_level(flight) for flight in flying]))),
+        "vehicle": result.motion.told_vehicle(),
         "flown": dict(result.motion.flown(fit.problem, fit.estimate, flying)),
     }
 

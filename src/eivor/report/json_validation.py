@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
+from eivor.report.json_ahead import ahead_json
 from eivor.report.json_document import Json, number
 from eivor.report.validation import ModelPrediction, Validation
 
@@ -29,6 +30,7 @@ def validation_json(found: Validation) -> dict[str, Json]:
         "rate_hz": number(found.flight.signals.rate_hz),
         "band": [number(end) for end in found.flight.band_hz],
         "predictions": [_prediction(one) for one in found.predictions],
+        "ahead": ahead_json(found.ahead),
         "provenance": {"version": version("eivor")},
     }
 

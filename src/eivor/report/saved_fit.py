@@ -92,6 +92,11 @@ class SavedFit:
         return {name: quantity.value for name, quantity in self.quantities.items()}
 
     @property
+    def refused(self) -> frozenset[str]:
+        """Names of the quantities that are refused."""
+        return frozenset(name for name, one in self.quantities.items() if one.verdict is Status.REFUSED)
+
+    @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
         """Covariance of the joint vector where it fits best, in the order of `names`.
 

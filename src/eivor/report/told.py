@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eivor.flights.ahead import Ahead
 from eivor.flights.implied import Implications
 from eivor.flights.motion import CardSection
 from eivor.flights.quantity import Kind, Quantity, Wording
@@ -120,6 +121,8 @@ class ToldFlight:
         Names of the quantities that tables of flights show.
     implications : Implications
         What follows for the vehicle from the estimate and from what was supplied.
+    ahead : Ahead or None
+        Predictions of the flights themselves some tenths of a second ahead.
     """
 
     logs: tuple[str, ...]
@@ -143,6 +146,7 @@ class ToldFlight:
     card: tuple[CardSection, ...]
     rows: tuple[str, ...]
     implications: Implications
+    ahead: Ahead | None
 
     @property
     def brief(self) -> tuple[ToldQuantity, ...]:
@@ -263,6 +267,7 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         card=flight_card(result),
         rows=motion.rows,
         implications=result.implications,
+        ahead=result.ahead,
     )
 
 

@@ -15,14 +15,17 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import Horizon, Motion, Predicted
+from eivor.flights.ahead import FIT, Ahead
+from eivor.flights.motion import Horizon, Motion, Predicted, SimpleModel
 from eivor.flights.options import FlightOptions
+from eivor.flights.pool import LARGEST_INPUT_RATIO
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate
 from eivor.models.instruments import NoInstruments
 from eivor.motions import motion_of_model
 from eivor.notebook import html_table
+from eivor.report.ahead_parts import ahead_rows
 from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
 from eivor.shapes import Float
 from eivor.signals.recording import Recording
@@ -32,9 +35,6 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Name of the fit itself among the models.
-FIT = "fit"
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,13 +98,17 @@ class Validation:
     flight : PreparedFlight
         The flight that is predicted.
     predictions : tuple of ModelPrediction
-        Of every quantity: by the fit, then by each simpler model.
+        Of every quantity over whole runs: by the fit, then by each simpler model. Empty for a motion that
+        predicts ahead from many starts.
+    ahead : Ahead or None
+        Predictions some tenths of a second ahead; None for a motion that predicts whole runs.
     """
 
     fit: SavedFit
     motion: Motion[Any]
     flight: PreparedFlight
     predictions: tuple[ModelPrediction, ...]
+    ahead: Ahead | None = None
 
     @property
     def spans_s(self) -> tuple[tuple[float, float], ...]:
@@ -122,13 +126,20 @@ class Validation:
 
     @property
     def predicts(self) -> bool:
-        """Whether the fit explains something at the farthest horizon, and no simpler model more."""
+        """Whether the fit explains something at the farthest horizon, and no simpler model more.
+
+        Of predictions ahead: whether its errors are the least, in the mean over all quantities.
+        """
+        if self.ahead is not None:
+            return self.ahead.predicts
         own, *others = self.by_quantity[-1]
         return own.error.explained > 0.0 and all(own.error.rms <= other.error.rms for other in others)
 
     @property
     def sentence(self) -> str:
         """What was found, in a sentence."""
+        if self.ahead is not None:
+            return self.ahead.sentence
         own, *others = self.by_quantity[-1]
         far = f"{own.quantity}, {own.horizon.words}, over {_seconds(self.flight)}"
         share = f"{own.error.explained:.1%}" if own.error.explained > 0.0 else "nothing"
@@ -141,6 +152,17 @@ class Validation:
     def summary(self) -> str:
         """Errors of every prediction as plain text."""
         lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
+        if self.ahead is not None:
+            told = ahead_rows(self.ahead)
+            return "\n".join(
+                [
+                    *lines,
+                    *(
+                        f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{one:>8}' for one in rms)}"
+                        for what, by, unit, *rms in told
+                    ),
+                ]
+            )
         lines += [
             f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}" for what, by, rms, unit, share in _rows(self)
         ]
@@ -152,6 +174,11 @@ class Validation:
     def _repr_html_(self) -> str:
         columns = ("prediction", "model", "RMS error", "unit", "explained")
         title = f"{self.motion.words.title}, {self.flight.recording.name}"
+        if self.ahead is not None:
+            horizons = tuple(f"{one:g} s" for one in self.ahead.horizons_s)
+            return html_table(
+                title, ("error of", "model", "unit", *horizons), ahead_rows(self.ahead), self.sentence
+            )
         return html_table(title, columns, _rows(self), self.sentence)
 
     def to_json(self) -> str:
@@ -232,12 +259,17 @@ def validate(
             "Identify the first flight again without --term; predictions have none.",
         )
     motion = motion_of_model(str(result.document["model"]["name"]))
+    motion = motion.of_told_vehicle(result.prediction.get("vehicle"))
     flight = _prepared(result, motion, recording, window, max_tilt_deg)
+    _check_scale(result, motion, flight)
+    ahead = motion.ahead((flight.shortened,), _models(result), result.refused)
+    if ahead is not None:
+        return _ahead_of(result, motion, flight, ahead)
     problem = motion.problem((flight.shortened,), NoInstruments())
     found = tuple(
-        _of_model(name, words, predicted, flight)
-        for name, words, values in _models(result)
-        for predicted in motion.predictions(problem, values)
+        _of_model(name, model.words, predicted, flight)
+        for name, model in _models(result).items()
+        for predicted in motion.predictions(problem, model.values)
     )
     if not found:
         raise UsageError(
@@ -282,14 +314,35 @@ def _prepared(
     return flight
 
 
-def _models(fit: SavedFit) -> list[tuple[str, str, dict[str, float]]]:
-    """Name, words and values of the fit and of the simpler models that its document holds."""
+def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> None:
+    """Refuse a flight whose input is of another size than those of the fit, as far as the fit tells."""
+    level, own = fit.prediction.get("input_level"), motion.input_level(flight)
+    if level is not None and max(level, own) > LARGEST_INPUT_RATIO * min(level, own):
+        raise InputError(
+            f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
+            f"{own:.4g} in {flight.recording.name}",
+            "Give a flight of the same vehicle, with its commands in the same unit.",
+        )
+
+
+def _ahead_of(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight, ahead: Ahead) -> Validation:
+    if not ahead.errors:
+        raise UsageError(
+            "a result and a log that tell enough of the vehicle to predict it",
+            " ".join(ahead.left_out) or "no half second without a gap",
+            "Validate a flight that tells more, on a log of the same vehicle.",
+        )
+    return Validation(fit, motion, flight, (), ahead)
+
+
+def _models(fit: SavedFit) -> dict[str, SimpleModel]:
+    """The fit and the simpler models that its document holds, by name."""
     best = next(candidate for candidate in fit.candidates if candidate.best)
     at = {str(name): float(value) for name, value in fit.prediction["at"].items()}
     own = at | dict(zip(fit.names, best.values.tolist(), strict=True))
     beside = fit.prediction.get("beside", {})
-    simpler = [(name, str(one["words"]), dict(one["values"])) for name, one in beside.items()]
-    return [(FIT, "the fit", own), *simpler]
+    simpler = {name: SimpleModel(str(one["words"]), dict(one["values"])) for name, one in beside.items()}
+    return {FIT: SimpleModel("the fit", own), **simpler}
 
 
 def _of_model(name: str, words: str, told: Predicted, flight: PreparedFlight) -> ModelPrediction:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from eivor.inference.verdict import Status
+from eivor.report.ahead_parts import ahead_parts
 from eivor.report.document import Cell, Document, Fact, Facts, Figure, Section, TableColumn, TableOf
 from eivor.report.validation import PredictionError, Validation
 from eivor.report.wording import NO_NUMBER
@@ -10,8 +11,9 @@ from eivor.report.wording import NO_NUMBER
 
 def validation_document(found: Validation) -> Document:
     """Document of a validation."""
-    sections = [Section("", (_facts(found), _models(found)))]
-    if len(found.spans_s) > 1:
+    table = (_models(found),) if found.ahead is None else ahead_parts(found.ahead, sentence=False)
+    sections = [Section("", (_facts(found), *table))]
+    if found.ahead is None and len(found.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(found),)))
     sections.append(Section("Figure", (Figure("validation"),)))
     return Document(found.flight.recording.name, None, found.sentence, tuple(sections))
@@ -21,16 +23,27 @@ def _facts(found: Validation) -> Facts:
     logs = ", ".join(str(log["name"]) for log in found.fit.document["provenance"]["logs"])
     verdict = found.fit.verdict
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    low, high = found.flight.band_hz
     runs = len(found.spans_s)
     return Facts(
         (
             Fact("fit", f"of {logs}{trust}"),
             Fact("model", found.motion.equation[0].replace(" - ", " − ")),
             Fact("used", f"{found.flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}"),
-            Fact("fitted", "the trim and the start of each run, for every model alike"),
-            Fact("band", f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"),
+            *_how(found),
         )
+    )
+
+
+def _how(found: Validation) -> tuple[Fact, ...]:
+    if found.ahead is not None:
+        return (
+            Fact("fitted", "the trim of each run, for every model with parameters alike"),
+            Fact("starts", f"{found.ahead.start_s.size}, each from what was measured there"),
+        )
+    low, high = found.flight.band_hz
+    return (
+        Fact("fitted", "the trim and the start of each run, for every model alike"),
+        Fact("band", f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"),
     )
 
 

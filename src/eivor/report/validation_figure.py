@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from functools import partial
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
+from eivor.report.ahead_figure import ahead_page, ahead_panels
 from eivor.report.fit_panels import SHOWN_S, short_name
 from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import (
@@ -29,6 +31,8 @@ from eivor.shapes import Float
 
 COLOURS = (RED, BLUE, GREY, "#8a6d3b")
 SIZE_INCHES = (11.0, 8.5)
+#: Letters of a line of the title.
+TITLE_LETTERS = 120
 
 
 def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figure:
@@ -55,19 +59,21 @@ def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figur
     -----
     For each quantity a panel of the name of its horizon, "one_step" or "open_loop", with what was measured
     and predicted in the liveliest part of the longest run; and below it "HORIZON residual" with what each
-    model leaves there.
+    model leaves there. Of predictions ahead for each quantity a panel of its name, and "QUANTITY by horizon".
     """
-    panels: Panels = {}
+    panels: Panels = {} if found.ahead is None else ahead_panels(found.ahead)
     for models in found.by_quantity:
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, found=found, models=models)
         panels[f"{name} residual"] = partial(_draw_left, found=found, models=models)
-    placed = _page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
+    new_page = _page if found.ahead is None else ahead_page
+    placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
     for name, ax in placed.items():
         panels[name](ax)
     figure = figure_of(*placed.values())
     if axes is None:
-        title = f"{short_name(printable(found.flight.recording.name))}\n{found.sentence}"
+        sentence = textwrap.fill(found.sentence, TITLE_LETTERS)
+        title = f"{short_name(printable(found.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 

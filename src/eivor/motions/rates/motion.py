@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
+from eivor.flights import without_lag
+from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active
 from eivor.flights.allowance import Allowance
 from eivor.flights.estimated import joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
-from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, SimpleModel, Strength, Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
@@ -101,6 +103,21 @@ class Rates(Motion[LaggedRuns]):
         ]
         roll, pitch = (float(np.rad2deg(spread)) for spread in spreads)
         return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
+
+    def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
+        """Least squares without a lag, see `Motion.simple_models`."""
+        return {without_lag.NAME: without_lag.least_squares_without_lag(problem, estimate.best.at)}
+
+    def ahead(
+        self,
+        flights: tuple[PreparedFlight, ...],
+        models: Mapping[str, SimpleModel],
+        refused: frozenset[str],
+    ) -> Ahead:
+        """Rates of the setpoints alone, see `eivor.motions.rates.ahead`."""
+        from eivor.motions.rates.ahead import rates_ahead
+
+        return rates_ahead(flights, models, refused)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What u is in this flight."""

@@ -107,20 +107,6 @@ class RotorStates:
         forward, left = u[:, None] - np.outer(r, y), v[:, None] + np.outer(r, x)
         return (forward**2 + left**2).mean(axis=1)
 
-    def dragged(self, axis: int, state: Float[np.ndarray, "7 n"]) -> Float[np.ndarray, " n"]:
-        """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one."""
-        total, x, y, xx, xy, yy, _ = state
-        (u, v, w), (p, q, r) = self.velocity, self.rates
-        if axis == ROLL:
-            return w * y + p * yy - q * xy
-        if axis == PITCH:
-            return q * xx - p * xy - w * x
-        if axis == YAW:
-            return v * x - u * y + r * (xx + yy)
-        if axis == FORCE_Z:
-            return w * total + p * y - q * x
-        return u * total - r * y if axis == FORCE_X else v * total + r * x
-
     @cached_property
     def rates(self) -> Float[np.ndarray, "3 n"]:
         """Body rates."""
@@ -183,7 +169,7 @@ class RotorColumns:
         self, state: Float[np.ndarray, "7 n"], thrust: Float[np.ndarray, "7 n"]
     ) -> dict[Parameter, Float[np.ndarray, " n"]]:
         axis, (count, _, _, xx, _, yy, _) = self.axis, self.states.layout.sums.sum(axis=1).tolist()
-        dragged = -self.states.dragged(axis, state) / self.usual
+        dragged = -dragged_by(axis, state, self.states.velocity, self.states.rates) / self.usual
         if axis >= FORCE_X:
             return {DRAG[axis - FORCE_X]: dragged / count, THRUST: thrust[0], LIFT: self.states.across}
         if axis == YAW:
@@ -191,6 +177,36 @@ class RotorColumns:
             return {GAIN[YAW]: thrust[6], REACTION: spinning, DAMPING[YAW]: dragged / (xx + yy)}
         arms, square = ((thrust[2], yy), (-thrust[1], xx))[axis]
         return {GAIN[axis]: arms, OFFSET[axis]: thrust[0], DAMPING[axis]: dragged / square}
+
+
+def dragged_by(
+    axis: int,
+    state: Float[np.ndarray, "7 n"],
+    velocity: Float[np.ndarray, "3 n"],
+    rates: Float[np.ndarray, "3 n"],
+) -> Float[np.ndarray, " n"]:
+    """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one.
+
+    Parameters
+    ----------
+    axis : int
+        Number of the equation.
+    state : ndarray, shape (7, n)
+        Sums over the rotors, see `RotorLayout.sums`.
+    velocity, rates : ndarray, shape (3, n)
+        Of the body through the air, on its own axes.
+    """
+    total, x, y, xx, xy, yy, _ = state
+    (u, v, w), (p, q, r) = velocity, rates
+    if axis == ROLL:
+        return w * y + p * yy - q * xy
+    if axis == PITCH:
+        return q * xx - p * xy - w * x
+    if axis == YAW:
+        return v * x - u * y + r * (xx + yy)
+    if axis == FORCE_Z:
+        return w * total + p * y - q * x
+    return u * total - r * y if axis == FORCE_X else v * total + r * x
 
 
 def rigid_body_problem(

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights import without_lag
+from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active
 from eivor.flights.allowance import Allowance, clock_allowance
 from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
 from eivor.flights.implied import Implications, Implied
-from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, Strength, Trace
+from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, SimpleModel, Strength, Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
@@ -34,6 +36,7 @@ from eivor.motions.rigid_body.quantities import at_hover
 from eivor.motions.rigid_body.rotor_order import order_shown
 from eivor.motions.rigid_body.rule import all_grounds
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
+from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
 from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
 from eivor.shapes import Float
@@ -152,6 +155,29 @@ class RigidBody(Motion[LaggedRuns]):
             f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s (standard "
             "deviations)."
         )
+
+    def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
+        """Least squares without a lag, see `Motion.simple_models`."""
+        return {without_lag.NAME: without_lag.least_squares_without_lag(problem, estimate.best.at)}
+
+    def ahead(
+        self,
+        flights: tuple[PreparedFlight, ...],
+        models: Mapping[str, SimpleModel],
+        refused: frozenset[str],
+    ) -> Ahead:
+        """The state of the rotors alone, see `eivor.motions.rigid_body.ahead`."""
+        from eivor.motions.rigid_body.ahead import rigid_body_ahead
+
+        return rigid_body_ahead(flights, self.layout, models, refused)
+
+    def told_vehicle(self) -> Mapping[str, object] | None:
+        """What was known of the vehicle, see `Motion.told_vehicle`."""
+        return None if self.vehicle is None else asdict(self.vehicle)
+
+    def of_told_vehicle(self, told: object) -> RigidBody:
+        """Return the same motion of the vehicle of a result, see `Motion.of_told_vehicle`."""
+        return replace(self, vehicle=vehicle_told(told))
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What n is in this flight."""

@@ -1,0 +1,108 @@
+"""Predictions from many starts: how states are carried on, where they start, what is said of the errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.flights.ahead import Ahead, AheadError, Starts, all_ahead, starts_of
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.motions import motion_by_name
+from motions.turning_logs import turned
+
+
+def error(model: str, quantity: str, size: float) -> AheadError:
+    return AheadError(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
+
+
+def test_states_are_carried_on_as_their_equation_says():
+    samples = np.arange(0, 400, 40)
+    starts = Starts(samples, (20, 40, 60), 0.005)
+    time = 0.005 * np.arange(600)
+    force, decay = np.sin(3.0 * time), 1.5
+
+    def truth(at: np.ndarray) -> np.ndarray:
+        return (decay * np.sin(3.0 * time[at]) - 3.0 * np.cos(3.0 * time[at])) / (decay**2 + 9.0)
+
+    begun = np.stack([truth(samples), truth(samples) + 1.0])
+    found = starts.carried(begun, lambda state, now: force[now] - decay * state)
+    assert np.allclose(found[:, 0], truth(starts.ends), atol=2e-5)
+    left = np.exp(-decay * 0.005 * np.array(starts.steps))[:, None]
+    assert np.allclose(found[:, 1], truth(starts.ends) + left, atol=3e-5)
+
+
+def test_fine_grids_are_passed_in_longer_steps_that_meet_the_horizons():
+    starts = Starts(np.array([3]), (50, 100, 150, 200, 250), 0.002)
+    visited: list[int] = []
+
+    def derivative(state: np.ndarray, now: np.ndarray) -> np.ndarray:
+        visited.append(int(now[0]))
+        return np.ones_like(state)
+
+    found = starts.carried(np.zeros((1, 1)), derivative)
+    assert np.allclose(found[:, 0, 0], [0.1, 0.2, 0.3, 0.4, 0.5])
+    assert len(visited) == 2 * 125
+    assert visited[-1] == 253
+
+
+@pytest.fixture(scope="module")
+def broken() -> PreparedFlight:
+    """A flight of 20 s with a gap of a second, and a hundredth of one that does not count."""
+    log = turned(0, seconds=20.0)
+    channels = {}
+    for name, channel in log.channels.items():
+        kept = (channel.time_s < 8.0) | (channel.time_s > 9.0)
+        channels[name] = replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
+    flight = prepare(replace(log, channels=channels), motion_by_name("rates"), FlightOptions())
+    usable = flight.usable.copy()
+    usable[600:602] = False
+    return replace(flight, usable=usable)
+
+
+def test_every_half_second_that_is_predicted_stands_on_data(broken):
+    starts = starts_of(broken)
+    assert starts.steps == (20, 40, 60, 80, 100)
+    assert starts.samples.size > 200
+    inside = [any(run.start <= one < run.stop - 100 for run in broken.runs) for one in starts.samples]
+    assert all(inside)
+    assert all(broken.usable[one : one + 101].all() for one in starts.samples)
+
+
+def test_long_flights_have_no_more_starts(broken, monkeypatch):
+    monkeypatch.setattr("eivor.flights.ahead.MOST_STARTS", 50)
+    assert 25 < starts_of(broken).samples.size <= 50
+
+
+def test_errors_are_held_against_those_of_simpler_models():
+    errors = (
+        error("fit", "roll rate", 1.0),
+        error("other", "roll rate", 4.0),
+        error("fit", "yaw rate", 1.0),
+        error("other", "yaw rate", 0.5),
+    )
+    ahead = Ahead(errors, np.arange(4.0))
+    assert ahead.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
+    assert ahead.predicts
+    assert "'model other' leaves less of yaw rate." in ahead.sentence
+    assert "roll rate" not in ahead.sentence
+    worse = replace(ahead, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
+    assert not worse.predicts
+    alone = Ahead(errors[:1], np.arange(4.0))
+    assert "nothing to hold" in alone.sentence
+
+
+def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
+    unmeasured = replace(error("fit", "position", 1.0), left=np.full((4, 5), np.nan))
+    half = replace(
+        error("fit", "roll rate", 3.0), left=np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
+    )
+    one = (error("fit", "roll rate", 1.0), unmeasured)
+    found = all_ahead([one, (half, unmeasured), ()], [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",))
+    assert [each.quantity for each in found.errors] == ["roll rate"]
+    assert found.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
+    assert found.start_s.size == 8
+    assert found.left_out == ("said",)

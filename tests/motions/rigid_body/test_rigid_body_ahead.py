@@ -1,0 +1,238 @@
+"""Position, velocity, attitude and rates some tenths of a second ahead, of the rotors alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.flights.motion import SimpleModel
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.motions.rates.axes import AXES
+from eivor.motions.rigid_body.known_number import KnownNumber
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.told_vehicle import vehicle_told
+from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.terminal import on_terminal
+from eivor.report.validation_document import validation_document
+from eivor.signals.recording import Recording
+from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body.sensors import Sensor
+from eivor.simulation.rigid_body.spec import Sensors
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))
+ROTORS = SPEC.vehicle.rotors
+KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
+MOTION = RigidBody(KNOWN)
+QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "height"]
+
+
+@pytest.fixture(scope="module")
+def flown() -> RigidBodyFlight:
+    return next(iter(simulate_rigid_body_flights([SPEC])))
+
+
+@pytest.fixture(scope="module")
+def flight(flown: RigidBodyFlight) -> PreparedFlight:
+    return prepare(flown.recording, MOTION, FlightOptions()).shortened
+
+
+@pytest.fixture(scope="module")
+def truth(flown: RigidBodyFlight) -> dict[str, float]:
+    found = flown.truth.parameters
+    return {
+        **{f"{axis.name}_gain": one for axis, one in zip(AXES, found.torque_gains, strict=True)},
+        **{f"{axis.name}_coupling": one for axis, one in zip(AXES, found.gyroscopic_ratios, strict=True)},
+        **{f"{axis.name}_damping": one for axis, one in zip(AXES, found.rate_damping, strict=True)},
+        **{f"drag_{axis}": one for axis, one in zip("xyz", found.drag, strict=True)},
+        "thrust_gain": found.thrust_gain,
+        "actuator_lag": found.lag_up,
+        "delay": found.delay,
+    }
+
+
+def models(values: dict[str, float]) -> dict[str, SimpleModel]:
+    without = {**values, "actuator_lag": 0.0}
+    return {"fit": SimpleModel("the fit", values), "least_squares": SimpleModel("without lag", without)}
+
+
+def without(log: Recording, *left_out: str) -> Recording:
+    return replace(log, channels={name: one for name, one in log.channels.items() if name not in left_out})
+
+
+def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
+    flight = prepare(log, motion, FlightOptions()).shortened
+    ahead = motion.ahead((flight,), models(values), frozenset(refused))
+    return [one[0].quantity for one in ahead.by_quantity]
+
+
+def test_true_numbers_predict_every_quantity(flight, truth):
+    ahead = MOTION.ahead((flight,), models(truth), frozenset())
+    assert [one[0].quantity for one in ahead.by_quantity] == QUANTITIES
+    # of a flight without noise next to nothing is left half a second ahead
+    allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
+    for own, lagless, unchanged in ahead.by_quantity:
+        assert own.rms[-1] < allowed[own.quantity]
+        assert own.rms[-1] < 0.03 * unchanged.rms[-1]
+        assert own.rms[-1] < 0.08 * lagless.rms[-1]
+    assert ahead.predicts
+
+
+def test_a_body_that_turns_on_is_predicted_by_its_rates():
+    """Constant rates about an axis that leans: the attitude that stays as it is, is exact."""
+    from eivor.flights.ahead import Starts
+    from eivor.motions.rigid_body.ahead import _angle, _unchanged
+
+    rates = np.array([0.4, -0.8, 1.1])
+    body = np.zeros((13, 1))
+    body[3:6, 0], body[6:10, 0], body[10:13, 0] = (1.0, 2.0, -1.0), (0.8, 0.0, 0.6, 0.0), rates
+    starts = Starts(np.array([0]), (1000,), 0.0005)
+    found = _unchanged(body, starts)
+
+    def turning(state: np.ndarray, _now: np.ndarray) -> np.ndarray:
+        w, x, y, z = state
+        p, q, r = rates
+        return 0.5 * np.stack(
+            [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
+        )
+
+    carried = starts.carried(body[6:10], turning)
+    assert _angle(carried, found[:, 6:10]).max() < 1e-5
+    assert _angle(-carried, found[:, 6:10]).max() < 1e-5
+    assert np.allclose(found[0, :3, 0], [0.5, 1.0, -0.5])
+
+
+@pytest.mark.parametrize(
+    ("refused", "left"),
+    [
+        (("roll_gain",), ["pitch rate", "yaw rate"]),
+        (("yaw_gain",), ["roll rate", "pitch rate", "velocity", "height"]),
+        (("thrust_gain",), QUANTITIES[:4]),
+        (("effective_lag",), []),
+        (("drag_x", "roll_coupling"), QUANTITIES),
+    ],
+)
+def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
+    ahead = MOTION.ahead((flight,), models(truth), frozenset(refused))
+    assert [one[0].quantity for one in ahead.by_quantity] == left
+    said = " ".join(ahead.left_out)
+    assert ("Not predicted" in said) == (left != QUANTITIES)
+    assert ("Counted as zero, since the fit does not tell it: roll coupling, drag x." in said) == (
+        "drag_x" in refused
+    )
+
+
+def test_a_refused_drag_counts_as_zero(flight, truth):
+    wild = {**truth, "drag_x": 1e3}
+    found = MOTION.ahead((flight,), models(wild), frozenset({"drag_x"}))
+    velocity = {one.model: one for one in found.errors if one.quantity == "velocity"}
+    assert velocity["fit"].rms[-1] < 0.3
+    assert velocity["least_squares"].rms[-1] > 1.0
+
+
+def test_what_the_log_lacks_is_left_out(flown, truth):
+    log = flown.recording
+    assert quantities(MOTION, without(log, "position_z"), truth) == QUANTITIES[:5]
+    assert quantities(MOTION, without(log, "velocity_y"), truth) == QUANTITIES[:4]
+    assert quantities(MOTION, without(log, "attitude_w"), truth) == QUANTITIES[:3]
+    no_force = without(log, *(f"specific_force_body_{axis}" for axis in "xyz"))
+    assert quantities(MOTION, no_force, truth) == QUANTITIES
+
+
+def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
+    """A result of such numbers, as `eivor identify --json` writes it; what matters here of it."""
+    nuisances = {name: values[name] for name in ("actuator_lag", "delay")}
+    quantity = {"unit": "", "std_error": 0.1, "interval": [0.0, 1.0], "verdict": "identified"}
+    best = {
+        "at": nuisances,
+        "best": True,
+        "values": list(values.values()),
+        "parts": [{"name": "given", "matrix": np.eye(len(values)).tolist(), "degrees": None, "share": 1.0}],
+    }
+    document = {
+        "schema": "eivor.identify/1",
+        "model": {"name": "rigid_body"},
+        "verdict": "identified",
+        "reasons": [],
+        "parameters": {name: {"value": one, **quantity} for name, one in values.items()},
+        "derived": {},
+        "covariance": {"names": list(values), "candidates": [best]},
+        "prediction": {
+            "input": "rotor_command",
+            "input_map": "square",
+            "at": nuisances,
+            "limits": {"max_tilt_deg": 25.8},
+            "beside": {"least_squares": {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}},
+            "input_level": 1700.0,
+            "vehicle": json.loads(json.dumps(asdict(KNOWN))),
+            **changed,
+        },
+        "provenance": {"logs": [{"name": "first.csv", "sha256": None}], "options": {}},
+    }
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(document))
+    return load_fit(path)
+
+
+def test_another_flight_is_validated(flown, truth, tmp_path):
+    found = ev.validate(saved(truth, tmp_path), flown.recording, window=(0.0, 6.0))
+    assert found.predicts
+    assert "in the mean" in found.sentence
+    document = json.loads(found.to_json())
+    assert document["predictions"] == []
+    assert document["ahead"]["horizons"] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert document["ahead"]["starts"] == found.ahead.start_s.size > 100
+    first = document["ahead"]["errors"][0]
+    assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
+    assert "height" in found.summary()
+    assert "height" in found._repr_html_()
+    assert on_terminal(validation_document(found)).renderables
+    figure = found.plot()
+    assert len(figure.axes) == 12
+    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
+
+
+def test_what_cannot_be_validated_is_said(flown, truth, tmp_path):
+    log = flown.recording
+    with pytest.raises(InputError, match="says what flies"):
+        ev.validate(saved(truth, tmp_path, vehicle=None), log)
+    with pytest.raises(InputError, match="commands in the same unit"):
+        ev.validate(saved(truth, tmp_path, input_level=0.6), log)
+    with pytest.raises(InputError, match="4 rotors"):
+        ev.validate(saved(truth, tmp_path), without(log, "rotor_command_4"))
+    with pytest.raises(MissingChannelError, match="angular_rate_y"):
+        ev.validate(saved(truth, tmp_path), without(log, "angular_rate_y"))
+    nothing = {name: one for name, one in truth.items() if not name.endswith("gain")}
+    with pytest.raises(UsageError, match="does not tell the roll gain"):
+        ev.validate(saved(nothing, tmp_path), log)
+
+
+def test_a_vehicle_comes_back_from_a_result():
+    vehicle = replace(KNOWN, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear")
+    assert vehicle_told(json.loads(json.dumps(asdict(vehicle)))) == vehicle
+    for wrong in (
+        {},
+        {**asdict(vehicle), "mass": {"value": -1.0, "std": 0.0}},
+        {**asdict(vehicle), "wings": 2},
+    ):
+        with pytest.raises(InputError, match="says what flies"):
+            vehicle_told(wrong)
+
+
+@pytest.mark.thorough
+def test_a_result_predicts_its_own_flight_and_another(flown):
+    noisy = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0)
+    first, second = simulate_rigid_body_flights([replace(noisy, seed=1), replace(noisy, seed=2)])
+    fit = ev.identify_flight(first.recording, model=MOTION, method="whitened_least_squares")
+    assert fit.ahead is not None
+    assert all(ratio < 0.3 for ratio in fit.ahead.ratios.values())
+    assert all(ratio < 0.3 for ratio in ev.validate(fit, second.recording).ahead.ratios.values())
+    assert json.loads(fit.to_json())["ahead"]["errors"]
