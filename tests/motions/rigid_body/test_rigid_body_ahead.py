@@ -131,7 +131,7 @@ def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
 
 
 def test_a_refused_drag_counts_as_zero(flight, truth):
-    wild = {**truth, "drag_x": 1e3}
+    wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
     found = MOTION.ahead((flight,), models(wild), frozenset({"drag_x"}))
     velocity = {one.model: one for one in found.errors if one.quantity == "velocity"}
     assert velocity["fit"].rms[-1] < 0.3

@@ -16,13 +16,25 @@ from eivor.models.separable import Values
 from eivor.motions.rigid_body.carried import CarriedBody
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.logged_state import LoggedState
-from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, OFFSET, THRUST, TURNING
+from eivor.motions.rigid_body.parameters import (
+    COUPLING,
+    DAMPING,
+    DRAG,
+    GAIN,
+    LIFT,
+    OFFSET,
+    QUADRATIC_DRAG,
+    THRUST,
+    TURNING,
+)
 from eivor.shapes import Float
 
 #: What it is that everything stays as it is.
 STAYS = "stays as it is"
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
-SMALL = (*COUPLING, *DAMPING, *DRAG, LIFT, *OFFSET)
+SMALL = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, LIFT, *OFFSET)
+#: Drag by whose verdict the quadratic one of its axis goes: the two are told well together or not at all.
+WITH_DRAG = {one.name: drag.name for one, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -31,12 +43,13 @@ class Predictable:
 
     Parameters
     ----------
-    told : frozenset of str
-        Quantities of the fit that are not refused.
+    known, told : frozenset of str
+        Quantities of the fit, and those that are not refused.
     logged : tuple of LoggedState
         Of every flight.
     """
 
+    known: frozenset[str]
     told: frozenset[str]
     logged: tuple[LoggedState, ...]
 
@@ -88,10 +101,15 @@ class Predictable:
         for quantity, why in self.left_out.items():
             by_reason.setdefault(why, []).append(quantity)
         said = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
-        zero = [one.name.replace("_", " ") for one in SMALL if one.name in refused]
+        zero = [name.replace("_", " ") for name in zeros(refused) if name in self.known]
         if zero and len(self.left_out) < len(_RATES) + len(_BEYOND):
             said.append(f"Counted as zero, since the fit does not tell it: {', '.join(zero)}.")
         return tuple(said)
+
+
+def zeros(refused: frozenset[str]) -> list[str]:
+    """Small terms that count as zero."""
+    return [one.name for one in SMALL if WITH_DRAG.get(one.name, one.name) in refused]
 
 
 _RATES = tuple(f"{axis} rate" for axis in TURNING)
@@ -122,8 +140,8 @@ def rigid_body_ahead(
     own = models[first].values
     told = frozenset({*own, EFFECTIVE_LAG}) - refused
     logged = tuple(LoggedState(flight) for flight in flights)
-    what = Predictable(told, logged)
-    kept = {name: value for name, value in own.items() if name not in {one.name for one in SMALL} & refused}
+    what = Predictable(frozenset(own), told, logged)
+    kept = {name: value for name, value in own.items() if name not in zeros(refused)}
     by_model = {**models, first: SimpleModel(models[first].words, kept)}
     found, times = [], []
     for one in logged:

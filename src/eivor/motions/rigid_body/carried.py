@@ -23,7 +23,17 @@ from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
 from eivor.motions.rigid_body.flights import RotorStates, dragged_by, usual_state
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.logged_state import LoggedState
-from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, OFFSET, REACTION, THRUST
+from eivor.motions.rigid_body.parameters import (
+    COUPLING,
+    DAMPING,
+    DRAG,
+    GAIN,
+    LIFT,
+    OFFSET,
+    QUADRATIC_DRAG,
+    REACTION,
+    THRUST,
+)
 from eivor.motions.vertical.model import GRAVITY
 from eivor.shapes import Float, Int
 from eivor.signals.derivative import time_derivative
@@ -109,7 +119,12 @@ class CarriedBody:
         x, y = -self.layout.pitch, self.layout.roll
         around = r * r * float(np.mean(x * x + y * y)) + 2.0 * r * (v * float(x.mean()) - u * float(y.mean()))
         lift = self._value(LIFT.name) * (u * u + v * v + around)
-        return (turning[0], turning[1], turning[2]), (dragged[3], dragged[4], dragged[5] + lift)
+        swiftness = np.sqrt((velocity * velocity).sum(axis=0))
+        fx, fy, fz = (
+            drag - self._value(one.name) * swiftness * along
+            for drag, one, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
+        )
+        return (turning[0], turning[1], turning[2]), (fx, fy, fz + lift)
 
     @cached_property
     def _coupling(self) -> tuple[float, ...]:
