@@ -62,8 +62,8 @@ class CanonicalChannel:
             )
 
 
-#: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that also
-#: logs a thrust setpoint; they serve as input only when asked for by name.
+#: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that may
+#: also log a thrust setpoint; they serve as input where it does not, and when asked for by name.
 BUILT_IN: tuple[CanonicalChannel, ...] = (
     CanonicalChannel("position_z", "m", flipped=True),
     CanonicalChannel("velocity_x", "m/s"),

@@ -43,6 +43,11 @@ def varying_fields(topic: Topic, stem: str) -> list[str]:
     return varying
 
 
+def place_of(field: str) -> int:
+    """Number in the brackets of a field such as ``output[3]``."""
+    return int(field.partition("[")[2].rstrip("]"))
+
+
 def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
     """Return the instance to use; a choice is reported in `findings`.
 

@@ -24,7 +24,8 @@ from eivor.logs.findings import channel_findings
 from eivor.logs.ulog.attitude_setpoints import attitude_setpoints
 from eivor.logs.ulog.delays import delay_findings, topic_delays
 from eivor.logs.ulog.frames import CleanLog, clean_log
-from eivor.logs.ulog.instances import Topic, choose_instance, varying_fields
+from eivor.logs.ulog.instances import Topic, choose_instance, place_of, varying_fields
+from eivor.logs.ulog.pulse_widths import are_pulses, as_shares
 from eivor.logs.ulog.topics import (
     ACTUATOR_SOURCES,
     ATTITUDE_STATES,
@@ -42,6 +43,7 @@ from eivor.logs.ulog.topics import (
     NEEDED_TOPICS,
     OPEN_LOOP_STATES,
     PILOT_STATES,
+    PULSES_TOPIC,
     RATE_STATES,
     RESET_COUNTERS,
     Source,
@@ -210,7 +212,7 @@ def _read_channels(
     _add_controller_velocity(reading, clocks)
     _add_modes(reading, clocks)
     _add_attitude_setpoints(reading, clocks)
-    _add_actuators(reading, clocks)
+    _add_actuators(reading, clocks, parameters)
     _add_rotor_speeds(reading, clocks)
     findings += _reset_findings(reading, clocks)
     findings += delay_findings(reading.channels.values(), delays)
@@ -375,17 +377,25 @@ def _add_attitude_setpoints(reading: _Reading, clocks: Mapping[str, Float[np.nda
             reading.channels[one.name] = channel
 
 
-def _add_actuators(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
+def _add_actuators(
+    reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]], parameters: Mapping[str, float]
+) -> None:
+    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant.
+
+    Those in microseconds become shares, where parameters tell their range.
+    """
     for topic_name, stem in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
         used = varying_fields(topic, stem) if topic is not None else []
         if topic is None or not used:
             continue
-        for number, field in enumerate(used, start=1):
-            values = topic.fields[field].astype(np.float64)
-            name = f"actuator_output_{number}"
-            reading.channels[name] = _channel(name, clocks[topic_name], values, f"{topic_name}.{field}")
+        values = {place_of(field): topic.fields[field].astype(np.float64) for field in used}
+        if topic_name == PULSES_TOPIC and are_pulses(list(values.values()), parameters):
+            values, finding = as_shares(values, parameters)
+            reading.findings.append(finding)
+        for number, (place, column) in enumerate(values.items(), start=1):
+            name, source = f"actuator_output_{number}", f"{topic_name}.{stem}[{place}]"
+            reading.channels[name] = _channel(name, clocks[topic_name], column, source)
         return
 
 

@@ -145,10 +145,12 @@ RATE_STATES = (10,)
 #: Setpoints of attitude and of rates.
 ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_setpoint"
 
+#: Motor outputs as they are sent: pulse widths, or counts of DShot.
+PULSES_TOPIC = "actuator_outputs"
 #: Motor outputs: topic and field stem, the preferred one first.
 ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
     ("actuator_motors", "control"),
-    ("actuator_outputs", "output"),
+    (PULSES_TOPIC, "output"),
 )
 MAX_ACTUATORS = 16
 #: Telemetry of electronic speed controllers: rotor speeds [rpm], of motor 1, 2, ... where a field of the same

@@ -22,6 +22,7 @@ INPUTS = (
     InputFamily("rotor_command", input_map="square", numbered=True),
     InputFamily("rotor_speed", measured=True, input_map="square", numbered=True, least_rate_hz=19.5),
     InputFamily("input"),
+    InputFamily("actuator_output", numbered=True),
 )
 #: Measured states that tell the lag where commands are the input.
 TELEMETRY = ("rotor_speed",)
