@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from eivor.signals.signals import Signals
     from eivor.simulation.records.scenario import Scenario
     from eivor.simulation.records.simulate import simulate
+    from eivor.studies import bounds
 
     __version__: str
 
@@ -89,6 +90,7 @@ _HOMES = {
     "anderson_rubin_set": "eivor.estimation.weak_identification",
     "bootstrap": "eivor.estimation.resampling",
     "bootstrap_flights": "eivor.flights.bootstrap",
+    "bounds": "eivor.studies.bounds",
     "covariances": "eivor.inference.covariances",
     "derived": "eivor.estimation.derived",
     "diagnose": "eivor.estimation.diagnose",
@@ -115,7 +117,7 @@ _HOMES = {
 }
 
 #: Public names that are modules themselves.
-_MODULES = frozenset({"covariances", "methods"})
+_MODULES = frozenset({"bounds", "covariances", "methods"})
 
 __all__ = [
     "AndersonRubinSet",
@@ -149,6 +151,7 @@ __all__ = [
     "anderson_rubin_set",
     "bootstrap",
     "bootstrap_flights",
+    "bounds",
     "covariances",
     "derived",
     "diagnose",

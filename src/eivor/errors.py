@@ -63,6 +63,10 @@ class WeakInstrumentsWarning(UserWarning):
     """Instruments that hardly move what they are to identify; the estimate's status is weak."""
 
 
+class FallbackWarning(UserWarning):
+    """A method could not give its own answer and gave that of the one it begins with; its reasons say why."""
+
+
 class UsageError(EivorError):
     """The call is wrong: an option, a name or a combination that does not exist."""
 

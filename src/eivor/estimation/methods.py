@@ -26,8 +26,11 @@ __all__ = [
     "generalized_iv_tls",
     "least_squares",
     "reference_iv",
+    "spectral_giv",
+    "spectral_giv_combined",
     "total_least_squares",
     "whitened_least_squares",
+    "whittle_ml",
 ]
 
 
@@ -98,6 +101,32 @@ def generalized_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
 def generalized_iv_tls() -> LinearMethod:
     """Generalized instrumental variables solved by total least squares, the paper's (32), (33)."""
     return LinearMethod("generalized_iv_tls", Compensated(), AugmentedTotalLeastSquares())
+
+
+def spectral_giv() -> Method:
+    """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra.
+
+    For signals of z', z'' and u without an intercept, whose input has a declared white noise; see
+    `docs/efficiency.md`. Instruments of another channel, such as lags of a reference under control, take the
+    place of the input's own spectrum.
+    """
+    from eivor.estimation.spectral.spectral_giv import SpectralGeneralizedIV
+
+    return SpectralGeneralizedIV()
+
+
+def spectral_giv_combined() -> Method:
+    """The combination of `spectral_giv` and `generalized_iv` that has the least variance."""
+    from eivor.estimation.spectral.spectral_giv import CombinedSpectralIV
+
+    return CombinedSpectralIV()
+
+
+def whittle_ml() -> Method:
+    """Maximum likelihood in frequency, with the noise of the input declared and all others fitted."""
+    from eivor.estimation.spectral.whittle import WhittleLikelihood
+
+    return WhittleLikelihood()
 
 
 def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:

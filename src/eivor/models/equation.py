@@ -33,7 +33,10 @@ class Equation:
         Left side.
     terms : tuple of (Parameter, Column)
         Right side, in the order of the parameter vector.
+    derivative_of : str
+        Channel whose time derivative the response is, but for a constant; empty for none.
     """
 
     response: Column
     terms: tuple[tuple[Parameter, Column], ...]
+    derivative_of: str = ""

@@ -17,27 +17,30 @@ import numpy as np
 from eivor.errors import UsageError, did_you_mean
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
+from eivor.estimation.method import Method
 from eivor.estimation.weighting.equations import EquationWeighting
 from eivor.inference import covariances
 from eivor.models.column import Column, lags
 from eivor.studies.experiment import Experiment
 
 #: Methods that need no instruments.
-DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
+DIRECT: Mapping[str, Callable[[], Method]] = {
     "least_squares": methods.least_squares,
     "total_least_squares": methods.total_least_squares,
     "bias_compensated_least_squares": methods.bias_compensated_least_squares,
 }
 #: Methods with instruments whose equations can be weighted.
-WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], LinearMethod]] = {
+WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], Method]] = {
     "extended_iv": methods.extended_iv,
     "generalized_iv": methods.generalized_iv,
 }
 #: Methods with instruments whose equations cannot.
-UNWEIGHTED: Mapping[str, Callable[[], LinearMethod]] = {
+UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
     "extended_iv_tls": methods.extended_iv_tls,
     "generalized_iv_tls": methods.generalized_iv_tls,
+    "spectral_giv": methods.spectral_giv,
+    "spectral_giv_combined": methods.spectral_giv_combined,
+    "whittle_ml": methods.whittle_ml,
 }
 #: Every method of a study.
 METHODS = (*DIRECT, *WEIGHTED, *UNWEIGHTED)
@@ -108,11 +111,11 @@ class MethodChoice:
             )
 
     @property
-    def method(self) -> LinearMethod:
+    def method(self) -> Method:
         """The method itself."""
         if self.name in WEIGHTED:
             return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
-        return (DIRECT | UNWEIGHTED)[self.name]()  # type: ignore[operator]
+        return {**DIRECT, **UNWEIGHTED}[self.name]()
 
     def with_covariance(self, estimate: Estimate) -> Estimate:
         """Estimate whose intervals rest on the covariance chosen."""

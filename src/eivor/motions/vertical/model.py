@@ -56,7 +56,7 @@ class VerticalMotion(SignalModel):
         terms = [(VISCOUS_FRICTION, Column("velocity_z", gain=-1.0)), (INPUT_GAIN, Column("input"))]
         if self.intercept:
             terms.append((INTERCEPT, Column("")))
-        return Equation(Column(response), tuple(terms))
+        return Equation(Column(response), tuple(terms), derivative_of="velocity_z")
 
     def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> SignalRegression:
         """Rows (-z', u, 1) and z'' + g of `signals`, or z'' where that is what they have.

@@ -1,0 +1,71 @@
+"""What spectral methods answer when they cannot answer, and what their intervals rest on."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+from eivor.errors import FallbackWarning
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.spectral.spectral_covariance import SpectralCovariance
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.estimators import EqualWeightedCosines
+from eivor.inference.verdict import Reason, Status
+
+
+def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
+    """Both covariances, of which an interval takes the wider, on the fewest degrees of freedom."""
+    degrees = float(covariance.degrees.min())
+    return JointCovariance(
+        (
+            CovariancePart("spectral_model", covariance.model, degrees),
+            CovariancePart("spectral_in_time", covariance.in_time, degrees),
+        )
+    )
+
+
+def with_grounds(estimate: Estimate, *, settled: bool) -> Estimate:
+    """Estimate with the grounds against it: passes that ran out, parameters that may be zero."""
+    reasons: list[Reason] = []
+    if not settled:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                "The spectra of the residuals had not come to rest when the passes ran out.",
+                "Record longer, or compare with generalized_iv.",
+            )
+        )
+    for parameter in estimate.joint_parameters[:2]:
+        low, high = estimate.interval(parameter.name)
+        if low <= 0.0 <= high:
+            reasons.append(
+                Reason(
+                    Status.WEAK,
+                    f"The {parameter.name.replace('_', ' ')} cannot be told from zero: its interval is "
+                    f"[{low:.3g}, {high:.3g}] {parameter.unit}.",
+                    "Excite more, or record longer.",
+                )
+            )
+    return replace(estimate, reasons=tuple(reasons))
+
+
+def fallback(why: str) -> Reason:
+    """Ground on which generalized IV's numbers stand in."""
+    return Reason(
+        Status.WEAK,
+        f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
+        "Excite more, or record longer; and see that the input holds between samples as it was meant to.",
+    )
+
+
+def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
+    """Generalized IV's answer, with the reason as a warning too.
+
+    Warns
+    -----
+    FallbackWarning
+        Always.
+    """
+    warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=2)
+    answer = plain.with_covariance(EqualWeightedCosines())
+    return replace(answer, method=name, reasons=(*plain.reasons, reason))

@@ -1,0 +1,56 @@
+"""Where a spectral method begins: generalized instrumental variables, and noises that fit what they leave."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.errors import WeakInstrumentsWarning
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.methods import generalized_iv
+from eivor.estimation.spectral.noise_model import NoiseModel, first_noise, fitted_noise
+from eivor.estimation.spectral.sampled_motion import SampledMotion
+from eivor.estimation.spectral.sampled_problem import SampledProblem
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Start of a search.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Parameters.
+    transient : float
+        t.
+    noise, prior : NoiseModel
+        Noises that fit, and the centres of what is known of them.
+    """
+
+    motion: SampledMotion
+    transient: float
+    noise: NoiseModel
+    prior: NoiseModel
+
+
+def consistent_estimate(sampled: SampledProblem) -> Estimate:
+    """Generalized IV of the same problem, without its warnings: what it says is used, or told, later."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", WeakInstrumentsWarning)
+        return generalized_iv().estimate(sampled.problem)
+
+
+def pilot_at(motion: SampledMotion, input_variance: float) -> Pilot:
+    """Noises that fit the residuals at some parameters."""
+    transient = first_transient(motion)
+    residual = motion.whole(np.array([transient]), motion.nuisance_shapes(ramps=False))
+    prior = first_noise(motion, residual, input_variance)
+    return Pilot(motion, transient, fitted_noise(motion, residual, prior, prior), prior)
+
+
+def first_transient(motion: SampledMotion) -> float:
+    """T by least squares on the second residual."""
+    shape, residual = motion.memory, motion.residuals()[1]
+    return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())

@@ -1,0 +1,215 @@
+"""Spectral generalized instrumental variables: the method, and its combination with generalized IV.
+
+Both begin with generalized IV. Where the spectral answer contradicts it beyond chance, or cannot be had,
+generalized IV's is returned, with the reason.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor.errors import EivorError
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.method import Method, Problem
+from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, with_grounds
+from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
+from eivor.estimation.spectral.sampled_motion import SampledMotion
+from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
+from eivor.estimation.spectral.spectral_covariance import (
+    SpectralCovariance,
+    spectral_covariance,
+    sum_covariance,
+)
+from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
+from eivor.estimation.spectral.whitened_rows import solved_rows
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.estimators import EqualWeightedCosines
+from eivor.inference.verdict import Reason
+from eivor.models.equation import Parameter
+from eivor.shapes import Float
+
+#: Distance of the two answers, of 2 degrees of freedom, that chance reaches once in a thousand times.
+FARTHEST = 13.8
+#: Records shorter than this are combined with generalized IV: alone, spectra are not told well enough.
+SHORT_RECORD = 400
+#: Relative change of the parameters in the last pass beyond which they are no answer.
+MOVING = 0.05
+#: What the input may do between samples, and how near, in standard errors, counts as that.
+USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 2.0
+BLEND = Parameter("intersample_share", "")
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralGeneralizedIV(Method):
+    """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+    """
+
+    name: str = "spectral_giv"
+
+    @property
+    def needs_instruments(self) -> bool:
+        """No: without others, the input's own spectrum serves, less what its noise adds."""
+        return False
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2.
+
+        Raises
+        ------
+        UsageError, MissingNoiseError, TooFewSamplesError
+            When the problem is no evenly sampled motion with a declared noise of its input.
+        """
+        sampled = sampled_problem(problem, self.name)
+        plain = consistent_estimate(sampled)
+        found = _spectral(sampled, plain)
+        if isinstance(found, Reason):
+            return fallen_back(self.name, plain, found)
+        short = sampled.record.count < SHORT_RECORD
+        return _combined(self.name, sampled, plain, found) if short else found.estimate(self.name, sampled)
+
+
+@dataclass(frozen=True, slots=True)
+class CombinedSpectralIV(Method):
+    """The combination of spectral and plain generalized IV that has the least variance.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+    """
+
+    name: str = "spectral_giv_combined"
+
+    @property
+    def needs_instruments(self) -> bool:
+        """No: without others, the input's own spectrum serves, less what its noise adds."""
+        return False
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate friction and gain of a sampled motion, see `SpectralGeneralizedIV`."""
+        sampled = sampled_problem(problem, self.name)
+        plain = consistent_estimate(sampled)
+        found = _spectral(sampled, plain)
+        if isinstance(found, Reason):
+            return fallen_back(self.name, plain, found)
+        return _combined(self.name, sampled, plain, found)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A spectral solution with its covariance."""
+
+    solution: SpectralSolution
+    covariance: SpectralCovariance
+
+    @property
+    def values(self) -> Float[np.ndarray, " 2"]:
+        """Friction and gain."""
+        return np.array([self.solution.motion.friction, self.solution.motion.gain])
+
+    def estimate(self, name: str, sampled: SampledProblem) -> Estimate:
+        """As an estimate whose rows are the whitened ones."""
+        parameters = (*sampled.parameters, BLEND)[: self.solution.parameters]
+        candidate = Candidate(
+            {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
+        )
+        return with_grounds(Estimate(name, parameters, (candidate,)), settled=self.solution.settled)
+
+
+def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
+    """Spectral solution, or why generalized IV's answer must do."""
+    friction, gain = (float(value) for value in plain.best.values[:2])
+    if not (friction > 0.0 and gain != 0.0):
+        return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+    try:
+        with np.errstate(all="ignore"):
+            found = _with_blend(sampled, SampledMotion(sampled.record, friction, gain))
+    except (EivorError, np.linalg.LinAlgError, ValueError):
+        return fallback("its equations have no solution near generalized IV's")
+    why = _doubt(found, plain)
+    return fallback(why) if why else found
+
+
+def _doubt(found: _Found, plain: Estimate) -> str:
+    """Why a solution is not to be believed; empty where it is."""
+    values, covariance = found.values, found.covariance.model[:2, :2]
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        return "its search left every number behind"
+    if found.solution.change > MOVING:
+        return f"its last pass changed it by {found.solution.change:.0%}"
+    if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
+        return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
+    between = plain.best.values[:2] - values
+    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + _plain_covariance(plain)
+    distance = float(between @ np.linalg.solve(spread, between))
+    if distance > FARTHEST:
+        return f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
+    return ""
+
+
+def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
+    """Solution with an input that is held, where one step towards a free rho finds no other; else rho free.
+
+    Or rho 1/2, where it is near that.
+    """
+    pilot = pilot_at(start, sampled.input_variance)
+    held = solved_equations(pilot, sampled.input_variance, sampled.instrument)
+    freed = replace(held, free_blend=True)
+    step = _found(replace(freed, motion=freed.stepped()))
+    if _usual(step) == 0.0:
+        return _found(held)
+    free = _found(solved_equations(pilot, sampled.input_variance, sampled.instrument, free_blend=True))
+    usual = _usual(free)
+    if usual is None:
+        return free
+    fixed = replace(pilot, motion=replace(free.solution.motion, blend=usual))
+    return _found(solved_equations(fixed, sampled.input_variance, sampled.instrument))
+
+
+def _usual(found: _Found) -> float | None:
+    """The usual rho that a free one is within two standard errors of; None where it is near none."""
+    blend = found.solution.motion.blend
+    error = float(np.sqrt(max(found.covariance.model[2, 2], found.covariance.in_time[2, 2])))
+    usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
+    return usual if abs(blend - usual) <= NEAR_BLEND * error else None
+
+
+def _found(solution: SpectralSolution) -> _Found:
+    return _Found(solution, spectral_covariance(solution))
+
+
+def _plain_covariance(plain: Estimate) -> Float[np.ndarray, "2 2"]:
+    return plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+
+
+# -- with generalized IV ----------------------------------------------------------------------------------
+
+
+def _combined(name: str, sampled: SampledProblem, plain: Estimate, found: _Found) -> Estimate:
+    """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
+    influence, count = found.covariance.influence, sampled.record.count
+    equation, own = plain.best.equation, found.solution.parameters
+    other = np.zeros((count, 2))
+    scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
+    other[-scores.shape[0] :] = scores
+    series = np.concatenate([influence, other - influence[:, :2]], axis=1)
+    joint = sum_covariance(series)
+    delta = plain.best.values[:2] - found.values
+    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
+    parameters = (*sampled.parameters, BLEND)[:own]
+    solved = solved_rows(found.solution, parameters)
+    values = solved.solution.theta - weights @ delta
+    covariance = joint[:own, :own] - weights @ joint[own:, :own]
+    solved = replace(solved, solution=replace(solved.solution, theta=values))
+    alone = joint_covariance(found.covariance)
+    of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
+    candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
+    return with_grounds(Estimate(name, parameters, (candidate,)), settled=found.solution.settled)

@@ -1,0 +1,195 @@
+r"""The Cramer-Rao bound of a scenario: what no unbiased estimator can do better than.
+
+Of each bin the record tells A, V and U: what the true input U_0 makes of them, and noises with the spectra
+that the scenario gives. U_0 is unknown and no random number, so that it is a nuisance of each bin. By the
+formula of Slepian and Bangs, the information about the parameters is then
+
+    I_jl = sum over bins of  2 |U_0|^2 Re(d_j^H C^-1 d_l)  +  tr(R^-1 R_j R^-1 R_l)
+
+with C the spectrum of the residuals in which U_0 is left out, d_j what a parameter does to them over U_0 (see
+`eivor.estimation.spectral.sampled_motion`), R that of the noises of A, V and U, and R_j its derivative: a
+disturbance that moves the vehicle is shaped by the friction. Noises are known, and a disturbance counts as
+white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import ParameterError
+from eivor.estimation.spectral.noise_model import NoiseModel
+from eivor.estimation.spectral.pair_spectrum import PairSpectrum
+from eivor.estimation.spectral.sampled_motion import SampledMotion, SampledRecord, unitary_bins
+from eivor.shapes import Complex, Float
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.simulation.records.scenario import Intersample, Route, Scenario, SimulatedRecord
+from eivor.simulation.records.simulate import simulate
+
+__all__ = ["CramerRaoBound", "cramer_rao"]
+
+#: Records that an input's power is averaged over when none are asked for.
+RUNS = 20
+
+
+@dataclass(frozen=True)
+class CramerRaoBound:
+    """Least covariance of unbiased estimates of friction and gain.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (2, 2)
+        Inverse of the information, averaged over records.
+    truth : mapping of str to float
+        True parameters, in the order of the covariance.
+    """
+
+    covariance: Float[np.ndarray, "2 2"]
+    truth: Mapping[str, float]
+
+    @property
+    def std_errors(self) -> dict[str, float]:
+        """Least standard deviation of each parameter, in its unit."""
+        return dict(zip(self.truth, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def relative(self) -> dict[str, float]:
+        """The same over the size of the parameter."""
+        return {name: error / abs(self.truth[name]) for name, error in self.std_errors.items()}
+
+
+def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRaoBound:
+    """Cramer-Rao bound of a scenario of vertical motion.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        In open loop, with noise of every channel.
+    runs : int
+        Records over which the information is averaged: inputs, noises and disturbances differ.
+    seed : int
+        Of the records.
+
+    Returns
+    -------
+    CramerRaoBound
+        Of `viscous_friction` [1/s] and `input_gain` [m/s^2 per unit of input].
+
+    Raises
+    ------
+    ParameterError
+        Under control, where the input is no given one; or when a channel has no noise.
+    """
+    checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
+    checks.whole("runs", runs)
+    checks.whole("seed", seed)
+    if scenario.controlled:
+        raise ParameterError(
+            "a scenario in open loop, for its bound",
+            "one under control, whose input depends on the noises",
+            "Leave the control out; its bound is that of the open loop with the same input.",
+        )
+    if runs < 1:
+        raise ParameterError("one record or more", f"runs={runs}", "Leave it out for 20.")
+    records = (simulate(scenario, np.random.default_rng([seed, run])) for run in range(runs))
+    information = np.mean([_information(scenario, record) for record in records], axis=0)
+    return CramerRaoBound(np.linalg.inv(information), dict(_truth(scenario)))
+
+
+def _truth(scenario: Scenario) -> dict[str, float]:
+    return {"viscous_friction": scenario.viscous_friction, "input_gain": scenario.input_gain}
+
+
+def _information(scenario: Scenario, record: SimulatedRecord) -> Float[np.ndarray, "2 2"]:
+    """Information of one record about friction and gain."""
+    signals, truth = record.signals, record.truth
+    U = unitary_bins(truth.channel("input"))
+    bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)
+    blend = 0.5 if scenario.intersample is Intersample.LINEAR else 0.0
+    motion = SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
+    noise = _known_noise(signals.noise, float(truth.channel("disturbance").var()))
+    moves = scenario.route is Route.DYNAMICS
+    C = noise.spectrum(motion) if moves else _static_spectrum(noise, motion)
+    d = motion.directions[:2]
+    weighted = np.stack([C.solved(one) for one in d])
+    information: Float[np.ndarray, "2 2"] = (
+        2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
+    )
+    if moves and noise.disturbance_variance > 0.0:
+        information[0, 0] += _shaped_noise_information(noise, motion)
+    return information
+
+
+def _known_noise(noises: Mapping[str, MeasurementNoise], disturbance_variance: float) -> NoiseModel:
+    """Strengths and orders that a scenario's record really has."""
+    for name in ("input", "velocity_z", "acceleration_z"):
+        noise = noises[name]
+        if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
+            raise ParameterError(
+                "white or fractional noise of input, velocity and response, for a bound",
+                f"{name} without" if noise.std == 0.0 else type(noise).__name__,
+                "Give every channel some noise; without, nothing bounds an estimate.",
+            )
+
+    def order(name: str) -> float:
+        noise = noises[name]
+        return noise.order if isinstance(noise, FractionalNoise) else 0.0
+
+    if order("input") != 0.0:
+        raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
+    return NoiseModel(
+        noises["input"].std ** 2,
+        noises["velocity_z"].std ** 2,
+        noises["acceleration_z"].std ** 2,
+        disturbance_variance,
+        order("velocity_z"),
+        order("acceleration_z"),
+    )
+
+
+def _static_spectrum(noise: NoiseModel, motion: SampledMotion) -> PairSpectrum:
+    """C of a disturbance that shifts the response and nothing else."""
+    shape = motion.shapes()[2]
+    unmoved = NoiseModel(
+        noise.input_variance,
+        noise.velocity_variance,
+        noise.acceleration_variance,
+        0.0,
+        noise.velocity_order,
+        noise.acceleration_order,
+    )
+    return unmoved.spectrum(motion) + shape * noise.disturbance_variance
+
+
+def _shaped_noise_information(noise: NoiseModel, motion: SampledMotion) -> float:
+    """tr(R^-1 R_K R^-1 R_K), of a disturbance that the friction shapes, summed over bins."""
+    record, h = motion.record, motion.pushed
+    by_friction = motion.response_by_friction / motion.gain / _between(motion)
+    q = np.stack([1.0 - motion.friction * h, h, 0.0 * h], axis=-1)
+    q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
+    R = noise.disturbance_variance * _outer(q, q)
+    index = np.arange(3)
+    R[:, index, index] += np.stack(
+        [
+            noise.acceleration_variance * record.power(noise.acceleration_order),
+            noise.velocity_variance * record.power(noise.velocity_order),
+            np.full(h.size, noise.input_variance),
+        ],
+        axis=-1,
+    )
+    R_K = noise.disturbance_variance * (_outer(q_K, q) + _outer(q, q_K))
+    share = np.linalg.solve(R, R_K)
+    return float(np.einsum("bij,bji->", share, share).real)
+
+
+def _between(motion: SampledMotion) -> Complex[np.ndarray, " bins"]:
+    return (1.0 - motion.blend) + motion.blend / motion.record.earlier
+
+
+def _outer(
+    left: Complex[np.ndarray, "bins 3"], right: Complex[np.ndarray, "bins 3"]
+) -> Complex[np.ndarray, "bins 3 3"]:
+    return left[:, :, None] * right[:, None, :].conj()

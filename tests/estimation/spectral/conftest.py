@@ -1,0 +1,28 @@
+"""Records of the scenarios that spectral methods are tried on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+
+Problem = ev.SignalRegression
+
+
+@pytest.fixture
+def problem_of() -> Callable[[str, int, int], Problem]:
+    """Problem of a shipped scenario's record: name, samples, seed."""
+    from dataclasses import replace
+
+    def made(name: str, samples: int, seed: int) -> Problem:
+        scenario = replace(shipped_scenario(name), samples=samples)
+        signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
+        channel = scenario.references[0] if scenario.references else "input"
+        instruments = ev.lags(channel, 0, 10 if channel == "input" else 20)
+        return ev.VerticalMotion(intercept=False).regression(signals, instruments)
+
+    return made

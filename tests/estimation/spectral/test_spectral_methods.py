@@ -1,0 +1,122 @@
+"""Spectral methods as users call them: better than generalized IV, honest, and never lost."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
+from eivor.inference.verdict import Status
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+
+ProblemOf = Callable[[str, int, int], ev.SignalRegression]
+SPECTRAL = [ev.methods.spectral_giv, ev.methods.spectral_giv_combined, ev.methods.whittle_ml]
+TRUTH = (0.293, 0.021)
+
+
+@pytest.mark.parametrize("method", SPECTRAL)
+def test_a_record_is_told_with_shorter_intervals(problem_of: ProblemOf, method: Callable[[], object]) -> None:
+    problem = problem_of("rich", 2000, 21)
+    spectral, plain = ev.identify(problem, method()), ev.identify(problem, ev.methods.generalized_iv())
+    assert spectral.status is Status.IDENTIFIED
+    assert spectral.names[:2] == ("viscous_friction", "input_gain")
+    for name, true in zip(spectral.names[:2], TRUTH, strict=True):
+        low, high = spectral.interval(name)
+        assert low < true < high
+        least, most = plain.interval(name)
+        assert high - low < 0.9 * (most - least)
+
+
+@pytest.mark.thorough
+def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
+    errors: dict[str, list[np.ndarray]] = {"spectral": [], "plain": []}
+    for seed in range(24):
+        problem = problem_of("white", 1000, seed)
+        for name, method in (("spectral", ev.methods.spectral_giv), ("plain", ev.methods.generalized_iv)):
+            errors[name].append(ev.identify(problem, method()).best.values[:2] / TRUTH - 1.0)
+    rmse = {name: np.sqrt(np.mean(np.square(found), axis=0)) for name, found in errors.items()}
+    assert rmse["spectral"][0] < 0.4 * rmse["plain"][0]
+    assert rmse["spectral"][1] < rmse["plain"][1]
+
+
+def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) -> None:
+    found = ev.identify(problem_of("closed-loop", 2000, 5), ev.methods.spectral_giv())
+    for name, true in zip(found.names[:2], TRUTH, strict=True):
+        low, high = found.interval(name)
+        assert low < true < high
+
+
+@pytest.mark.thorough
+def test_an_input_that_moves_between_samples_is_found_out() -> None:
+    from eivor.simulation.records.scenario import Intersample
+
+    scenario = replace(shipped_scenario("rich"), intersample=Intersample.LINEAR, samples=4000)
+    signals = ev.simulate(scenario, np.random.default_rng(2)).signals
+    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
+    found = ev.identify(problem, ev.methods.spectral_giv())
+    low, high = found.interval("input_gain")
+    assert low < TRUTH[1] < high
+    assert abs(found.parameters["input_gain"] / TRUTH[1] - 1.0) < 0.006
+
+
+@pytest.mark.parametrize("method", SPECTRAL)
+def test_without_the_noise_of_the_input_nothing_is_assumed(
+    problem_of: ProblemOf, method: Callable[[], object]
+) -> None:
+    problem = problem_of("rich", 500, 1)
+    bare = replace(problem.signals, noise={})
+    with pytest.raises(MissingNoiseError, match="noise of input"):
+        ev.identify(replace(problem, signals=bare), method())
+
+
+def test_what_is_no_sampled_motion_is_refused(problem_of: ProblemOf) -> None:
+    problem = problem_of("rich", 500, 1)
+    method = ev.methods.spectral_giv()
+    with pytest.raises(UsageError, match="without an intercept"):
+        ev.identify(ev.VerticalMotion().regression(problem.signals), method)
+    valid = np.ones(500, dtype=bool)
+    valid[100] = False
+    with pytest.raises(UsageError, match="without gaps"):
+        ev.identify(replace(problem, signals=replace(problem.signals, valid=valid)), method)
+    with pytest.raises(UsageError, match="a record of one motion"):
+        ev.identify(problem.rows(), method)
+    with pytest.raises(TooFewSamplesError, match="at least 64 samples"):
+        ev.identify(problem_of("rich", 50, 1), method)
+    coloured = replace(
+        problem.signals, noise={**problem.signals.noise, "input": ev.FractionalNoise(0.1, -0.3)}
+    )
+    with pytest.raises(UsageError, match="white noise of input"):
+        ev.identify(replace(problem, signals=coloured), method)
+    mixed = replace(problem, instrument_columns=(*ev.lags("input", 0, 3), ev.Column("velocity_z", 1)))
+    with pytest.raises(InstrumentError, match="of the input alone"):
+        ev.identify(mixed, method)
+
+
+@pytest.mark.parametrize("method", SPECTRAL)
+def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Callable[[], object]) -> None:
+    rng = np.random.default_rng(5)  # of nothing but noise generalized IV makes a negative friction
+    noise = {name: rng.standard_normal(300) for name in ("velocity_z", "acceleration_z", "input")}
+    signals = ev.Signals(5.0, noise, noise={"input": ev.WhiteNoise(0.1)})
+    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plain = ev.identify(problem, ev.methods.generalized_iv())
+    with pytest.warns(FallbackWarning, match="generalized IV's numbers"):
+        found = ev.identify(problem, method())
+    np.testing.assert_array_equal(found.best.values, plain.best.values)
+    assert found.status is Status.WEAK
+    assert any("The spectral estimate is not given" in reason.sentence for reason in found.reasons)
+    assert np.isfinite(found.interval("input_gain")).all()
+
+
+def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
+    found = ev.identify(problem_of("rich", 1000, 3), ev.methods.spectral_giv())
+    assert found.best.has_rows
+    assert found.residuals.size == 2000
+    assert np.var(found.residuals) == pytest.approx(1.0, abs=0.15)
+    assert found.to_frame().height == len(found.names)
