@@ -20,6 +20,7 @@ from validation.coverage import study as coverage_study
 from validation.coverage.page import PART, coverage_tables
 from validation.coverage.requirements import BOUNDS, requirements
 from validation.coverage.table import read_coverage
+from validation.suites import WRONG
 
 RUNS = 20
 CHANCE = 1e-4
@@ -191,7 +192,7 @@ def test_wrong_suites_are_refused(tmp_path, wrong, message, capsys):
     (tmp_path / "mine.toml").write_text(MINE)
     with pytest.raises(InputError, match=message):
         read_suite(tmp_path / "suite.toml")
-    assert coverage_study.main([str(tmp_path / "suite.toml")]) == coverage_study.WRONG
+    assert coverage_study.main([str(tmp_path / "suite.toml")]) == WRONG
     assert "Expected" in capsys.readouterr().err
 
 

@@ -8,33 +8,28 @@ the versions they were made with, stand beside them.
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from eivor.errors import InputError
 from eivor.inference.quantiles import normal_quantile
 from eivor.studies.run import StudyResult
 from eivor.studies.suite_file import SuiteStudy
 from eivor.studies.trial import FAILED
-from eivor.whole_file import whole_file
+from validation.suites import read_rows, versions
 
 #: Columns of the table.
 COLUMNS = (
     *("scenario", "samples", "method", "parameter", "hits", "count", "length", "bias"),
     *("runs", "seed", "level", "versions"),
 )
-PACKAGES = ("eivor", "numpy", "scipy")
 
 
 def coverage_rows(one: SuiteStudy, result: StudyResult) -> Iterator[dict[str, str | int | float]]:
     """Rows of one study."""
     study = one.study
-    versions = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     for choice in study.methods:
         kept = result.trials.filter(pl.col(f"{choice.label}.status") != FAILED)
         for name in study.parameters:
@@ -55,37 +50,16 @@ def coverage_rows(one: SuiteStudy, result: StudyResult) -> Iterator[dict[str, st
                 "runs": study.runs,
                 "seed": study.seed,
                 "level": study.level,
-                "versions": f"{versions}, Python {platform.python_version()}",
+                "versions": versions(),
             }
 
 
-def write_coverage(rows: pl.DataFrame, path: Path) -> None:
-    """Write the table as Parquet.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written.
-    """
-    try:
-        with whole_file(path) as file:
-            rows.write_parquet(file, compression="zstd", statistics=False)
-    except OSError as error:
-        raise InputError("a file that can be written", f"{path}: {error}", "Choose another.") from error
-
-
 def read_coverage(path: Path) -> pl.DataFrame:
-    """Table from a file that `write_coverage` made.
+    """Table from a file that the command wrote.
 
     Raises
     ------
     InputError
         When the file is none of them.
     """
-    try:
-        rows = pl.read_parquet(path)
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise InputError("a table of coverage", f"{path}: {error}", "Make one with --out.") from error
-    if tuple(rows.columns) != COLUMNS:
-        raise InputError("a table of coverage", f"{path}, which is another table", "Make one with --out.")
-    return rows
+    return read_rows(path, COLUMNS, "coverage")

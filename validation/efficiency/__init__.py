@@ -1,0 +1,1 @@
+"""How near the methods come to the Cramer-Rao bound."""

@@ -1,0 +1,67 @@
+"""The study of efficiency as Markdown tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+
+import polars as pl
+
+from eivor.studies.generated_page import markdown
+from validation.efficiency.requirements import requirements
+
+#: Name of the generated part of the page.
+PART = "efficiency"
+COMMAND = "python -m validation.efficiency.study"
+Cell = Callable[[Mapping[str, float]], str]
+
+
+def efficiency_tables(rows: pl.DataFrame) -> str:
+    """All tables of a run."""
+    first = rows.row(0, named=True)
+    asked = [
+        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
+    ]
+    parts = [
+        f"Made by `{COMMAND}` with {first['versions']}: {first['runs']} records of each scenario and length, "
+        f"seed {first['seed']}. Each cell is K / K_u.",
+        markdown(("what", "asked", "measured", "met"), asked),
+    ]
+    methods = rows["method"].unique(maintain_order=True).to_list()
+    for samples in rows["samples"].unique(maintain_order=True):
+        here = rows.filter(pl.col("samples") == samples)
+        parts += [f"## N = {samples}", "RMSE over the Cramer-Rao bound; without one, RMSE in per cent:"]
+        parts.append(_table(here, methods, {"bound, %": _bound}, _over_bound))
+        parts.append("Coverage of the 95 % intervals:")
+        parts.append(_table(here, methods, {}, _covered))
+    return "\n\n".join(parts)
+
+
+def _table(here: pl.DataFrame, methods: list[str], columns: Mapping[str, Cell], cell: Cell) -> str:
+    """A row for each scenario: columns that no method changes, and a cell for each method."""
+    lines: list[list[str]] = []
+    for scenario in here["scenario"].unique(maintain_order=True):
+        at = here.filter(pl.col("scenario") == scenario)
+        first = at.filter(pl.col("method") == methods[0])
+        beside = [_pair(first, one) for one in columns.values()]
+        cells = [_pair(at.filter(pl.col("method") == method), cell) for method in methods]
+        lines.append([str(scenario), *beside, *cells])
+    return markdown(["scenario", *columns, *methods], lines)
+
+
+def _pair(rows: pl.DataFrame, cell: Cell) -> str:
+    return " / ".join(cell(row) for row in rows.iter_rows(named=True))
+
+
+def _bound(row: Mapping[str, float]) -> str:
+    return "-" if math.isnan(row["bound"]) else f"{100.0 * row['bound']:.3g}"
+
+
+def _over_bound(row: Mapping[str, float]) -> str:
+    return (
+        f"({100.0 * row['rmse']:.2f} %)" if math.isnan(row["bound"]) else f"{row['rmse'] / row['bound']:.2f}"
+    )
+
+
+def _covered(row: Mapping[str, float]) -> str:
+    return f"{row['hits'] / row['count']:.3f}" if row["count"] else "-"

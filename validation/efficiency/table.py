@@ -1,0 +1,56 @@
+"""Efficiency as a table: a row for each scenario, length, method and parameter.
+
+Columns: `scenario`, `samples`, `method`, `parameter`; `bound` and `rmse` over the size of the parameter, the
+bound NaN where there is none; `bias` over the estimates' scatter; `hits` intervals of `count` held the truth;
+`failed` and `weak` trials. Runs and seed, and the versions they were made with, stand beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from eivor.studies.bounds import cramer_rao
+from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.metrics import scores
+from eivor.studies.run import StudyResult
+from eivor.studies.suite_file import SuiteStudy
+from validation.suites import Row, versions
+
+#: Columns of the table.
+COLUMNS = (
+    *("scenario", "samples", "method", "parameter", "bound", "rmse", "bias", "hits", "count"),
+    *("failed", "weak", "runs", "seed", "level", "versions"),
+)
+
+
+def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
+    """Rows of one study."""
+    bounds = _bounds(one)
+    for score in scores(result):
+        for parameter in score.parameters:
+            covered = parameter.coverage
+            yield {
+                "scenario": one.scenario,
+                "samples": one.samples,
+                "method": score.label,
+                "parameter": parameter.name,
+                "bound": bounds.get(parameter.name, float("nan")),
+                "rmse": parameter.rmse / abs(parameter.truth),
+                "bias": parameter.bias / parameter.estimate.std,
+                "hits": 0 if covered is None else covered.hits,
+                "count": 0 if covered is None else covered.count,
+                "failed": score.failed,
+                "weak": score.weak,
+                "runs": one.study.runs,
+                "seed": one.study.seed,
+                "level": one.study.level,
+                "versions": versions(),
+            }
+
+
+def _bounds(one: SuiteStudy) -> dict[str, float]:
+    """Bound of each parameter over its size; none under control, where the input answers noises."""
+    experiment = one.study.experiment
+    if not isinstance(experiment, VerticalExperiment) or experiment.scenario.controlled:
+        return {}
+    return cramer_rao(experiment.scenario).relative

@@ -1,0 +1,178 @@
+"""Commands that run a suite of scenarios, keep its rows as a table, and put them into a page."""
+
+from __future__ import annotations
+
+import argparse
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import polars as pl
+
+from eivor.errors import EivorError, InputError
+from eivor.studies.executors import check_workers, local_executor
+from eivor.studies.generated_page import page_text, page_with
+from eivor.studies.run import StudyResult, run_study
+from eivor.studies.suite_file import Suite, SuiteStudy, read_suite
+from eivor.studies.trial_shards import SHARD_TRIALS
+from eivor.whole_file import whole_file, write_whole
+from validation.requirement import Requirement
+
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+PACKAGES = ("eivor", "numpy", "scipy")
+
+Row = dict[str, str | int | float]
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteCommand:
+    """A study that is a suite.
+
+    Parameters
+    ----------
+    module, doc : str
+        How it is called, and what its help says.
+    suite : callable
+        Gives the suite that is run when no other is named.
+    rows_of : callable
+        Rows of one of its studies.
+    columns : tuple of str
+        Of these rows.
+    kind : str
+        What their table is called.
+    tables : callable
+        The page's part, of all rows.
+    part : str
+        Name of that part.
+    requirements : callable
+        What rows are judged by.
+    """
+
+    module: str
+    doc: str
+    suite: Callable[[], Suite]
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]]
+    columns: tuple[str, ...]
+    kind: str
+    tables: Callable[[pl.DataFrame], str]
+    part: str
+    requirements: Callable[[pl.DataFrame], Iterable[Requirement]]
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Run the command; returns its exit code."""
+        parser = argparse.ArgumentParser(prog=f"python -m {self.module}", description=self.doc)
+        parser.formatter_class = argparse.RawDescriptionHelpFormatter
+        parser.add_argument("suite", type=Path, nargs="?", help="a suite file; default: the package's")
+        parser.add_argument("--runs", type=int, help="instead of the suite's")
+        parser.add_argument("--folder", type=Path, help="keep every trial here")
+        parser.add_argument("--workers", type=int, help="processes; default: one for each core")
+        parser.add_argument("--out", type=Path, metavar="FILE.parquet", help=f"write the {self.kind}")
+        parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+        parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
+        chosen = parser.parse_args(arguments)
+        try:
+            return self._run(chosen)
+        except EivorError as error:
+            sys.stderr.write(f"{error}\n")
+            return WRONG
+
+    def _run(self, chosen: argparse.Namespace) -> int:
+        page = page_text(chosen.page, self.part) if chosen.page else ""
+        if chosen.workers is not None:
+            check_workers(chosen.workers)
+        if chosen.out and not chosen.out.parent.is_dir():
+            raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
+        if chosen.source:
+            rows = read_rows(chosen.source, self.columns, self.kind)
+        else:
+            suite = read_suite(chosen.suite) if chosen.suite else self.suite()
+            if chosen.runs is not None:
+                suite = suite.reduced(chosen.runs)
+            kept = nullcontext(str(chosen.folder)) if chosen.folder else tempfile.TemporaryDirectory()
+            with kept as folder:
+                rows = run_suite(suite, Path(folder), self.rows_of, chosen.workers)
+        if chosen.out:
+            write_rows(rows, chosen.out)
+        tables = self.tables(rows)
+        if chosen.page:
+            write_whole(chosen.page, page_with(page, {self.part: tables}))
+        sys.stdout.write(tables + "\n")
+        return 0 if all(item.met for item in self.requirements(rows)) else NOT_MET
+
+
+def run_suite(
+    suite: Suite,
+    folder: Path,
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]],
+    workers: int | None = None,
+) -> pl.DataFrame:
+    """Run what is left of a suite and gather its rows.
+
+    Parameters
+    ----------
+    suite : Suite
+        What to run.
+    folder : Path
+        Each study keeps its trials in a folder of its own in there.
+    rows_of : callable
+        Rows of one of its studies.
+    workers : int, optional
+        Processes; default one for each core.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    rows: list[Row] = []
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("studies", total=len(suite.studies))
+        for one in suite.studies:
+            executor = local_executor(workers, tasks=-(-one.study.runs // SHARD_TRIALS))
+            result = run_study(one.study, folder / f"{one.scenario}-{one.samples}", executor=executor)
+            rows.extend(rows_of(one, result))
+            bar.advance(task)
+    return pl.DataFrame(rows)
+
+
+def versions() -> str:
+    """What a table was made with."""
+    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return f"{packages}, Python {platform.python_version()}"
+
+
+def write_rows(rows: pl.DataFrame, path: Path) -> None:
+    """Write a table as Parquet.
+
+    Raises
+    ------
+    InputError
+        When it cannot be written.
+    """
+    try:
+        with whole_file(path) as file:
+            rows.write_parquet(file, compression="zstd", statistics=False)
+    except OSError as error:
+        raise InputError("a file that can be written", f"{path}: {error}", "Choose another.") from error
+
+
+def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
+    """Table from a file that `write_rows` made.
+
+    Raises
+    ------
+    InputError
+        When the file has other columns, or is no table.
+    """
+    try:
+        rows = pl.read_parquet(path)
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError(f"a table of {kind}", f"{path}: {error}", "Make one with --out.") from error
+    if tuple(rows.columns) != columns:
+        raise InputError(f"a table of {kind}", f"{path}, which is another table", "Make one with --out.")
+    return rows
