@@ -142,6 +142,8 @@ ACCEPTED = {
     ("methods.extended_iv", "weighting"): {"none"},
     ("methods.generalized_iv", "weighting"): {"none"},
     ("methods.TwoStepRobust", "bandwidth"): {"none", "whole"},
+    ("bounds.cramer_rao", "runs"): {"whole"},
+    ("bounds.cramer_rao", "seed"): {"whole"},
     ("covariances.EqualWeightedCosines", "averages"): {"whole"},
     ("covariances.ClusteredByFlight", "least_flights"): {"whole", "negative"},
     ("covariances.KernelRobust", "fixed_b"): {"flag"},
@@ -163,9 +165,14 @@ NOT_DOORS = {
     "Validation",
     "WeakInstrumentsWarning",
     "__version__",
+    "bounds",
     "covariances",
     "methods",
 }
+
+
+#: Channels of a scenario in open loop.
+NOISY = ("input", "velocity_z", "acceleration_z")
 
 
 @cache
@@ -201,6 +208,7 @@ def made():
 def doors(folder):
     """Every door with right arguments, the wrong ones of which are replaced one by one."""
     m = made()
+    noisy = ev.Scenario(0.3, 0.02, samples=50, noise=dict.fromkeys(NOISY, ev.WhiteNoise(0.1)))
     model = {"model": m.motion, "method": m.iv, "instruments": ev.lags("input", 0, 2)}
     parquet = folder / "rows.parquet"
     fit_file = folder / "fit.json"
@@ -424,6 +432,7 @@ def doors(folder):
         "methods.generalized_iv": (methods.generalized_iv, {"weighting": methods.TwoStage()}),
         "methods.by_name": (methods.by_name, {"name": "reference_iv"}),
         "methods.TwoStepRobust": (methods.TwoStepRobust, {"bandwidth": 3}),
+        "bounds.cramer_rao": (ev.bounds.cramer_rao, {"scenario": noisy, "runs": 1, "seed": 0}),
         "covariances.EqualWeightedCosines": (ev.covariances.EqualWeightedCosines, {"averages": 8}),
         "covariances.ClusteredByFlight": (ev.covariances.ClusteredByFlight, {"least_flights": 8}),
         "covariances.KernelRobust": (
@@ -459,6 +468,7 @@ MORE = (
     "methods.generalized_iv",
     "methods.by_name",
     "methods.TwoStepRobust",
+    "bounds.cramer_rao",
     "covariances.EqualWeightedCosines",
     "covariances.ClusteredByFlight",
     "covariances.KernelRobust",

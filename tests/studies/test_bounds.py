@@ -70,5 +70,7 @@ def test_what_has_no_bound_is_refused() -> None:
         ev.bounds.cramer_rao(shipped_scenario("closed-loop"))
     with pytest.raises(ParameterError, match="noise of input"):
         ev.bounds.cramer_rao(ev.Scenario(0.3, 0.02))
-    with pytest.raises(ParameterError, match="one record or more"):
+    with pytest.raises(ParameterError, match="1 to 10000 records"):
         ev.bounds.cramer_rao(shipped_scenario("rich"), runs=0)
+    with pytest.raises(ParameterError, match="a seed of zero or more"):
+        ev.bounds.cramer_rao(shipped_scenario("rich"), seed=-1)

@@ -31,8 +31,13 @@ from eivor.simulation.records.simulate import simulate
 
 __all__ = ["CramerRaoBound", "cramer_rao"]
 
-#: Records that an input's power is averaged over when none are asked for.
-RUNS = 20
+#: Records that an input's power is averaged over when none are asked for, and at most.
+RUNS, MOST_RUNS = 20, 10_000
+
+
+def __dir__() -> list[str]:
+    """Names that the module offers, and not those that it uses."""
+    return __all__
 
 
 @dataclass(frozen=True)
@@ -92,8 +97,10 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
             "one under control, whose input depends on the noises",
             "Leave the control out; its bound is that of the open loop with the same input.",
         )
-    if runs < 1:
-        raise ParameterError("one record or more", f"runs={runs}", "Leave it out for 20.")
+    if not 1 <= runs <= MOST_RUNS:
+        raise ParameterError(f"1 to {MOST_RUNS} records", f"runs={runs}", f"Leave it out for {RUNS}.")
+    if seed < 0:
+        raise ParameterError("a seed of zero or more", f"seed={seed}", "Give another.")
     records = (simulate(scenario, np.random.default_rng([seed, run])) for run in range(runs))
     information = np.mean([_information(scenario, record) for record in records], axis=0)
     return CramerRaoBound(np.linalg.inv(information), dict(_truth(scenario)))
