@@ -35,6 +35,7 @@ from eivor.simulation.rigid_body.spec import (
 from eivor.simulation.scenario_files.flight_file import KIND
 from eivor.simulation.scenario_files.kinds import (
     CONTROLS,
+    COURSES,
     DISTURBANCES,
     EXCITATIONS,
     INTEGRATORS,
@@ -43,7 +44,6 @@ from eivor.simulation.scenario_files.kinds import (
 )
 from eivor.simulation.scenario_files.rigid_body_file import SHIPPED as SHIPPED_RIGID_BODIES
 from eivor.simulation.scenario_files.scenario_file import shipped_scenarios
-from eivor.simulation.sources.linear_disturbance import CoefficientCourse
 from eivor.studies.generated_page import markdown, page_with
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -81,7 +81,8 @@ def parts() -> dict[str, str]:
     }
     return {
         "noises": kinds(NOISES),
-        "disturbances": kinds(DISTURBANCES | {"a coefficient of `time_varying_arma`": CoefficientCourse}),
+        "disturbances": kinds(DISTURBANCES),
+        "courses": kinds(COURSES),
         "excitations": kinds(EXCITATIONS),
         "controls": kinds(CONTROLS),
         "flights": markdown(("table", "keys"), [(name, keys(maker)) for name, maker in flight.items()]),

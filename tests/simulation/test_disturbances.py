@@ -7,8 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from eivor.errors import ParameterError
+from eivor.simulation.sources.coefficient_course import CoefficientCourse, GivenCourse, SumOfCourses
 from eivor.simulation.sources.deterministic_disturbance import (
     BoundedAdversary,
+    GivenDisturbance,
     Sinusoids,
     SumOfDisturbances,
     Trend,
@@ -19,11 +21,16 @@ from eivor.simulation.sources.dryden import DrydenGust
 from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 from eivor.simulation.sources.linear_disturbance import (
     Arma,
-    CoefficientCourse,
     RandomCoefficientMovingAverage,
     TimeVaryingArma,
 )
-from eivor.simulation.sources.nonlinear_disturbance import Bilinear, ThresholdMovingAverage
+from eivor.simulation.sources.nonlinear_disturbance import (
+    Bilinear,
+    BilinearSum,
+    BilinearTerm,
+    ThresholdMovingAverage,
+)
+from eivor.simulation.sources.recursion import settling
 from eivor.simulation.sources.volatility import Garch, VarianceSwitch
 
 STEP_S = 0.2
@@ -204,6 +211,46 @@ def test_bilinear_is_uncorrelated_with_heavy_tails():
     assert_mean(bispectral.mean(axis=1), b * process.variance * s**2)
 
 
+def test_several_bilinear_terms_follow_their_recursion():
+    process = BilinearSum((BilinearTerm(0.3, 2, 1), BilinearTerm(-0.4, 5, 3)), std=0.9)
+    shocks = 0.9 * rng().standard_normal(5 * settling(0.9 * 0.7) + 60)
+    series = [0.0] * 5
+    for k in range(5, shocks.size):
+        x = 0.3 * series[k - 2] * shocks[k - 1] - 0.4 * series[k - 5] * shocks[k - 3]
+        series.append(x + shocks[k])
+    np.testing.assert_allclose(process.sample(60, STEP_S, rng()), series[-60:], atol=1e-6)
+    assert_autocovariance(process, {1: 0.0, 2: 0.0, 5: 0.0})
+
+
+def test_one_bilinear_term_of_a_sum_is_bilinear():
+    alone, summed = Bilinear(0.5, 3, 1, 0.8), BilinearSum((BilinearTerm(0.5, 3, 1),), 0.8)
+    one, other = (np.mean(realisations(each, 300, 300) ** 2) for each in (alone, summed))
+    assert one == pytest.approx(other, rel=0.05)
+    assert one == pytest.approx(alone.variance, rel=0.05)
+
+
+def test_a_series_of_ones_own_is_taken_as_it_is():
+    values = tuple(rng().standard_normal(20).tolist())
+    np.testing.assert_array_equal(GivenDisturbance(values).sample(15, STEP_S, rng()), values[:15])
+    with pytest.raises(ParameterError, match="a series of 21 values or more"):
+        GivenDisturbance(values).sample(21, STEP_S, rng())
+
+
+def test_coefficients_of_ones_own_make_the_recursion():
+    """The same coefficients by a sinusoid, by its values, and as a sum of its halves."""
+    course = CoefficientCourse(mean=0.2, amplitude=0.6, cycles=3.0)
+    given = GivenCourse(tuple(course.values(200).tolist()))
+    half = CoefficientCourse(mean=0.1, amplitude=0.3, cycles=3.0)
+    series = [
+        TimeVaryingArma(1.0, (one,), (one,)).sample(200, STEP_S, rng())
+        for one in (course, given, SumOfCourses((half, half)))
+    ]
+    np.testing.assert_allclose(series[1], series[0], rtol=1e-12)
+    np.testing.assert_allclose(series[2], series[0], rtol=1e-10)
+    with pytest.raises(ParameterError, match="a series of 201 values or more"):
+        TimeVaryingArma(1.0, (given,)).sample(201, STEP_S, rng())
+
+
 def test_arch_has_the_kurtosis_of_engle():
     """ARCH(1): kurtosis 3 (1 - a^2)/(1 - 3 a^2), autocorrelation of squares a^l, none of the series."""
     floor, a = 0.2, 0.3
@@ -369,6 +416,12 @@ def test_dryden_on_a_fine_grid_is_smooth_and_finite(tiny):
         (lambda: ThresholdMovingAverage((0.0,), ((0.1,),)), "coefficients of 2 regimes.*received those of 1"),
         (lambda: ThresholdMovingAverage((0.0,), ((0.1,), (0.1, 0.2))), "as many of another one"),
         (lambda: ThresholdMovingAverage((0.0,), ((0.1,), (0.2,)), delay=0), "delay of 1 or more"),
+        (lambda: TimeVaryingArma(1.0, (GivenCourse((0.5, 1.5, 0.5)),)), "stationary at every time"),
+        (lambda: GivenCourse(()), "one or more series"),
+        (lambda: SumOfCourses(()), "one or more parts"),
+        (lambda: GivenDisturbance((1.0, float("nan"))), "a finite value"),
+        (lambda: BilinearSum((BilinearTerm(0.6), BilinearTerm(-0.5, 3, 1))), "sizes below one"),
+        (lambda: BilinearTerm(0.1, 1, 1), "a series_lag above shock_lag"),
         (lambda: Bilinear(1.0, std=1.0), "below one, so that the series is stationary; received 1"),
         (lambda: Bilinear(0.1, 1, 1), "a series_lag above shock_lag"),
         (lambda: Bilinear(0.1, 1, 0), "shock_lag of 1 or more"),

@@ -14,10 +14,11 @@ from eivor.simulation.records.control import AltitudeControl, OpenLoop, Velocity
 from eivor.simulation.records.scenario import Intersample, Route, Scenario
 from eivor.simulation.records.simulate import simulate
 from eivor.simulation.scenario_files.scenario_file import read_scenario, shipped_scenario, shipped_scenarios
+from eivor.simulation.sources.coefficient_course import CoefficientCourse
 from eivor.simulation.sources.deterministic_disturbance import SumOfDisturbances, paper_disturbance
 from eivor.simulation.sources.disturbance import WhiteDisturbance
 from eivor.simulation.sources.excitation import GivenSeries, PaperInput, ScaledExcitation
-from eivor.simulation.sources.linear_disturbance import CoefficientCourse, TimeVaryingArma
+from eivor.simulation.sources.linear_disturbance import TimeVaryingArma
 from eivor.simulation.sources.nonlinear_disturbance import ThresholdMovingAverage
 from eivor.simulation.sources.volatility import Garch
 
@@ -117,6 +118,16 @@ KINDS = [
     (
         "disturbance",
         'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ amplitude = 0.8, cycles = 3 }]',
+    ),
+    ("disturbance", 'kind = "series"\nvalues = [' + "1, -1, " * 60 + "]"),
+    (
+        "disturbance",
+        'kind = "bilinear_sum"\nterms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]',
+    ),
+    (
+        "disturbance",
+        'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ kind = "sum", parts = [{ mean = 0.3 }, '
+        '{ kind = "series", series = [' + "0.1, -0.1, " * 60 + "] }] }]",
     ),
     ("excitation", 'kind = "white"'),
     ("excitation", 'kind = "filtered_white"\nstd = 1\nlow_hz = 0.1\nhigh_hz = 1'),

@@ -22,8 +22,15 @@ from eivor.simulation.rigid_body.integrators import AdaptiveSteps, Integrator, R
 from eivor.simulation.scenario_files.number_file import numbers_in_file
 from eivor.simulation.sources.band_excitation import Chirp, FilteredWhite, Multisine
 from eivor.simulation.sources.binary_excitation import PseudoRandomBinary
+from eivor.simulation.sources.coefficient_course import (
+    CoefficientCourse,
+    Course,
+    GivenCourse,
+    SumOfCourses,
+)
 from eivor.simulation.sources.deterministic_disturbance import (
     BoundedAdversary,
+    GivenDisturbance,
     Sinusoids,
     SumOfDisturbances,
     Trend,
@@ -46,7 +53,7 @@ from eivor.simulation.sources.linear_disturbance import (
     RandomCoefficientMovingAverage,
     TimeVaryingArma,
 )
-from eivor.simulation.sources.nonlinear_disturbance import Bilinear, ThresholdMovingAverage
+from eivor.simulation.sources.nonlinear_disturbance import Bilinear, BilinearSum, ThresholdMovingAverage
 from eivor.simulation.sources.volatility import Garch, VarianceSwitch
 from eivor.toml_table import TomlTable
 
@@ -61,6 +68,7 @@ DISTURBANCES: Mapping[str, Maker] = {
     "random_coefficient_moving_average": RandomCoefficientMovingAverage,
     "threshold_moving_average": ThresholdMovingAverage,
     "bilinear": Bilinear,
+    "bilinear_sum": BilinearSum,
     "garch": Garch,
     "variance_switch": VarianceSwitch,
     "trend": Trend,
@@ -68,8 +76,11 @@ DISTURBANCES: Mapping[str, Maker] = {
     "bounded": BoundedAdversary,
     "dryden": DrydenGust,
     "ornstein_uhlenbeck": OrnsteinUhlenbeck,
+    "series": GivenDisturbance,
     "sum": SumOfDisturbances,
 }
+#: Of coefficients that change; sinusoids when none is named.
+COURSES: Mapping[str, Maker] = {"sinusoid": CoefficientCourse, "series": GivenCourse, "sum": SumOfCourses}
 EXCITATIONS: Mapping[str, Maker] = {
     "paper": PaperInput,
     "white": WhiteExcitation,
@@ -91,7 +102,10 @@ KINDS: Mapping[type, Mapping[str, Maker]] = {
     Excitation: EXCITATIONS,
     Control: CONTROLS,
     Integrator: INTEGRATORS,
+    Course: COURSES,
 }
+#: Kinds that are meant where a table names none.
+USUAL: Mapping[type, str] = {Course: "sinusoid"}
 
 
 def of_kind(table: TomlTable, family: type, **known: object) -> Any:
@@ -112,7 +126,7 @@ def of_kind(table: TomlTable, family: type, **known: object) -> Any:
         When the kind or a key is unknown, a value of the wrong type, or a parameter out of its range.
     """
     kinds = KINDS[family]
-    kind = table.text("kind")
+    kind = table.text("kind", USUAL[family]) if family in USUAL else table.text("kind")
     if kind not in kinds:
         remedy = did_you_mean(kind, kinds, "Name one of them.")
         raise table.wrong("kind", f"one of {', '.join(kinds)}", f"'{kind}'", remedy)

@@ -10,6 +10,7 @@ from eivor.shapes import Float
 from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.linear_disturbance import RandomCoefficientMovingAverage
 from eivor.simulation.sources.parameter_checks import (
+    beginning_of,
     equally_many,
     finite,
     given,
@@ -137,6 +138,38 @@ class BoundedAdversary(Disturbance):
         turns = t if rate == 0.0 else np.expm1(rate * t) / rate
         high = turns / self.longest_s % 1.0 < self.high_share
         return np.where(high, self.bound, -self.bound)
+
+    @property
+    def variance(self) -> None:
+        """None: it is not random."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class GivenDisturbance(Disturbance):
+    """A user's own series, from its beginning.
+
+    Parameters
+    ----------
+    values : tuple of float
+        At the rate of the record, in the unit of the equation; at least as many as it has samples.
+    """
+
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        given("values", self.values)
+        finite("value", *self.values)
+
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same.
+
+        Raises
+        ------
+        ParameterError
+            When the series is shorter than the record.
+        """
+        return beginning_of(self.values, count)
 
     @property
     def variance(self) -> None:

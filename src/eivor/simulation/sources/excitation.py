@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.shapes import Float
-from eivor.simulation.sources.parameter_checks import finite, given, non_negative, positive, require
+from eivor.simulation.sources.parameter_checks import (
+    beginning_of,
+    finite,
+    given,
+    non_negative,
+    positive,
+    require,
+)
 
 
 class Excitation(ABC):
@@ -141,13 +148,7 @@ class GivenSeries(Excitation):
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Draw nothing: it is always the same."""
-        require(
-            len(self.values) >= count,
-            f"a series of {count} values or more, as many as the record has samples",
-            f"{len(self.values)}",
-            "Give a longer one, or ask for fewer samples.",
-        )
-        return np.array(self.values[:count])
+        return beginning_of(self.values, count)
 
 
 @dataclass(frozen=True, slots=True)

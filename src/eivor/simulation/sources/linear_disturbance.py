@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.shapes import Float
+from eivor.simulation.sources.coefficient_course import Course
 from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.parameter_checks import equally_many, finite, given, non_negative, require
 from eivor.simulation.sources.recursion import autoregression, constant, largest_root
 
-#: Points of the record at which changing coefficients are checked.
+#: Times of the record at which changing coefficients are checked.
 CHECKED = 257
 
 
@@ -86,37 +87,6 @@ class Arma(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class CoefficientCourse:
-    """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase).
-
-    Parameters
-    ----------
-    mean, amplitude : float
-        Pure numbers.
-    cycles : float
-        Periods in the record of N samples.
-    phase : float
-        At the first sample [rad].
-    """
-
-    mean: float = 0.0
-    amplitude: float = 0.0
-    cycles: float = 1.0
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        finite("mean", self.mean)
-        finite("amplitude", self.amplitude)
-        finite("cycles", self.cycles)
-        finite("phase", self.phase)
-
-    def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Coefficient at each sample."""
-        turns = self.cycles * np.arange(count) / count
-        return self.mean + self.amplitude * np.sin(2.0 * np.pi * turns + self.phase)
-
-
-@dataclass(frozen=True, slots=True)
 class TimeVaryingArma(Disturbance):
     """Autoregressive moving average whose coefficients depend on time; zero before the record.
 
@@ -124,8 +94,8 @@ class TimeVaryingArma(Disturbance):
     ----------
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-    autoregression, moving_average : tuple of CoefficientCourse
-        Of a_1, a_2, ... and b_1, b_2, ...
+    autoregression, moving_average : tuple of Course
+        Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named.
 
     Raises
     ------
@@ -134,13 +104,15 @@ class TimeVaryingArma(Disturbance):
     """
 
     std: float
-    autoregression: tuple[CoefficientCourse, ...] = ()
-    moving_average: tuple[CoefficientCourse, ...] = ()
+    autoregression: tuple[Course, ...] = ()
+    moving_average: tuple[Course, ...] = ()
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
-        courses = self._courses(self.autoregression, CHECKED)
-        root = max((largest_root(row) for row in courses), default=0.0)
+        known = [one.longest for one in self.autoregression if one.longest is not None]
+        courses = self._courses(self.autoregression, min(known, default=CHECKED))
+        times = np.linspace(0, len(courses) - 1, min(len(courses), CHECKED)).round().astype(np.int64)
+        root = max((largest_root(row) for row in courses[times]), default=0.0)
         require(
             root < 1.0,
             "an autoregression that is stationary at every time of the record",
@@ -162,7 +134,7 @@ class TimeVaryingArma(Disturbance):
         return
 
     @staticmethod
-    def _courses(courses: tuple[CoefficientCourse, ...], count: int) -> Float[np.ndarray, "count lags"]:
+    def _courses(courses: tuple[Course, ...], count: int) -> Float[np.ndarray, "count lags"]:
         return np.array([course.values(count) for course in courses]).reshape(len(courses), count).T
 
 

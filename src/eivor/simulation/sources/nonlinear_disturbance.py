@@ -149,3 +149,85 @@ class Bilinear(Disturbance):
     @property
     def _growth(self) -> float:
         return (self.coefficient * self.std) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class BilinearTerm:
+    """b x[k - series_lag] w[k - shock_lag].
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range, or x is not the older one.
+    """
+
+    coefficient: float
+    series_lag: int = 2
+    shock_lag: int = 1
+
+    def __post_init__(self) -> None:
+        finite("coefficient", self.coefficient)
+        at_least("shock_lag", self.shock_lag, 1)
+        require(
+            self.series_lag > self.shock_lag,
+            "a series_lag above shock_lag, so that the two factors are independent",
+            f"series_lag={self.series_lag}, shock_lag={self.shock_lag}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BilinearSum(Disturbance):
+    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
+
+    Parameters
+    ----------
+    terms : tuple of BilinearTerm
+        One or more.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When the variance may not be finite: std times the sum of all |b_m| must be below one.
+    """
+
+    terms: tuple[BilinearTerm, ...]
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        given("terms", self.terms)
+        non_negative("std", self.std)
+        require(
+            self._growth < 1.0,
+            "std times the sum of the coefficients' sizes below one, so that the series is stationary",
+            f"{self._growth:.4g}",
+            "Make some of them smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation, settled: given w it is a linear recursion in x."""
+        longest = max(term.series_lag for term in self.terms)
+        unused = longest * settling(self._growth)
+        shocks = self.std * rng.standard_normal(unused + count)
+        coefficients = np.zeros((shocks.size, longest))
+        for term in self.terms:
+            earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
+            coefficients[term.shock_lag :, term.series_lag - 1] += earlier
+        return autoregression(shocks, coefficients)[unused:]
+
+    @property
+    def variance(self) -> None:
+        """None: it has a closed form for one term only, see `Bilinear`."""
+        return
+
+    @property
+    def _growth(self) -> float:
+        return self.std * sum(abs(term.coefficient) for term in self.terms)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import numpy as np
+
 from eivor.errors import ParameterError
+from eivor.shapes import Float
 
 REMEDY = "Correct it, or leave it out where it has a default."
 
@@ -53,3 +56,14 @@ def require(condition: bool, expected: str, received: str, remedy: str = REMEDY)
     """Raise ParameterError unless the condition holds."""
     if not condition:
         raise ParameterError(expected, received, remedy)
+
+
+def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " count"]:
+    """Beginning of a user's own series, which must be as long as the record."""
+    require(
+        len(values) >= count,
+        f"a series of {count} values or more, as many as the record has samples",
+        f"{len(values)}",
+        "Give a longer one, or ask for fewer samples.",
+    )
+    return np.array(values[:count])
