@@ -9,11 +9,12 @@ import polars as pl
 
 from eivor.studies.generated_page import markdown
 from validation.efficiency.requirements import requirements
+from validation.suites import Row
 
 #: Name of the generated part of the page.
 PART = "efficiency"
 COMMAND = "python -m validation.efficiency.study"
-Cell = Callable[[Mapping[str, float]], str]
+Cell = Callable[[Row], str]
 
 
 def efficiency_tables(rows: pl.DataFrame) -> str:
@@ -53,15 +54,17 @@ def _pair(rows: pl.DataFrame, cell: Cell) -> str:
     return " / ".join(cell(row) for row in rows.iter_rows(named=True))
 
 
-def _bound(row: Mapping[str, float]) -> str:
-    return "-" if math.isnan(row["bound"]) else f"{100.0 * row['bound']:.3g}"
+def _bound(row: Row) -> str:
+    bound = float(row["bound"])
+    return "-" if math.isnan(bound) else f"{100.0 * bound:.3g}"
 
 
-def _over_bound(row: Mapping[str, float]) -> str:
-    return (
-        f"({100.0 * row['rmse']:.2f} %)" if math.isnan(row["bound"]) else f"{row['rmse'] / row['bound']:.2f}"
-    )
+def _over_bound(row: Row) -> str:
+    rmse, bound = float(row["rmse"]), float(row["bound"])
+    if math.isnan(rmse):
+        return "-"
+    return f"({100.0 * rmse:.2f} %)" if math.isnan(bound) else f"{rmse / bound:.2f}"
 
 
-def _covered(row: Mapping[str, float]) -> str:
-    return f"{row['hits'] / row['count']:.3f}" if row["count"] else "-"
+def _covered(row: Row) -> str:
+    return f"{int(row['hits']) / int(row['count']):.3f}" if row["count"] else "-"
