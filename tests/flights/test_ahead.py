@@ -29,7 +29,8 @@ def test_states_are_carried_on_as_their_equation_says():
         return (decay * np.sin(3.0 * time[at]) - 3.0 * np.cos(3.0 * time[at])) / (decay**2 + 9.0)
 
     begun = np.stack([truth(samples), truth(samples) + 1.0])
-    found = starts.carried(begun, lambda state, now: force[now] - decay * state)
+    driven = starts.over_step(force)
+    found = starts.carried(begun, lambda state, now: driven[now] - decay * state)
     assert np.allclose(found[:, 0], truth(starts.ends), atol=2e-5)
     left = np.exp(-decay * 0.005 * np.array(starts.steps))[:, None]
     assert np.allclose(found[:, 1], truth(starts.ends) + left, atol=3e-5)
@@ -45,8 +46,18 @@ def test_fine_grids_are_passed_in_longer_steps_that_meet_the_horizons():
 
     found = starts.carried(np.zeros((1, 1)), derivative)
     assert np.allclose(found[:, 0, 0], [0.1, 0.2, 0.3, 0.4, 0.5])
-    assert len(visited) == 2 * 125
-    assert visited[-1] == 253
+    assert len(visited) == 2 * 50
+    assert visited[-1] == 248
+
+
+def test_what_drives_counts_with_all_its_samples():
+    quick = np.cos(0.9 * np.pi * np.arange(400))
+    starts = Starts(np.array([7]), (50, 100), 0.002)
+    driven = starts.over_step(np.stack([quick, np.ones(400)]))
+    found = starts.carried(np.zeros((2, 1)), lambda _state, now: driven[:, now])
+    whole = 0.002 * np.cumsum(0.5 * (quick[7:-1] + quick[8:]))
+    assert np.allclose(found[:, 0, 0], whole[[49, 99]], atol=1e-12)
+    assert np.allclose(found[:, 1, 0], [0.1, 0.2])
 
 
 @pytest.fixture(scope="module")

@@ -21,12 +21,12 @@ HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
 #: Starts are so far apart [s]; in longer flights further, so that there are no more than so many.
 BETWEEN_STARTS_S, MOST_STARTS = 0.05, 2000
 #: Steps of the integration are no longer than this, or one of the grid [s].
-LONGEST_STEP_S = 0.005
+LONGEST_STEP_S = 0.010
 #: A state that runs away, by numbers that are far off, stays at this.
 AWAY = 1e9
 #: Names among the models: the fit itself, and that everything stays as it is at the start.
 FIT, UNCHANGED = "fit", "unchanged"
-#: Right-hand side of x' = f(x, sample) for starts side by side.
+#: Right-hand side of x' = f(x, sample) for starts side by side, over the step that begins at a sample.
 Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " starts"]], np.ndarray]
 
 
@@ -171,18 +171,28 @@ class Starts:
         state : ndarray, shape (parts, starts)
             At the starts.
         derivative : callable
-            From states and the numbers of their samples to the states' rates of change.
+            From states, and the samples at which a step begins, to the states' rates of change, with what
+            drives them as `over_step` has it.
         """
         found, stride = [], self._stride
         step_s = stride * self.step_s
         for step in range(0, self.steps[-1], stride):
             now = self.samples + step
             first = derivative(state, now)
-            second = derivative(np.clip(state + step_s * first, -AWAY, AWAY), now + stride)
+            second = derivative(np.clip(state + step_s * first, -AWAY, AWAY), now)
             state = np.clip(state + 0.5 * step_s * (first + second), -AWAY, AWAY)
             if step + stride in self.steps:
                 found.append(state)
         return np.stack(found)
+
+    def over_step(self, series: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+        """Mean of a series, taken as a line between samples, over the step that begins at each sample."""
+        stride = self._stride
+        between = 0.5 * (series[..., :-1] + series[..., 1:])
+        area = np.concatenate([np.zeros_like(series[..., :1]), np.cumsum(between, axis=-1)], axis=-1)
+        found = series.copy()
+        found[..., :-stride] = (area[..., stride:] - area[..., :-stride]) / stride
+        return found
 
     @property
     def _stride(self) -> int:

@@ -96,4 +96,5 @@ def _predicted(
     damping = values[axis.damping.name]
     driven += trim(flight, time_derivative(rate, signals.step_s) + damping * rate - driven)
     begun = rate[starts.samples][None, :]
-    return starts.carried(begun, lambda rates, now: driven[now] - damping * rates)[:, 0]
+    force = starts.over_step(driven)
+    return starts.carried(begun, lambda rates, now: force[now] - damping * rates)[:, 0]

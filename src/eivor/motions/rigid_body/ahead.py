@@ -162,7 +162,7 @@ def _of_flight(
         return ()
     begun = logged.body[:, starts.samples]
     states = {
-        name: (model.words, starts.carried(begun, _body(logged, layout, model.values, what)))
+        name: (model.words, starts.carried(begun, _body(logged, layout, model.values, starts, what)))
         for name, model in models.items()
     }
     states[UNCHANGED] = (STAYS, _unchanged(begun, starts))
@@ -175,8 +175,10 @@ def _of_flight(
     )
 
 
-def _body(logged: LoggedState, layout: RotorLayout, values: Values, what: Predictable) -> CarriedBody:
-    return CarriedBody(logged.flight, layout, values, logged, what.turns, what.lifts)
+def _body(
+    logged: LoggedState, layout: RotorLayout, values: Values, starts: Starts, what: Predictable
+) -> CarriedBody:
+    return CarriedBody(logged.flight, layout, values, logged, starts, what.turns, what.lifts)
 
 
 def _unchanged(

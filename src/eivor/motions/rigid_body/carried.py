@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from eivor.flights.ahead import trim
+from eivor.flights.ahead import Starts, trim
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
@@ -54,6 +54,8 @@ class CarriedBody:
         the flights that they come from, and count here for that of this flight: one vehicle hovers in both.
     logged : LoggedState
         What is known of the flight's state.
+    starts : Starts
+        Where predictions start.
     turns : tuple of bool
         Axes that the rotors turn; the rate of others stays.
     lifts : bool
@@ -64,6 +66,7 @@ class CarriedBody:
     layout: RotorLayout
     values: Values
     logged: LoggedState
+    starts: Starts
     turns: tuple[bool, ...]
     lifts: bool
 
@@ -73,8 +76,8 @@ class CarriedBody:
         """Rate of change of states side by side at samples, driven by what the rotors do there."""
         w, x, y, z, p, q, r = body[6:BODY]
         rows = rotation(w, x, y, z)
-        turning, force = self._of_axes(body, rows, self._rotors[0][:, now])
-        driven = self._driven[:, now]
+        turning, force = self._of_axes(body, rows, self._states[:, now])
+        driven = self._forces[:, now]
         change = np.zeros_like(body)
         change[0:3] = body[3:6]
         if self.lifts and self.logged.moves:
@@ -152,6 +155,16 @@ class CarriedBody:
         """Sums over the rotors of their states, and of what thrust is a multiple of."""
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
         return RotorStates(self.flight, self.layout).at(lag_s, delay_s)
+
+    @cached_property
+    def _states(self) -> Float[np.ndarray, "7 n"]:
+        """Sums of the rotors' states over each step."""
+        return self.starts.over_step(self._rotors[0])
+
+    @cached_property
+    def _forces(self) -> Float[np.ndarray, "6 n"]:
+        """What the rotors do to each axis over each step."""
+        return self.starts.over_step(self._driven)
 
     @cached_property
     def _driven(self) -> Float[np.ndarray, "6 n"]:
