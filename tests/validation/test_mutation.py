@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from validation.mutation.check import UNNOTICED, main
-from validation.mutation.mutants import Mutant, read_mutants, sample
+from validation.mutation.mutants import TABLE, Mutant, check_lines, read_mutants, sample
 from validation.mutation.workspace import PASSED, Workspace
 
 SOURCE = """def twice(x):
@@ -160,6 +160,10 @@ def test_a_line_that_is_there_twice_is_refused(project, capsys):
     )
     assert main([], project=project, table=table(project, TWICE)) == UNNOTICED
     assert "was found 2 times" in capsys.readouterr().err
+
+
+def test_every_line_of_the_table_is_in_the_project_once():
+    assert not check_lines(read_mutants(TABLE), Path(__file__).parents[2])
 
 
 def test_the_sample_has_the_first_of_each_area():
