@@ -18,7 +18,7 @@ from eivor.flights.frames import upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.quantity import Unjudged
+from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.recipe import estimated
 from eivor.flights.told_lag import ToldLag
 from eivor.inference.verdict import Status
@@ -47,20 +47,24 @@ def lags_beside(
         The part of it that counts [s].
     """
     options = FlightOptions(window=window)
-    return tuple(
-        ToldLag(
-            motion.name,
-            f"{motion.words.title.lower()} (--model {motion.name})",
-            told,
-            SENSORS_APART_S,
-            "the delays that sensors differ by",
-        )
-        for motion in motions
-        if (told := _lag_by(motion, log, options)) is not None
+    found = (_lag_by(motion, log, options) for motion in motions)
+    return tuple(told for told in found if told is not None)
+
+
+def lag_told_by(motion: Motion[Any], lag: Quantity) -> ToldLag | None:
+    """What a motion's result says of the lag; None where that is not to be trusted."""
+    if lag.verdict is not Status.IDENTIFIED:
+        return None
+    return ToldLag(
+        motion.name,
+        f"{motion.words.title.lower()} (--model {motion.name})",
+        Unjudged(lag.value, lag.unit, lag.std_error, lag.interval),
+        SENSORS_APART_S,
+        "the delays that sensors differ by",
     )
 
 
-def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> Unjudged | None:
+def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> ToldLag | None:
     """Lag by one motion; None where it cannot be told, or not be trusted."""
     try:
         rates_hz = dict(motion.select(upward(log), options).rates_hz)
@@ -71,7 +75,4 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> Unju
         return None
     if not flight.runs or not any(one.usable and one.exogenous for one in flight.references):
         return None
-    lag = estimated(motion, (flight,), options).quantities[EFFECTIVE_LAG]
-    if lag.verdict is not Status.IDENTIFIED:
-        return None
-    return Unjudged(lag.value, lag.unit, lag.std_error, lag.interval)
+    return lag_told_by(motion, estimated(motion, (flight,), options).quantities[EFFECTIVE_LAG])

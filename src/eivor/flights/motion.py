@@ -308,6 +308,32 @@ class CardSection:
     sentences: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """A quantity of another motion of the same flight that belongs to a motion's result.
+
+    Parameters
+    ----------
+    motion, quantity : str
+        Names of that motion, and of its quantity.
+    called : str
+        Name of the quantity in this motion's results, which its wording has.
+    input : str
+        Channel, or family of channels, that drives it there.
+    input_map : str
+        Of that channel, unless a user names another.
+    needs : mapping of str to tuple of str
+        What must be logged, in words, and the channels of which one will do.
+    """
+
+    motion: str
+    quantity: str
+    called: str
+    input: str
+    input_map: str
+    needs: Mapping[str, tuple[str, ...]]
+
+
 class Motion(ABC, Generic[P]):
     """One kind of motion: its equation, its quantities, their verdicts and their words."""
 
@@ -333,6 +359,8 @@ class Motion(ABC, Generic[P]):
     """Channels that are measured states of what drives it: beside commands they tell the actuators' lag."""
     lag_from: ClassVar[tuple[str, ...]] = ()
     """Names of other motions that the same actuators make: where they tell the lag, it is taken from them."""
+    companions: ClassVar[tuple[Companion, ...]] = ()
+    """Quantities that other motions tell, with the lag that this one tells."""
     needed: ClassVar[tuple[str, ...]]
     """Channels without which nothing can be identified, beside an input."""
     references: ClassVar[tuple[ReferenceSource, ...]]

@@ -18,6 +18,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import LagsBeside, estimated
 from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.flights.terms import check_options
+from eivor.flights.told_lag import ToldLag
 from eivor.signals.recording import Recording
 
 Window = tuple[float, float] | None
@@ -29,6 +30,7 @@ def identified(
     options: FlightOptions,
     windows: Sequence[Window],
     others: tuple[Motion[Any], ...] = (),
+    told: tuple[ToldLag, ...] = (),
 ) -> FlightEstimate:
     """Identify a motion from the logs of one or several flights of one vehicle.
 
@@ -45,6 +47,8 @@ def identified(
         A window [s] for each log, in place of the options' for those that have one.
     others : tuple of Motion
         Those that `Motion.lag_from` names. Flights of a pool tell their lag together, and need none.
+    told : tuple of ToldLag
+        What is known of the lag already, in place of what the others would tell of one flight.
 
     Raises
     ------
@@ -69,7 +73,9 @@ def identified(
     check_poolable(prepared, motion)
     motion = motion.for_flights(prepared, options)
     beside: LagsBeside = tuple
-    if len(kept) == 1 and others:
+    if told:
+        beside = cache(lambda: told)
+    elif len(kept) == 1 and others:
         ((log, window),) = kept
         beside = cache(partial(lags_beside, others, log, window or options.window))
     result = _together(motion, prepared, options, beside)

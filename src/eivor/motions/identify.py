@@ -10,6 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
+from eivor.flights.companions import with_companions
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.result import FlightEstimate
@@ -114,7 +115,9 @@ def identify_flight(
         if window is not None:
             check_window(window)
     others = tuple(motion_by_name(name) for name in motion.lag_from)
-    return identified(logs, motion, chosen, list(windows), others)
+    result = identified(logs, motion, chosen, list(windows), others)
+    beside = {one.motion: motion_by_name(one.motion) for one in motion.companions}
+    return with_companions(result, beside, logs, list(windows))
 
 
 def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:

@@ -27,6 +27,7 @@ from eivor.motions.rates.axes import AXES, PITCH, ROLL, Axis
 from eivor.motions.rates.flights import rates_problem
 from eivor.motions.rates.rule import all_grounds
 from eivor.motions.rates.select import INPUTS, REFERENCES, active, selected
+from eivor.motions.rates.thrust import THRUST
 from eivor.motions.rates.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rates_card
 from eivor.shapes import Float
 from eivor.signals.recording import Recording
@@ -47,6 +48,7 @@ class Rates(Motion[LaggedRuns]):
     inputs = INPUTS
     needed = (ROLL.rate, PITCH.rate)
     references = REFERENCES
+    companions = (THRUST,)
     logged_parameters = (
         "IMU_GYRO_RATEMAX",
         "IMU_GYRO_CUTOFF",

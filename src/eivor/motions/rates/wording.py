@@ -9,9 +9,10 @@ from eivor.inference.verdict import Status
 from eivor.logs.formats import advising_format
 from eivor.motions.rates.axes import AXES, PITCH, ROLL, YAW, Axis
 from eivor.motions.rates.rule import FLY
+from eivor.motions.rates.thrust import THRUST
 
 EQUATION = (
-    "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b",
+    "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
     "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
 )
 _SUBSCRIPT = {ROLL: "p", PITCH: "q", YAW: "r"}
@@ -37,11 +38,13 @@ def _of_axis(axis: Axis) -> dict[str, Wording]:
 #: Every quantity, in the order of results.
 QUANTITIES = {
     **{name: wording for axis in AXES for name, wording in _of_axis(axis).items()},
+    THRUST.called: Wording("thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True),
     **LAG_WORDINGS,
 }
 #: The same in the order of reports.
 SHOWN = (
     *(axis.effectiveness.name for axis in AXES),
+    THRUST.called,
     "effective_lag",
     *(axis.damping.name for axis in AXES),
     YAW.reaction.name,
@@ -64,7 +67,7 @@ _MANOEUVRES = (
     "Calm air, at least 3 m above the ground, a mode in which the sticks set the attitude "
     "(stabilized or altitude).",
     "60 s of roll and pitch steps of about 15°, to and fro, one every second or two at uneven times, "
-    "each axis by itself; and a few turns of yaw.",
+    "each axis by itself; a few turns of yaw; and for the thrust gain steps of height.",
     "Or the autopilot's identification mode, which injects a sweep.",
 )
 
