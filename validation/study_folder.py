@@ -12,7 +12,7 @@ from functools import cached_property
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import polars as pl
 
@@ -29,6 +29,7 @@ TABLES_ONLY = frozenset({"page.py", "requirements.py", "study.py", "table.py"})
 Row = Mapping[str, str | float | int | bool]
 
 
+@runtime_checkable
 class StudyTask(Protocol):
     """Some flights of a study, whose rows are kept in one file."""
 
