@@ -25,9 +25,10 @@ from eivor.models.lagged_runs import (
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
-from eivor.motions.rigid_body.instruments import AxisInstruments
+from eivor.motions.rigid_body.instruments import AxisInstruments, Columns
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.onboard_filters import OnboardFilter, as_logged, onboard_filter
 from eivor.motions.rigid_body.parameters import (
     ALONG,
     COUPLING,
@@ -158,12 +159,17 @@ class RotorColumns:
     def __call__(self, at: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
         found = self._of_axis(*self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name]))
-        return np.stack([found[self.moving[place]] for place in self.places]).T
+        own = {one: found[one] for one in (self.moving[place] for place in self.places)}
+        return np.stack(list(as_logged(own, self.axis, self._sensor).values())).T
 
     @cached_property
     def places(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
         return tuple(place for place, one in enumerate(self.moving) if one in MOVING[self.axis])
+
+    @cached_property
+    def _sensor(self) -> OnboardFilter | None:
+        return onboard_filter(self.states.flight, self.states.layout.vehicle, self.axis)
 
     def _of_axis(
         self, state: Float[np.ndarray, "7 n"], thrust: Float[np.ndarray, "7 n"]
@@ -286,7 +292,7 @@ def _flight(
     """Columns of every axis of a flight."""
     signals = flight.signals
     rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
-    states, instruments = RotorStates(flight, layout), AxisInstruments(flight, rule)
+    states, instruments = RotorStates(flight, layout), AxisInstruments(flight, layout, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
 
     def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
@@ -295,16 +301,21 @@ def _flight(
             staying[:, axis] = rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3]
         elif terms.velocity:
             place = terms.fixed.index(QUADRATIC_DRAG[axis - FORCE_X])
-            staying[:, place] = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
+            swift = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
+            staying[:, place] = _behind(onboard_filter(flight, layout.vehicle, axis), swift)
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
         moving = RotorColumns(states, axis, terms.moving, usual)
+
+        def columns_of(other: PreparedFlight) -> Columns:
+            return replace(moving, states=RotorStates(other, layout))
+
         return AxisColumns(
             signals.step_s,
             flight.runs,
             responses,
             staying,
             moving,
-            instruments.of_axis(axis),
+            instruments.of_axis(axis, columns_of),
             number,
             axis,
             (low, min(high, BAND_SHARE * slowest)),
@@ -320,9 +331,15 @@ def _flight(
     for along in terms.forces:
         measured = [signals.channel(f"specific_force_body_{ALONG[along]}")]
         if by_velocity is not None:
-            measured.append(by_velocity[:, along])
+            sensor = onboard_filter(flight, layout.vehicle, FORCE_X + along)
+            measured.append(_behind(sensor, by_velocity[:, along]))
         forces.append(columns(FORCE_X + along, np.column_stack(measured)))
     return [*turning, *forces]
+
+
+def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """A column behind a sensor's filter, where one is known."""
+    return column if sensor is None else sensor(column)
 
 
 def usual_state(flights: tuple[PreparedFlight, ...]) -> float:

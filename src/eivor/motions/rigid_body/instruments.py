@@ -1,28 +1,37 @@
-"""Instruments of a rigid body's equations: references of an axis, and products of what references say.
+"""Instruments of a rigid body's equations: what exogenous signals say of the equations' own columns.
 
-A reference moves the rates and the velocity of its own axis. Couplings are products of two rates, and
-translational lift is a sum of squares: their instruments are the same products of what references say of
-them, by least squares on a few lags of each, which have next to nothing of a disturbance in them.
+Of turning they are the columns of the predicted flight, which has no disturbance in it: what an equation has
+there is nearest to what it has in the flight itself, be it a gain, a product of rates, or damping. Lag and
+delay are sought, so that columns that move with them are there for several lags, whose differences tell the
+lag. What disturbs a force hardly comes back through the controller: there references with a few lags serve as
+they are, and for what goes with products of velocities those of the predicted ones.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.instruments import DrivenSignals, InstrumentRule, LaggedReferences, NoInstruments
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.body_velocity import body_velocity, swift_velocity
-from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z, PITCH, ROLL, YAW
+from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z
+from eivor.motions.rigid_body.predicted import HEIGHT, SLOW, TILTED, Predictors, predicted_flight
 from eivor.shapes import Float
 
-#: Successive lags of references, how many and how long [s]: for turning, for forces across, and for thrust.
-QUICK, SLOW, HEIGHT = (4, 0.06), (4, 1.0), (4, 0.15)
-#: And of the height where a centre of mass beside the middle turns the vehicle.
-TILTING = (1, 0.15)
+#: Lags for which columns are instruments; delays, of a state that was measured [s].
+LAGS_S = (0.01, 0.03, 0.07, 0.15)
+DELAYS_S = (-0.02, 0.0, 0.02)
+
+#: The moving columns of an equation in some flight, at a lag and a delay.
+Columns = Callable[[Values], Float[np.ndarray, "n k"]]
 
 
 @dataclass(frozen=True)
@@ -33,77 +42,62 @@ class AxisInstruments:
     ----------
     flight : PreparedFlight
         Which.
+    layout : RotorLayout
+        Of its rotors.
     rule : InstrumentRule
         What serves.
     """
 
     flight: PreparedFlight
+    layout: RotorLayout
     rule: InstrumentRule
 
-    def of_axis(self, axis: int) -> Float[np.ndarray, "n p"]:
-        """Columns for one equation; none where the rule has none."""
-        if isinstance(self.rule, NoInstruments):
-            return np.empty((self.flight.signals.sample_count, 0))
-        if not isinstance(self.rule, LaggedReferences):
-            return self.rule.columns(self._driven)
-        if axis in (ROLL, PITCH, YAW):
-            first, second = (axis + 1) % 3, (axis + 2) % 3
-            product = self._said_of_rate(first) * self._said_of_rate(second)
-            columns = [self._lagged(axis, QUICK), product[:, None]]
-            return np.column_stack([*columns, self._lagged(FORCE_Z, TILTING)] if axis != YAW else columns)
-        if axis == FORCE_Z:
-            across = sum((self._said_of_velocity(along) ** 2 for along in (0, 1)), np.zeros(self._count))
-            return np.column_stack([self._lagged(FORCE_Z, HEIGHT), across, self._swift[:, 2]])
-        along = axis - FORCE_X
-        return np.column_stack([self._lagged(_TILTED[along], SLOW), self._swift[:, along]])
+    def of_axis(self, axis: int, columns_of: Callable[[PreparedFlight], Columns]) -> Float[np.ndarray, "n p"]:
+        """Columns for one equation; none where the rule has none.
 
-    @property
-    def _count(self) -> int:
-        return self.flight.signals.sample_count
-
-    @property
-    def _driven(self) -> DrivenSignals:
+        Parameters
+        ----------
+        axis : int
+            Number of the equation.
+        columns_of : callable
+            From a flight to the equation's moving columns.
+        """
         signals = self.flight.signals
-        return DrivenSignals(signals, signals.family(self.flight.input.name).mean(axis=1))
-
-    def _lagged(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
-        """References of an axis with their lags; those of no axis of turning are of height."""
-        turning = {source.channel: one.number for one in AXES for source in one.references}
+        if isinstance(self.rule, NoInstruments):
+            return np.empty((signals.sample_count, 0))
         if not isinstance(self.rule, LaggedReferences):
-            return np.empty((self._count, 0))
-        names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z) == axis)
-        return replace(self.rule, channels=names, lags=lags).columns(self._driven)
+            level = signals.family(self.flight.input.name).mean(axis=1)
+            return self.rule.columns(DrivenSignals(signals, level))
+        if axis < FORCE_X:
+            return self._turning(axis, columns_of(self._predicted))
+        says = Predictors(self.flight, self.rule)
+        if axis == FORCE_Z:
+            across = self._velocity[:, 0] ** 2 + self._velocity[:, 1] ** 2
+            return np.column_stack([says.of_axis(FORCE_Z, HEIGHT), across, self._swift[:, 2]])
+        along = axis - FORCE_X
+        return np.column_stack([says.of_axis(TILTED[along], SLOW), self._swift[:, along]])
 
-    def _said_of_rate(self, axis: int) -> Float[np.ndarray, " n"]:
-        """What references say of a rate."""
-        return self._said(self._lagged(axis, QUICK), self.flight.signals.channel(AXES[axis].rate))
+    @cached_property
+    def _predicted(self) -> PreparedFlight:
+        if not isinstance(self.rule, LaggedReferences):
+            return self.flight
+        return predicted_flight(self.flight, self.layout, self.rule)
 
-    def _said_of_velocity(self, along: int) -> Float[np.ndarray, " n"]:
-        """What references say of the velocity along an axis; nothing where it is not known."""
-        if self._velocity is None:
-            return np.zeros(self._count)
-        references = self._lagged(FORCE_Z, HEIGHT) if along == 2 else self._lagged(_TILTED[along], SLOW)
-        return self._said(references, self._velocity[:, along])
+    def _turning(self, axis: int, moving: Columns) -> Float[np.ndarray, "n p"]:
+        """Columns for several lags, and the product of the other two rates."""
+        measured = self.flight.input.measured
+        nodes = [(0.0, delay) for delay in DELAYS_S] if measured else [(lag, 0.0) for lag in LAGS_S]
+        columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
+        first, second = (self._predicted.signals.channel(AXES[(axis + n) % 3].rate) for n in (1, 2))
+        return np.column_stack([*columns, first * second])
+
+    @cached_property
+    def _velocity(self) -> Float[np.ndarray, "n 3"]:
+        """Predicted velocity on the body's axes; zero where it is not known."""
+        found = body_velocity(self._predicted.signals)
+        return np.zeros((self.flight.signals.sample_count, 3)) if found is None else found
 
     @cached_property
     def _swift(self) -> Float[np.ndarray, "n 3"]:
-        """What references say of the velocity times its size."""
-        return swift_velocity(np.column_stack([self._said_of_velocity(along) for along in range(3)]))
-
-    @cached_property
-    def _velocity(self) -> Float[np.ndarray, "n 3"] | None:
-        return body_velocity(self.flight.signals)
-
-    def _said(
-        self, references: Float[np.ndarray, "n p"], values: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, " n"]:
-        used = self.flight.used
-        if not references.shape[1] or not used.any():
-            return np.zeros(self._count)
-        centred = references - references[used].mean(axis=0)
-        told, *_ = np.linalg.lstsq(centred[used], values[used] - values[used].mean(), rcond=1e-10)
-        return centred @ told
-
-
-#: Axis of turning that tilts the thrust forward, and left.
-_TILTED = (PITCH, ROLL)
+        """Predicted velocity times its size."""
+        return swift_velocity(self._velocity)
