@@ -15,8 +15,9 @@ from eivor.shapes import Bool, Float
 
 #: Blocks of a record.
 BLOCKS = 5
-#: Directions of the exogenous columns that are smaller than this share of the largest are left out.
-INDEPENDENT = 1e-9
+#: Columns of unit variance are shrunk as if so much of their variance were noise: directions in which they
+#: hardly differ would else be fitted to what one block happens to hold, and lead far astray in another.
+SHRINKAGE = 1e-6
 
 
 def cross_fitted(
@@ -47,7 +48,7 @@ def cross_fitted(
     -----
     Performs no checks. Sums of products of each block are made once; those of a fit are all but its own.
     """
-    design = _independent(exogenous, used)
+    design = _scaled(exogenous, used)
     samples = np.flatnonzero(used)
     if samples.size < 2 * blocks * design.shape[1]:
         return np.broadcast_to(values[used].mean(axis=0) if samples.size else 0.0 * values[0], values.shape)
@@ -60,22 +61,17 @@ def cross_fitted(
     predicted = np.empty_like(values)
     for start, stop, product in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
         normal, right = np.split(whole - product, [design.shape[1]], axis=1)
-        told = np.linalg.lstsq(normal, right, rcond=INDEPENDENT)[0]
+        shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
+        told = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
         predicted[start:stop] = design[start:stop] @ told
     return predicted
 
 
-def _independent(
-    exogenous: Float[np.ndarray, "n p"], used: Bool[np.ndarray, " n"]
-) -> Float[np.ndarray, "n q"]:
-    """A constant, and independent combinations of the columns, of mean square one over the samples used."""
+def _scaled(exogenous: Float[np.ndarray, "n p"], used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
+    """A constant, and the columns with mean zero and variance one over the samples used."""
     constant = np.ones((exogenous.shape[0], 1))
     if not exogenous.shape[1] or not used.any():
         return constant
     centred = exogenous - exogenous[used].mean(axis=0)
     size = np.sqrt(np.mean(centred[used] ** 2, axis=0))
-    scaled = centred / np.where(size > 0.0, size, 1.0)
-    _, sizes, directions = np.linalg.svd(np.linalg.qr(scaled[used], mode="r"))
-    kept = sizes > np.sqrt(INDEPENDENT) * sizes[0]
-    turned = scaled @ directions[kept].T
-    return np.column_stack([constant, turned * (np.sqrt(used.sum()) / sizes[kept])])
+    return np.column_stack([constant, centred / np.where(size > 0.0, size, 1.0)])

@@ -52,7 +52,7 @@ def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
     return flights
 
 
-def test_predictions_are_nearer_to_the_undisturbed_flight_than_the_flight_is():
+def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
     shoved = spec(1, duration=10.0)
     flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
     disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
@@ -63,8 +63,10 @@ def test_predictions_are_nearer_to_the_undisturbed_flight_than_the_flight_is():
     used = disturbed.used
     for name in ("angular_rate_x", "angular_rate_y"):
         truth = calm.signals.channel(name)[used]
-        off = [np.std(one.signals.channel(name)[used] - truth) for one in (found, disturbed)]
-        assert off[0] < 0.9 * off[1]
+        predicted = found.signals.channel(name)[used]
+        assert np.std(predicted - truth) < 0.7 * np.std(truth)
+        shoved_by = disturbed.signals.channel(name)[used] - truth
+        assert abs(np.corrcoef(predicted - truth, shoved_by)[0, 1]) < 0.3
     assert np.ptp(found.signals.channel("attitude_w")) == 0.0
 
 

@@ -22,7 +22,7 @@ from eivor.motions.rigid_body.parameters import FORCE_Z, PITCH, ROLL, YAW
 from eivor.shapes import Float
 
 #: Successive lags of references, how many and how long [s]: for turning, for velocity across, for height.
-QUICK, SLOW, HEIGHT = (8, 0.04), (4, 1.0), (4, 0.15)
+QUICK, SLOW, HEIGHT = (14, 0.04), (4, 1.0), (4, 0.15)
 #: Axis of turning that tilts the thrust forward, and left.
 TILTED = (PITCH, ROLL)
 
