@@ -52,6 +52,7 @@ def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
     return flights
 
 
+@pytest.mark.thorough
 def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
     shoved = spec(1, duration=10.0)
     flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
