@@ -153,6 +153,16 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     assert json_document(replace(fit, motion=motion))["implied"]
 
 
+@pytest.mark.thorough
+def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, fit):
+    friction, linear = fit.quantities["viscous_friction"], fit.quantities["drag_z"]
+    low, high = friction.interval
+    margin = 0.3 * (high - low)
+    assert low - margin <= flight.truth.parameters.drag[2] <= high + margin  # its body drags nothing
+    assert friction.half_width < 0.8 * linear.half_width
+    assert friction.verdict is Status.IDENTIFIED
+
+
 def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
     motion = RigidBody(known(SPEC))
     prepared = prepare(flight.recording, motion, FlightOptions())

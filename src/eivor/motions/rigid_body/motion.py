@@ -32,7 +32,7 @@ from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
 from eivor.motions.rigid_body.physical import PhysicalParameter, physical_parameters
-from eivor.motions.rigid_body.quantities import at_hover
+from eivor.motions.rigid_body.quantities import at_hover, viscous_friction
 from eivor.motions.rigid_body.rotor_order import order_shown
 from eivor.motions.rigid_body.rule import all_grounds
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
@@ -108,7 +108,11 @@ class RigidBody(Motion[LaggedRuns]):
 
     def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
-        found = {**at_hover(problem, joint_quantities(estimate)), **lag_quantities(problem, estimate)}
+        found = {
+            **at_hover(problem, joint_quantities(estimate)),
+            **viscous_friction(problem, estimate),
+            **lag_quantities(problem, estimate),
+        }
         return {name: found[name] for name in QUANTITIES if name in found}
 
     def allowances(

@@ -25,6 +25,8 @@ DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
 DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
 #: Of the body, which goes with the size of the velocity, beside what the rotors drag.
 QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
+#: Of the linear and the quadratic drag along z together, at the speeds of a flight.
+FRICTION = Parameter("viscous_friction", "1/s")
 LIFT = Parameter("translational_lift", "1/m")
 GAIN = (
     Parameter("roll_gain", "rad/s^2/m"),

@@ -27,7 +27,7 @@ from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, FRICTION, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.rotor_order import Order
 
 GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
@@ -42,7 +42,7 @@ LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks
 LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
 
 _GAINS = {one.name for one in (*GAIN, THRUST)}
-_SLOW = {one.name for one in (*DAMPING, *DRAG, LIFT)}
+_SLOW = {one.name for one in (*DAMPING, *DRAG, FRICTION, LIFT)}
 _COUPLINGS = {one.name for one in COUPLING}
 
 
@@ -55,7 +55,8 @@ def all_grounds(
     for name, quantity in quantities.items():
         if name in found:
             continue
-        reasons = [*_shared(told_of(strength, name), at), *_lag_reasons(quantities)]
+        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is told together
+        reasons = [*_shared(told_of(strength, moved_by), at), *_lag_reasons(quantities)]
         if not untold(name, strength):
             reasons += _interval_reasons(name, quantity, at)
         found[name] = tuple(reasons)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from eivor.flights.estimated import LAG_WORDINGS
 from eivor.flights.motion import CardSection, Words
-from eivor.flights.quantity import Wording
+from eivor.flights.quantity import Kind, Wording
 from eivor.inference.verdict import Status
 from eivor.logs.formats import advising_format
 from eivor.motions.rigid_body.parameters import (
@@ -12,6 +12,7 @@ from eivor.motions.rigid_body.parameters import (
     COUPLING,
     DAMPING,
     DRAG,
+    FRICTION,
     GAIN,
     LIFT,
     OFFSET,
@@ -52,6 +53,9 @@ QUANTITIES = {
         one.name: Wording(f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True)
         for one, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
     },
+    FRICTION.name: Wording(
+        "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
+    ),
     LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
     REACTION.name: Wording("rotor reaction", "j", ""),
     **{
