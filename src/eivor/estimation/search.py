@@ -290,8 +290,6 @@ def bounded_search(
     ConvergenceError
         When it does not settle.
     """
-    from scipy.optimize import minimize
-
     ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])
     ratios = np.array([nuisance.positive for nuisance in sought])
 
@@ -319,6 +317,8 @@ def bounded_search(
     spacing = np.array([0.5 / (grid.size - 1) for grid in grids])
     if quadratics_settle(left_at, (scaled(np.array(best.point)) - low) / (high - low), spacing, accuracy):
         return found
+    from scipy.optimize import minimize
+
     for _ in range(RESTARTS):
         before = found
         place = (scaled(np.array(before.point)) - low) / (high - low)
