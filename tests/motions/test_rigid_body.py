@@ -230,3 +230,17 @@ def test_what_the_body_drags_stands_beside_what_its_rotors_do():
     for axis, own in zip("xy", truth.quadratic_drag[:2], strict=True):
         assert told[f"quadratic_drag_{axis}"] == pytest.approx(own, rel=1e-8)
     assert "quadratic_drag_z" in told
+
+
+def test_quick_rotors_leave_no_error_of_a_derivative():
+    rotors = replace(SPEC.vehicle.rotors, lag_up=0.005, lag_down=0.005)
+    vehicle = replace(SPEC.vehicle, rotors=rotors)
+    flight = flown(replace(SPEC, vehicle=vehicle, sensors=EXACT, duration=6.0))
+    motion, truth = RigidBody(known(SPEC)), flight.truth.parameters
+    prepared = prepare(flight.recording, motion, FlightOptions())
+    rows = motion.problem((prepared,), NoInstruments()).rows({"actuator_lag": truth.lag_up, "delay": 0.0})
+    size = np.linalg.norm(rows.regressors, axis=0)
+    theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
+    told = {parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)}
+    for axis, gain in zip(("roll", "pitch", "yaw"), truth.torque_gains, strict=True):
+        assert told[f"{axis}_gain"] == pytest.approx(gain, rel=2e-4)

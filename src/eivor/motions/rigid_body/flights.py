@@ -47,9 +47,9 @@ from eivor.motions.rigid_body.parameters import (
     THRUST,
     YAW,
 )
+from eivor.motions.rigid_body.steps import before, change_over_step, mean_over_step
 from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
-from eivor.signals.derivative import time_derivative
 from eivor.signals.input_map import input_map
 
 #: Bands of spectral rows [Hz]: of turning, and of forces.
@@ -76,6 +76,23 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, 
     )
 
 
+@dataclass(frozen=True, slots=True)
+class RotorSums:
+    """Sums over a flight's rotors, see `RotorLayout.sums`.
+
+    Parameters
+    ----------
+    state, thrust : ndarray, shape (7, n)
+        Of their states, and of what thrust goes with, at each sample.
+    mean_thrust : ndarray, shape (7, n)
+        The latter's mean over the step that ends there.
+    """
+
+    state: Float[np.ndarray, "7 n"]
+    thrust: Float[np.ndarray, "7 n"]
+    mean_thrust: Float[np.ndarray, "7 n"]
+
+
 @dataclass
 class RotorStates:
     """What all axes ask of a flight's rotors; states at a lag and a delay are remembered for the next axis.
@@ -90,15 +107,19 @@ class RotorStates:
 
     flight: PreparedFlight
     layout: RotorLayout
-    _last: tuple[tuple[float, float], Float[np.ndarray, "7 n"], Float[np.ndarray, "7 n"]] | None = None
+    _last: tuple[tuple[float, float], RotorSums] | None = None
 
-    def at(self, lag_s: float, delay_s: float) -> tuple[Float[np.ndarray, "7 n"], Float[np.ndarray, "7 n"]]:
-        """Sums over the rotors of their states, and of what thrust goes with; see `RotorLayout.sums`."""
+    def at(self, lag_s: float, delay_s: float) -> RotorSums:
+        """Sums over the rotors at a lag and a delay."""
         if self._last is None or self._last[0] != (lag_s, delay_s):
-            state, weights = self._moved(lag_s, delay_s), self.layout.sums
-            thrust = input_map(self.flight.input_map)(state)
-            self._last = (lag_s, delay_s), weights @ state.T, weights @ thrust.T
-        return self._last[1:]
+            thrust_of, weights = input_map(self.flight.input_map), self.layout.sums
+            half_s = 0.5 * self.flight.signals.step_s
+            state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, half_s))
+            thrust, halfway = (weights @ thrust_of(one).T for one in (state, between))
+            # Simpson's rule: a rotor follows its command smoothly within a step
+            mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
+            self._last = (lag_s, delay_s), RotorSums(weights @ state.T, thrust, mean)
+        return self._last[1]
 
     @cached_property
     def across(self) -> Float[np.ndarray, " n"]:
@@ -158,7 +179,7 @@ class RotorColumns:
 
     def __call__(self, at: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
-        found = self._of_axis(*self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name]))
+        found = self._of_axis(self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name]))
         own = {one: found[one] for one in (self.moving[place] for place in self.places)}
         return np.stack(list(as_logged(own, self.axis, self._sensor).values())).T
 
@@ -171,18 +192,21 @@ class RotorColumns:
     def _sensor(self) -> OnboardFilter | None:
         return onboard_filter(self.states.flight, self.states.layout.vehicle, self.axis)
 
-    def _of_axis(
-        self, state: Float[np.ndarray, "7 n"], thrust: Float[np.ndarray, "7 n"]
-    ) -> dict[Parameter, Float[np.ndarray, " n"]]:
+    def _of_axis(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
         axis, (count, _, _, xx, _, yy, _) = self.axis, self.states.layout.sums.sum(axis=1).tolist()
-        dragged = -dragged_by(axis, state, self.states.velocity, self.states.rates) / self.usual
+        dragged = -dragged_by(axis, sums.state, self.states.velocity, self.states.rates) / self.usual
         if axis >= FORCE_X:
-            return {DRAG[axis - FORCE_X]: dragged / count, THRUST: thrust[0], LIFT: self.states.across}
+            return {
+                DRAG[axis - FORCE_X]: dragged / count,
+                THRUST: sums.thrust[0],
+                LIFT: self.states.across,
+            }
+        damped, mean = mean_over_step(dragged), sums.mean_thrust
         if axis == YAW:
-            spinning = time_derivative(state[6], self.states.flight.signals.step_s)
-            return {GAIN[YAW]: thrust[6], REACTION: spinning, DAMPING[YAW]: dragged / (xx + yy)}
-        arms, square = ((thrust[2], yy), (-thrust[1], xx))[axis]
-        return {GAIN[axis]: arms, OFFSET[axis]: thrust[0], DAMPING[axis]: dragged / square}
+            spinning = change_over_step(sums.state[6], self.states.flight.signals.step_s)
+            return {GAIN[YAW]: mean[6], REACTION: spinning, DAMPING[YAW]: damped / (xx + yy)}
+        arms, square = ((mean[2], yy), (-mean[1], xx))[axis]
+        return {GAIN[axis]: arms, OFFSET[axis]: mean[0], DAMPING[axis]: damped / square}
 
 
 def dragged_by(
@@ -298,7 +322,7 @@ def _flight(
     def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
         staying = np.zeros((len(responses), len(terms.fixed)))
         if axis < FORCE_X:
-            staying[:, axis] = rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3]
+            staying[:, axis] = mean_over_step(rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3])
         elif terms.velocity:
             place = terms.fixed.index(QUADRATIC_DRAG[axis - FORCE_X])
             swift = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
@@ -323,9 +347,8 @@ def _flight(
             moving.places,
         )
 
-    turning = [
-        columns(axis, time_derivative(rates[:, axis], signals.step_s)[:, None]) for axis in (ROLL, PITCH, YAW)
-    ]
+    changes = change_over_step(rates.T, signals.step_s)
+    turning = [columns(axis, changes[axis][:, None]) for axis in (ROLL, PITCH, YAW)]
     by_velocity = force_by_velocity(signals) if terms.velocity else None
     forces = []
     for along in terms.forces:
