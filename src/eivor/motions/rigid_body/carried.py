@@ -20,7 +20,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
-from eivor.motions.rigid_body.flights import RotorStates, dragged_by, usual_state
+from eivor.motions.rigid_body.flights import RotorStates, RotorSums, dragged_by, usual_state
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.logged_state import LoggedState
 from eivor.motions.rigid_body.parameters import (
@@ -151,15 +151,15 @@ class CarriedBody:
         return usual_state((self.flight,))
 
     @cached_property
-    def _rotors(self) -> tuple[Float[np.ndarray, "7 n"], Float[np.ndarray, "7 n"]]:
-        """Sums over the rotors of their states, and of what thrust is a multiple of."""
+    def _rotors(self) -> RotorSums:
+        """Sums over the rotors."""
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
         return RotorStates(self.flight, self.layout).at(lag_s, delay_s)
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
         """Sums of the rotors' states over each step."""
-        return self.starts.over_step(self._rotors[0])
+        return self.starts.over_step(self._rotors.state)
 
     @cached_property
     def _forces(self) -> Float[np.ndarray, "6 n"]:
@@ -170,7 +170,7 @@ class CarriedBody:
     def _driven(self) -> Float[np.ndarray, "6 n"]:
         """What the rotors do to each axis, with the trims of the runs."""
         step_s = self.flight.signals.step_s
-        state, thrust = self._rotors
+        state, thrust = self._rotors.state, self._rotors.thrust
         driven = np.zeros((6, state.shape[1]))
         for axis, arms in enumerate((thrust[2], -thrust[1], thrust[6])):
             driven[axis] = self._value(GAIN[axis].name) * arms
