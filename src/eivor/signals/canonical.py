@@ -65,6 +65,8 @@ class CanonicalChannel:
 #: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that may
 #: also log a thrust setpoint; they serve as input where it does not, and when asked for by name.
 BUILT_IN: tuple[CanonicalChannel, ...] = (
+    CanonicalChannel("position_x", "m"),
+    CanonicalChannel("position_y", "m", flipped=True),
     CanonicalChannel("position_z", "m", flipped=True),
     CanonicalChannel("velocity_x", "m/s"),
     CanonicalChannel("velocity_y", "m/s", flipped=True),

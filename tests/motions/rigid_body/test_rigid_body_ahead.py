@@ -32,7 +32,7 @@ SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sen
 ROTORS = SPEC.vehicle.rotors
 KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
 MOTION = RigidBody(KNOWN)
-QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "height"]
+QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "position"]
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
     ("refused", "left"),
     [
         (("roll_gain",), ["pitch rate", "yaw rate"]),
-        (("yaw_gain",), ["roll rate", "pitch rate", "velocity", "height"]),
+        (("yaw_gain",), ["roll rate", "pitch rate", "velocity", "position"]),
         (("thrust_gain",), QUANTITIES[:4]),
         (("effective_lag",), []),
         (("drag_x", "roll_coupling"), QUANTITIES),
@@ -140,7 +140,8 @@ def test_a_refused_drag_counts_as_zero(flight, truth):
 
 def test_what_the_log_lacks_is_left_out(flown, truth):
     log = flown.recording
-    assert quantities(MOTION, without(log, "position_z"), truth) == QUANTITIES[:5]
+    assert quantities(MOTION, without(log, "position_x", "position_y", "position_z"), truth) == QUANTITIES[:5]
+    assert quantities(MOTION, without(log, "position_x", "position_y"), truth)[-1] == "height"
     assert quantities(MOTION, without(log, "velocity_y"), truth) == QUANTITIES[:4]
     assert quantities(MOTION, without(log, "attitude_w"), truth) == QUANTITIES[:3]
     no_force = without(log, *(f"specific_force_body_{axis}" for axis in "xyz"))
@@ -192,8 +193,8 @@ def test_another_flight_is_validated(flown, truth, tmp_path):
     assert document["ahead"]["starts"] == found.ahead.start_s.size > 100
     first = document["ahead"]["errors"][0]
     assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
-    assert "height" in found.summary()
-    assert "height" in found._repr_html_()
+    assert "position" in found.summary()
+    assert "position" in found._repr_html_()
     assert on_terminal(validation_document(found)).renderables
     figure = found.plot()
     assert len(figure.axes) == 12

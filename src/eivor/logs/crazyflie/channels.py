@@ -172,6 +172,13 @@ _TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.
 
 #: All sources; of one quantity the preferred first.
 SOURCES: tuple[Source, ...] = (
+    *(
+        one
+        for axis in "xy"
+        for one in _estimates(
+            f"position_{axis}", (f"stateEstimate.{axis}", 1.0), (f"stateEstimateZ.{axis}", _MILLI)
+        )
+    ),
     *_estimates("position_z", ("stateEstimate.z", 1.0), ("stateEstimateZ.z", _MILLI), ("kalman.stateZ", 1.0)),
     _measured("position_z", "locSrv.z", 1.0),
     *(

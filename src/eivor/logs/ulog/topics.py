@@ -65,6 +65,8 @@ def _trajectory(*fields: str) -> tuple[Source, ...]:
 
 #: Sources of each channel, the preferred one first.
 CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
+    "position_x": _position("x", "xy_valid"),
+    "position_y": _position("y", "xy_valid"),
     "position_z": _position("z", "z_valid"),
     "velocity_x": _position("vx", "v_xy_valid"),
     "velocity_y": _position("vy", "v_xy_valid"),

@@ -2,7 +2,7 @@
 
 | channels | unit | how |
 |---|---|---|
-| `angular_rate_*`, `specific_force_body_*`, `velocity_*`, `position_z`, `attitude_*` | SI | measured |
+| `angular_rate_*`, `specific_force_body_*`, `velocity_*`, `position_*`, `attitude_*` | SI | measured |
 | `rotor_speed_*` | rad/s | measured, when there is such a sensor |
 | `rotor_command_*` | rad/s | held |
 | `input`, `torque_setpoint_*` | normalised | held; torques as the mixer got them, what is injected included |
@@ -103,7 +103,7 @@ def _measured(
         (sensors.angular_rate, _named("angular_rate", "xyz", rates)),
         (sensors.specific_force, _named("specific_force_body", "xyz", forces)),
         (sensors.velocity, _named("velocity", "xyz", velocity)),
-        (sensors.position, {"position_z": position[:, 2]}),
+        (sensors.position, _named("position", "xyz", position)),
         (sensors.attitude, _named("attitude", "wxyz", sensors.attitude.readings(attitude, step_s))),
     ]
     if sensors.rotor_speed is not None:
