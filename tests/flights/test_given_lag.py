@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,9 +11,11 @@ from flight_logs import LAG_S, changed, flown
 
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
-from eivor.flights.given_lag import GivenLag
+from eivor.flights.given_lag import GivenLag, with_given_lag
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status
+from eivor.models.separable import Nuisance, SeparableProblem, combinations
+from eivor.motions.rigid_body.flights import searched_lag_and_delay
 from eivor.report.fit_checks import checks
 from eivor.signals.recording import Recording
 
@@ -167,3 +169,28 @@ def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
 def test_bounds_in_the_wrong_order_are_refused():
     with pytest.raises(ParameterError, match="the lower one first"):
         ev.Bounds(0.09, 0.05)
+
+
+@dataclass(frozen=True)
+class Searched(SeparableProblem):
+    """A problem of nuisances alone."""
+
+    nuisances: tuple[Nuisance, ...]
+
+    def rows(self, at):
+        raise NotImplementedError
+
+    def bins(self, at):
+        raise NotImplementedError
+
+
+def test_bounds_leave_a_delay_that_is_no_choice_of_a_few_as_the_flight_tells_it():
+    lag, delay = searched_lag_and_delay()
+    alone = {lag.name: 0.044, delay.name: 0.008}
+    known = with_given_lag(Searched((lag, delay)), ev.Bounds(0.05, 0.06), alone)
+    tried = list(combinations(known.nuisances))
+    assert {at[delay.name] for at in tried} == {0.008}
+    sums = [at[lag.name] + at[delay.name] for at in tried]
+    assert min(sums) == pytest.approx(0.05)
+    assert max(sums) == pytest.approx(0.06)
+    assert any(abs(one - 0.052) < 1e-9 for one in sums)  # the flight's own is among them

@@ -127,7 +127,8 @@ def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Valu
     known : Prior or Bounds
         Of the sum [s].
     alone : mapping of str to float
-        Lag and delay of the flight without it: between bounds that sum is one of those that are tried.
+        Lag and delay of the flight without it: between bounds that sum is one of those that are tried, and a
+        delay that is no choice of a few stays as it is.
     """
     if known == NO_LAG:
         return problem.with_nuisances(
@@ -136,16 +137,15 @@ def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Valu
                 for one in problem.nuisances
             )
         )
-    return problem.with_nuisances(
-        tuple(
-            _with_known(one, known, alone) if one.name == ACTUATOR_LAG.name else one
-            for one in problem.nuisances
-        )
-    )
+    return problem.with_nuisances(tuple(_with_known(one, known, alone) for one in problem.nuisances))
 
 
-def _with_known(lag: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
-    lag = replace(lag, known_with=(DELAY.name,))
+def _with_known(one: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+    if one.name == DELAY.name and one.refined and isinstance(known, Bounds):
+        return one.known_at(alone[one.name])
+    if one.name != ACTUATOR_LAG.name:
+        return one
+    lag = replace(one, known_with=(DELAY.name,))
     if isinstance(known, Prior):
         return replace(lag, prior=known)
     return replace(lag, bounds=known, discrete=True, grid=_between(known, lag.with_others(alone)))
