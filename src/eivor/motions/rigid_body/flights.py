@@ -25,6 +25,8 @@ from eivor.models.lagged_runs import (
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
+from eivor.motions.rigid_body.inferred_velocity import FROM_HZ as INFERRED_FROM_HZ
+from eivor.motions.rigid_body.inferred_velocity import inferred_velocity
 from eivor.motions.rigid_body.instruments import AxisInstruments, Columns
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.layout import RotorLayout
@@ -136,9 +138,13 @@ class RotorStates:
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, "3 n"]:
-        """Velocity through the air on the body's axes; zero where it is not known."""
+        """Velocity through the air on the body's axes; zero where it is not known, nor can be inferred."""
         found = body_velocity(self.flight.signals)
-        return np.zeros_like(self.rates) if found is None else np.ascontiguousarray(found.T)
+        if found is not None:
+            return np.ascontiguousarray(found.T)
+        unknown, along_z = np.zeros_like(self.rates), inferred_velocity(self.flight.signals, self.flight.runs)
+        unknown[2] = 0.0 if along_z is None else along_z
+        return unknown
 
     @cached_property
     def _logged(self) -> Float[np.ndarray, "n rotors"]:
@@ -273,7 +279,7 @@ class Terms:
     forces : tuple of int
         Axes along which the specific force is known, from 0.
     velocity : bool
-        The velocity on the body's axes is known.
+        The velocity on the body's axes is known; else that along z is inferred.
     """
 
     forces: tuple[int, ...]
@@ -288,7 +294,7 @@ class Terms:
     @property
     def moving(self) -> tuple[Parameter, ...]:
         """Parameters of the columns that move with lag and delay."""
-        drag = tuple(DRAG[along] for along in self.forces) if self.velocity else ()
+        drag = tuple(DRAG[along] for along in self.forces)
         lift = (LIFT,) if self.velocity and 2 in self.forces else ()
         thrust = (THRUST,) if 2 in self.forces else ()
         return (*GAIN, *DAMPING, *OFFSET, REACTION, *thrust, *drag, *lift)
@@ -328,6 +334,8 @@ def _flight(
             swift = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
             staying[:, place] = _behind(onboard_filter(flight, layout.vehicle, axis), swift)
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
+        if axis >= FORCE_X and not terms.velocity:
+            low = INFERRED_FROM_HZ
         moving = RotorColumns(states, axis, terms.moving, usual)
 
         def columns_of(other: PreparedFlight) -> Columns:

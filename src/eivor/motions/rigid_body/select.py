@@ -29,6 +29,7 @@ REFERENCES = (
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
 #: All that any of the equations uses [Hz].
 BAND_HZ = (0.05, 20.0)
+ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
 #: Quaternions that are further from one in length are none.
 UNIT_WITHIN = 0.05
 
@@ -66,7 +67,9 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
     _refuse_no_quaternion(log)
     forces = {f"force_{axis}": log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"}
     moving = all(name in log.channels for name in FOR_BODY_VELOCITY)
-    conditions = tuple(log.channel(name) for name in FOR_BODY_VELOCITY) if moving else ()
+    tilted = all(name in log.channels for name in ATTITUDE)
+    known = FOR_BODY_VELOCITY if moving else ATTITUDE if tilted else ()
+    conditions = tuple(log.channel(name) for name in known)
     step_s = float(np.median(np.diff(rates["roll"].time_s)))
     return Selection(
         family,
@@ -103,7 +106,8 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> list[Finding]:
         found.append(
             Finding(
                 "no_body_velocity",
-                "Velocity or attitude is not logged: drag is not told, and the thrust gain has it in it.",
+                "Velocity or attitude is not logged: nothing is told of drag along x and y, nor of translational "
+                "lift, and drag along z rests on the integral of the accelerometer over periods below 5 s.",
             )
         )
     absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
