@@ -125,12 +125,14 @@ def test_an_order_that_contradicts_the_data_is_named(flight):
 
 
 @pytest.mark.thorough
-def test_without_velocity_drag_is_not_told_and_it_is_said(flight):
+def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
     blind = changed(flight.recording, **{f"velocity_{axis}": None for axis in "xyz"})
     found = identify_flight(blind, model=RigidBody(known(SPEC)))
-    assert not any(name.startswith("drag") for name in found.quantities)
-    assert any(finding.name == "no_body_velocity" for finding in found.findings)
+    assert [name for name in found.quantities if name.startswith("drag")] == ["drag_z"]
+    (said,) = [finding for finding in found.findings if finding.name == "no_body_velocity"]
+    assert "drag along x and y" in said.message
     assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=0.02)
+    assert found.quantities["thrust_gain"].value == pytest.approx(truth_of(flight)["thrust_gain"], rel=0.05)
 
 
 @pytest.mark.thorough

@@ -25,4 +25,8 @@ def test_roll_and_pitch_manoeuvres_tell_inertias_and_nothing_is_called_identifie
     assert 1.1e-5 < about_x < 1.4e-5
     assert 1.02 < about_y / about_x < 1.09
     assert 0.045 < found.quantities["effective_lag"].value < 0.09
-    assert not {"drag_x", "drag_y", "drag_z"} & set(found.quantities)  # no velocity is logged
+    assert not {"drag_x", "drag_y"} & set(found.quantities)  # no velocity is logged
+    assert 0.15 < found.quantities["drag_z"].value < 0.65
+    (yaw,) = [one for one in found.implications.numbers if one.name == "inertia_zz"]
+    assert yaw.value is None
+    assert "do not tell Izz" in yaw.sentence

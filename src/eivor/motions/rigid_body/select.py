@@ -106,8 +106,8 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> list[Finding]:
         found.append(
             Finding(
                 "no_body_velocity",
-                "Velocity or attitude is not logged: nothing is told of drag along x and y, nor of translational "
-                "lift, and drag along z rests on the integral of the accelerometer over periods below 5 s.",
+                "Velocity or attitude is not logged: nothing is told of drag along x and y and of "
+                "translational lift; drag along z rests on the accelerometer's integral over less than 5 s.",
             )
         )
     absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
