@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("coarse_search")
 HOSTILE = "a[red]b[bold]$x_1$\x1b[31m\n@1é.csv"
 
 
+@pytest.mark.thorough
 def test_help_loads_nothing_heavy() -> None:
     code = (
         "import sys\nfrom eivor.cli.main import app\n"

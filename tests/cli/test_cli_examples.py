@@ -52,12 +52,14 @@ def test_a_log_is_fetched_once(server: str, tmp_path: Path) -> None:
     assert fetched(_log(server), folder=folder) == path
 
 
+@pytest.mark.thorough
 def test_a_damaged_copy_is_fetched_again(server: str, tmp_path: Path) -> None:
     path = fetched(_log(server), folder=tmp_path)
     path.write_bytes(b"damage")
     assert fetched(_log(server), folder=tmp_path).read_bytes() == CONTENT
 
 
+@pytest.mark.thorough
 def test_another_content_is_refused_and_not_kept(server: str, tmp_path: Path) -> None:
     with pytest.raises(CorruptLogError, match="another content"):
         fetched(_log(server, b"other"), folder=tmp_path / "cache")
@@ -83,6 +85,7 @@ def test_no_network_and_a_wrong_file_are_both_told(tmp_path: Path) -> None:
         fetched(_log("http://127.0.0.1:1"), folder=tmp_path / "empty")
 
 
+@pytest.mark.thorough
 def test_a_folder_that_cannot_be_is_told(server: str, tmp_path: Path) -> None:
     (tmp_path / "cache").write_text("a file")
     with pytest.raises(InputError, match="EIVOR_CACHE"):

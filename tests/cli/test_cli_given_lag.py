@@ -22,6 +22,7 @@ def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path, tmp_path: Path
     assert "given 70 ± 15 ms" in run.out
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_bounds_of_a_lag_and_no_lag_are_given(eivor: Caller, log: Path) -> None:
     document = json.loads(eivor("identify", log, "--lag", "50..90", "--json", "-").out)
@@ -78,6 +79,7 @@ def test_one_of_the_two_is_given(eivor: Caller, log: Path) -> None:
     assert "--lag or --lag-from" in run.err
 
 
+@pytest.mark.thorough
 def test_a_result_that_does_not_tell_its_lag_is_refused(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0

@@ -72,6 +72,7 @@ def test_the_window_is_used(eivor: Caller, log: Path) -> None:
         assert document["window"] == pytest.approx([5.0, 20.0], abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_window_may_begin_before_zero(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     path = tmp_path / "early.csv"
     flight.with_columns(polars.col("time") - 10.0).write_csv(path)
@@ -92,6 +93,7 @@ def test_tilt_method_map_and_input_are_passed_on(eivor: Caller, log: Path) -> No
     assert document["verdict"] == "provisional"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_instruments_can_be_chosen(eivor: Caller, log: Path) -> None:
     document = json.loads(eivor("identify", log, "--instruments", "reference_position_z", "--json", "-").out)
@@ -115,6 +117,7 @@ def test_a_pool_has_a_row_for_each_flight(eivor: Caller, flight: polars.DataFram
     assert len(document["parameters"]["intercept"]["by_segment"]) == 2
 
 
+@pytest.mark.thorough
 def test_the_same_file_twice_is_used_once(eivor: Caller, log: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy.csv"
     shutil.copy(log, copy)
@@ -305,6 +308,7 @@ def test_an_output_that_cannot_be_written(eivor: Caller, log: Path, tmp_path: Pa
         assert run.out == ""
 
 
+@pytest.mark.thorough
 def test_a_full_disk_is_told(eivor: Caller, log: Path) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full here")

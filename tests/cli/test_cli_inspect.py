@@ -54,6 +54,7 @@ def test_a_log_that_identify_cannot_use_is_inspected(
     assert json.loads(eivor("inspect", path, "--json", "-").out)["verdict"] == "unusable"
 
 
+@pytest.mark.thorough
 def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     path = tmp_path / "dirty.csv"
     table = polars.concat([flight.head(1000), flight.slice(990, 10), flight.slice(1300, 1700)])

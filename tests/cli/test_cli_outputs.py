@@ -304,6 +304,7 @@ def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> N
         assert "No space left" in run.stderr
 
 
+@pytest.mark.thorough
 def test_what_is_written_is_readable_under_a_link(eivor: Caller, log: Path, tmp_path: Path) -> None:
     """A link stays a link, and the permissions of an earlier file stay."""
     target = tmp_path / "target.json"

@@ -153,6 +153,7 @@ def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_pat
     assert document["derived"]["hover_input"]["value"] == pytest.approx(mean, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
     run = eivor(
         "identify", recordings / "nanobench" / "B6_linear_ramp_rep1.csv", "--figure", tmp_path / "x.png"
@@ -161,6 +162,7 @@ def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path
     assert "never takes off" in run.out
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
     logs = [recordings / "nanobench" / f"B9_trefoil_fast_rep{n}.csv" for n in (3, 15)]

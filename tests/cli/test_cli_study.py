@@ -70,6 +70,7 @@ def test_table(eivor, file):
     assert eivor("study", file) == run
 
 
+@pytest.mark.thorough
 def test_json(eivor, file, tmp_path):
     run = eivor("study", file, "--json", "-", "--out", tmp_path / "x", "--workers", 1)
     document = json.loads(run.out)
@@ -103,6 +104,7 @@ def test_figures_lie_beside_the_trials(eivor, file):
     assert {path.stem for path in Path("plain").glob("*.png")} == {"nrmse"}
 
 
+@pytest.mark.thorough
 def test_failures_are_told(eivor, file):
     file.write_text(STUDY + BLIND, encoding="utf-8")
     run = eivor("study", file, "--workers", 1)
@@ -144,6 +146,7 @@ def test_files_that_are_none(eivor, file):
     assert "Is 'rusn' meant to be it?" in run.err
 
 
+@pytest.mark.thorough
 def test_another_study_in_the_folder(eivor, file):
     eivor("study", file, "--workers", 1)
     file.write_text(STUDY.replace("seed = 3", "seed = 4"), encoding="utf-8")
@@ -160,6 +163,7 @@ def test_more_runs_go_on(eivor, file):
     assert "at least 31 runs" in eivor("study", file).err
 
 
+@pytest.mark.thorough
 def test_help_is_quick(shell):
     run = shell("study", "--help")
     assert run.code == 0

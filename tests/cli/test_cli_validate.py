@@ -13,6 +13,7 @@ Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -> None:
     fit, figure = tmp_path / "fit.json", tmp_path / "fit.svg"

@@ -79,6 +79,7 @@ def test_profile_of_a_linear_function_is_the_delta_method():
     assert found == pytest.approx((c @ values - half, c @ values + half), rel=1e-7)
 
 
+@pytest.mark.thorough
 def test_profile_does_not_depend_on_a_monotone_scale():
     rng = np.random.default_rng(3)
     root = 0.3 * rng.standard_normal((3, 3))
@@ -160,6 +161,7 @@ def test_ellipse_covers_jointly():
     assert low <= inside <= high
 
 
+@pytest.mark.thorough
 def test_bends_across_the_slope_are_seen():
     """A valley: along its bottom the function is straight, across it is not."""
     values, C = np.array([1.0, 0.0]), np.diag([0.04**2, 0.04**2])

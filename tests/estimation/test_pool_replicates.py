@@ -78,6 +78,7 @@ def test_what_least_squares_leaves():
 # -- replicates ----------------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "nuisances",
     [
@@ -136,6 +137,7 @@ def test_replicates_are_what_the_method_makes_of_the_drawn_flights(nuisances):
     assert (np.max(moved, axis=0) > 0.3).all()
 
 
+@pytest.mark.thorough
 def test_what_is_known_beforehand_is_measured_again():
     """The flights say nothing of the share: it varies as what is known does, about the pool's own value."""
     nuisances = (KNOWN_LAG, share(prior=Prior(0.5, 0.05)))
@@ -148,6 +150,7 @@ def test_what_is_known_beforehand_is_measured_again():
     assert found.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
 
 
+@pytest.mark.thorough
 def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     together = replace(lag(prior=Prior(0.48, 0.002)), known_with=("curve_share",))
     nuisances = (together, share(grid=np.array([0.35, 0.4]), discrete=True))

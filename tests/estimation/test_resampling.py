@@ -130,6 +130,7 @@ def test_standard_errors_agree_with_the_spread_of_replicates() -> None:
         assert found.std_errors == pytest.approx(spread, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_the_spread_of_independent_rows_is_the_robust_standard_error() -> None:
     """Block length one: White's heteroskedasticity-robust covariance, but for the chance of the runs."""
     random = np.random.default_rng(12)

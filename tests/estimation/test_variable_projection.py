@@ -94,6 +94,7 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
     assert both[1] < 0.9 * both[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("method", "delay_s"),

@@ -66,6 +66,7 @@ def test_compensation_is_in_the_statistic():
     assert found.region.excess(theta) == pytest.approx(AR / bound, rel=1e-8)
 
 
+@pytest.mark.thorough
 def test_white_input_strictly_delayed_instruments_say_nothing():
     """The intervals of extended IV are short and wrong here; the sets have no bound, as they must."""
     problem = ev.VerticalMotion(intercept=False).regression(

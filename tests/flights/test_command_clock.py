@@ -228,6 +228,7 @@ def changed_reference(log, value):
     return changed(log, reference_position_z=replace(held, values=value(held.time_s)))
 
 
+@pytest.mark.thorough
 def test_the_band_ends_early_where_a_reference_jumps_between_stamps():
     (every,) = flown(seconds=20.0, seed=4)
     log = thinned(every, 3)

@@ -23,6 +23,7 @@ def example() -> ev.FlightEstimate:
     return ev.identify_flight(ev.read_log(str(EXAMPLE)))
 
 
+@pytest.mark.thorough
 def test_leverage_of_a_run_is_the_solution_without_it():
     made = problem(*flights(4, seconds=30.0, noise=Noise(gust=0.3)), lags=LAGS)
     fit = ev.identify(made, ev.methods.reference_iv())
@@ -37,6 +38,7 @@ def test_leverage_of_a_run_is_the_solution_without_it():
         np.testing.assert_allclose(found.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=0.03)
 
 
+@pytest.mark.thorough
 def test_few_runs_are_cut_into_tenths():
     made = problem(*flights(FEWEST_RUNS - 1, seconds=30.0, noise=Noise()), lags=LAGS)
     found = run_leverage(ev.diagnose(ev.identify(made, ev.methods.reference_iv())))
@@ -52,6 +54,7 @@ def test_constancy_keeps_its_size_in_flights():
     assert sum(p < 0.05 for p in found) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
 
 
+@pytest.mark.thorough
 def test_a_change_between_flights_is_told():
     """A command that is scaled from the second flight on: the gain per command is another one."""
     first, second = flights(2, seconds=40.0, noise=Noise())
@@ -133,6 +136,7 @@ def test_nothing_is_checked_without_an_estimate(example):
     assert checks(replace(example, fit=None)) == ()
 
 
+@pytest.mark.thorough
 def test_a_direct_method_has_fewer_checks():
     found = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
     said = dict(checks(found))

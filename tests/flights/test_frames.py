@@ -57,6 +57,7 @@ def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
     np.testing.assert_allclose(prepared.signals.channel("cos_tilt"), turns.as_matrix()[:, 2, 2], atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_z_down_log_gives_the_answers_of_the_z_up_log():

@@ -57,6 +57,7 @@ def test_held_channels_keep_the_last_value_logged(rate_hz, gaps, lost, seed):
     assert np.isfinite(series).all()
 
 
+@pytest.mark.thorough
 @given(
     rate_hz=st.sampled_from([5.0, 30.0, 97.0]),
     gaps=st.integers(0, 4),
@@ -276,6 +277,7 @@ def test_more_than_six_hours_of_samples_are_refused():
         gridded(channel(time, np.zeros(time.size)))
 
 
+@pytest.mark.thorough
 @given(seed=st.integers(0, 999), runs=st.integers(0, 4))
 def test_around_what_is_used_stays_what_it_needs(seed, runs):
     rng = np.random.default_rng(seed)

@@ -39,6 +39,7 @@ def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
     assert "their stamps are late" in found.motion.symbols(found.prepared[0])
 
 
+@pytest.mark.thorough
 def test_the_delay_is_part_of_the_friction_s_interval():
     log = telemetry(flown(seconds=26.0)[0], 0.0)
     found = ev.identify_flight(log)

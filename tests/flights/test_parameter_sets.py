@@ -84,6 +84,7 @@ def test_sets_are_those_of_a_search_over_everything(gusty, lag):
     assert (bound >= J).tolist() == [False, True, True, False]
 
 
+@pytest.mark.thorough
 def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     alone = ev.identify_flight(one_frequency)
     sets = alone.fit.sets[K]
@@ -105,6 +106,7 @@ def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     assert known.verdict.status in {Status.IDENTIFIED, Status.WEAK}
 
 
+@pytest.mark.thorough
 def test_strong_instruments_at_a_wrong_lag_tell_nothing():
     """At the best lag, which is far too long, every F is above ten, and the interval there misses."""
     result = ev.identify_flight(flown(seconds=15.0, gust=1.0, seed=2, hertz=(0.32,))[0])
@@ -173,6 +175,7 @@ def test_the_wider_of_two_level_sets_is_the_robust_one():
         assert ParameterSets(line, other, line).robust == line
 
 
+@pytest.mark.thorough
 def test_methods_whose_rows_are_not_white_have_no_sets(gusty):
     result = ev.identify_flight(gusty, method="extended_iv")
     assert result.fit.sets == {}

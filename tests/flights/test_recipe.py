@@ -111,6 +111,7 @@ def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
     assert "its values look like g." in found.verdict.reasons[0].sentence
 
 
+@pytest.mark.thorough
 def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
     channels = log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=True)}
     found = identify_flight(replace(log, channels=channels))
@@ -125,6 +126,7 @@ def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
 # -- what cannot be told ----------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_constant_reference_is_refused(log):
     hover = flown(seconds=30.0, amplitude=0.0, seed=12)[0]
     still = changed(hover, "reference_velocity_z", reference_position_z=np.zeros(3000))
@@ -186,6 +188,7 @@ def test_slow_commands_are_weak_at_best(log):
     assert any("33 Hz; below 45 Hz" in sentence for sentence in result.verdict.sentences)
 
 
+@pytest.mark.thorough
 def test_feedback_in_the_instruments_is_weak_at_best(log):
     feedback = changed(log, feedback_reference_velocity_z=log.channels["reference_velocity_z"].values)
     named = FlightOptions(instruments=("reference_position_z", "feedback_reference_velocity_z"))
@@ -250,6 +253,7 @@ def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken,
         assert min(abs(end) for end in b.interval) < least < abs(b.value)
 
 
+@pytest.mark.thorough
 def test_a_reference_of_one_frequency_is_told():
     seconds = STEP_S * np.arange(2000)
     sine, steps = np.sin(2.0 * np.pi * 0.3 * seconds), np.sign(np.sin(2.0 * np.pi * 0.3 * seconds))
@@ -417,6 +421,7 @@ def test_a_log_given_twice_is_used_once(fleet):
     assert len(identify_flight(fleet[:2]).flights) == 2
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_grounded_flight_does_not_spoil_the_pool(fleet, alone):
     grounded = changed(fleet[1], landed=channel("landed", [0.0, 9.0], [1.0, 1.0]))
@@ -468,6 +473,7 @@ class Wheeled(Vertical):
     vehicle_parameters = ("WHEEL_COUNT",)
 
 
+@pytest.mark.thorough
 def test_a_motion_says_which_parameters_stand_for_the_vehicle(fleet):
     with pytest.raises(PoolingError, match=r"WHEEL_COUNT = None and 3\.0"):
         identify_flight([fleet[0], replace(fleet[1], parameters={"WHEEL_COUNT": 3.0})], model=Wheeled())

@@ -61,6 +61,7 @@ def test_only_the_samples_used_are_searched():
             np.testing.assert_allclose(getattr(cut, name), was, rtol=0.0, atol=1e-10 * np.abs(was).max())
 
 
+@pytest.mark.thorough
 def test_runs_on_both_sides_of_a_landing_keep_their_samples():
     log = flown(seconds=30.0)[0]
     command = log.channels["rotor_command_1"]

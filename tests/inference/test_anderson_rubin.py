@@ -111,6 +111,7 @@ def test_robust_ends_are_roots_and_membership_agrees_along_the_line():
             assert region.contains(np.array([value])) == found.contains(value)
 
 
+@pytest.mark.thorough
 def test_shadow_of_two_parameters_is_the_least_over_the_other():
     psi, columns = two_columns(np.random.default_rng(8))
     region = robust(psi, columns)

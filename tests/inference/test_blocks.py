@@ -56,6 +56,7 @@ def test_moving_blocks_stay_inside_the_record() -> None:
         assert (np.diff(blocks, axis=1) == 1).all()
 
 
+@pytest.mark.thorough
 def test_on_the_circle_every_row_is_drawn_equally_often() -> None:
     plan, random, runs = block_plan(60, 6.0), np.random.default_rng(3), 4_000
     counts = np.zeros(60)

@@ -151,6 +151,7 @@ def test_widest_assumption_makes_the_interval():
 # -- kernels and quantiles --------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @given(count=st.integers(1, 30), bandwidth=st.integers(0, 40), seed=st.integers(0, 99))
 def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
     scores = np.random.default_rng(seed).standard_normal((count, 2))

@@ -26,6 +26,7 @@ def test_whiteness_is_its_formulas():
     assert found.outside == int((np.abs(r) > found.band).sum())
 
 
+@pytest.mark.thorough
 def test_statsmodels_ljung_box():
     diagnostic = pytest.importorskip("statsmodels.stats.diagnostic")
     e = data.autoregression(np.random.default_rng(1), (500,), 0.1)
@@ -36,6 +37,7 @@ def test_statsmodels_ljung_box():
     assert found.p_value == pytest.approx(float(peer["lb_pvalue"].iloc[0]), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_size_of_the_whiteness_test():
     runs = 1500
     e = np.random.default_rng(2).standard_normal((runs, 400))

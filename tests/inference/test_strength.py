@@ -130,6 +130,7 @@ def test_units_and_combinations_of_instruments_do_not_count(units):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_effective_f_of_idle_instruments_is_one_in_autocorrelated_data():
     """The mean of F_eff is one when nothing is explained; the white F is several times that."""
     runs = 300

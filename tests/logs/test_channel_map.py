@@ -337,6 +337,7 @@ _ARITHMETIC = st.recursive(
 )
 
 
+@pytest.mark.thorough
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(_ARITHMETIC)
 def test_arithmetic_is_that_of_floats(text):
@@ -463,6 +464,7 @@ def test_angles_in_another_unit_are_told(tmp_path, unit, scale, words):
     assert (len(doubts) == 1 and words in doubts[0]) if words else doubts == []
 
 
+@pytest.mark.thorough
 def test_tilt_from_columns_of_any_name(tmp_path):
     names = ["w, *", 'x "1"', "^y.*$", "z" * 300]
     columns = dict(zip(names, ([1.0, 1.0], [0.0, 1.0], [0.0, 0.0], [0.0, 0.0]), strict=True))

@@ -136,6 +136,7 @@ def test_real_files(tmp_path, recordings, name):
         survives(tmp_path / "damaged", damaged(blob, rng))
 
 
+@pytest.mark.thorough
 @QUICK
 @given(st.binary(max_size=300))
 def test_any_bytes_after_a_ulog_header(tmp_path, blob):
@@ -177,6 +178,7 @@ def test_notes_of_any_kind_change_no_number(tmp_path, notes, delimiter, end):
     np.testing.assert_array_equal(z.values, -0.25 * np.arange(len(notes)))
 
 
+@pytest.mark.thorough
 @QUICK
 @given(st.text(alphabet='ab1.,;"\n', max_size=60))
 def test_any_quotes_below_a_header(tmp_path, text):
@@ -260,6 +262,7 @@ def test_the_package_s_own_file_is_decoded_at_once(tmp_path, monkeypatch):
     assert probed == [copy]
 
 
+@pytest.mark.thorough
 def test_only_needed_columns_of_a_parquet_are_decoded(tmp_path):
     """The others are damaged, which nobody notices. Lists, which hold no number, are not decoded either."""
     notes = pl.Series([[b"not to be decoded" * 50, b"x"]] * 100)
@@ -278,6 +281,7 @@ def test_only_needed_columns_of_a_parquet_are_decoded(tmp_path):
     assert any(f.name == "unreadable_text" and "'position_z' 100" in f.message for f in r.findings)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems do not limit what a process maps")
 def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
     rows = 4_000_000
@@ -289,6 +293,7 @@ def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
         read_log(tmp_path / "t.parquet")
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="no such names there")
 def test_file_names_of_several_lines(tmp_path):
     canonical().write_parquet(tmp_path / "a\nb.parquet")

@@ -218,6 +218,7 @@ def test_pictures_have_a_trace_for_each_axis(fit):
         assert np.std(trace.measured - trace.predicted) < 0.3 * np.std(trace.measured)
 
 
+@pytest.mark.thorough
 def test_what_the_body_drags_stands_beside_what_its_rotors_do():
     body = BodyDrag(quadratic=(0.001, 0.001, 0.002))
     flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, drag=body), sensors=EXACT, duration=8.0))
@@ -234,6 +235,7 @@ def test_what_the_body_drags_stands_beside_what_its_rotors_do():
     assert "quadratic_drag_z" in told
 
 
+@pytest.mark.thorough
 def test_quick_rotors_leave_no_error_of_a_derivative():
     rotors = replace(SPEC.vehicle.rotors, lag_up=0.005, lag_down=0.005)
     vehicle = replace(SPEC.vehicle, rotors=rotors)

@@ -40,6 +40,7 @@ def flown_first():
     return specs[0], prepared, Vertical().problem(prepared, NoInstruments())
 
 
+@pytest.mark.thorough
 def test_the_controller_is_read_off_a_flight(flown_first):
     spec, prepared, problem = flown_first
     numbers = Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
@@ -59,6 +60,7 @@ def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
     assert found["velocity"][0] == pytest.approx(spec.noise.velocity**2 / 50.0, rel=0.15)
 
 
+@pytest.mark.thorough
 def test_simulated_flights_have_the_densities_that_were_asked_for(flown_first):
     """What was read off a flight comes back from a simulated one."""
     vehicle = VehicleGuess(gust_rms=0.5)
@@ -126,6 +128,7 @@ def test_a_plan_is_chosen_by_flying_it(monkeypatch):
     assert f"{found.half_width:.2g} ms" in made.sentence
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
     for name in ("FINALISTS", "RUNS", "OFTEN"):

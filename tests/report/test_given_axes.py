@@ -135,6 +135,7 @@ def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate
     assert inside(figure)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ONE_PANEL)
 def test_what_are_no_axes_is_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
     figure, both = page(1, 2)
@@ -237,6 +238,7 @@ def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tm
     assert inside(beside)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("_as_a_user")
 @pytest.mark.parametrize("name", SEVERAL)
 def test_axes_that_do_not_fit_are_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:

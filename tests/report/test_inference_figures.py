@@ -133,6 +133,7 @@ def test_any_polygon_may_stand_beside_an_ellipse() -> None:
 # -- residuals ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
     e = lfilter([1.0], [1.0, -0.6], np.random.default_rng(2).normal(size=1000))
     figure = residual_figure(e, rate_hz=5.0, unit="m/s^2", start_s=10.0, lags=20, title="$a_b")

@@ -69,6 +69,7 @@ def inspected(recording: Recording) -> PooledInspection:
         return pooled_inspection([recording], FlightOptions(), [None], Vertical())
 
 
+@pytest.mark.thorough
 def test_another_medium_tells_inspections(recording: Recording, inspected: PooledInspection) -> None:
     found = inspected
     lines = list(markdown(inspection_document(found.logs[0])))
@@ -116,6 +117,7 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
         assert words in written, words
 
 
+@pytest.mark.thorough
 def test_json_and_document_of_an_inspection_take_one_flight(inspected: PooledInspection) -> None:
     (found,) = inspected.logs
     flown = found.flown

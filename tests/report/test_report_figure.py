@@ -101,6 +101,7 @@ def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:
     assert _inside(figure)
 
 
+@pytest.mark.thorough
 def test_without_estimate_the_flight_itself_is_drawn(still: FlightEstimate) -> None:
     figure = flight_figure(still)
     assert "The input is constant" in figure.axes[-1].texts[0].get_text()

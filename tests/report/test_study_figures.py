@@ -119,6 +119,7 @@ def test_no_estimate_is_said():
         nrmse_figure({})
 
 
+@pytest.mark.thorough
 def test_a_study_has_a_row_for_each_method(tmp_path):
     study = Study(
         "a study",
@@ -173,6 +174,7 @@ def test_an_estimate_of_ones_own_is_drawn():
 # -- the paper's -------------------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 def test_counterparts_of_the_papers_figures():
     reading = named_readings(("height-central",))[0]
     signals = signal_figure(reading)

@@ -306,6 +306,7 @@ def test_trend_and_sinusoids_are_what_they_say():
     assert method.variance is None
 
 
+@pytest.mark.thorough
 def test_paper_disturbance_is_the_papers():
     """Mean over realisations: the sinusoids; variance about it: 1 + (9 + 1)."""
     series = realisations(paper_disturbance(), 40, 4000)
@@ -316,6 +317,7 @@ def test_paper_disturbance_is_the_papers():
         assert_mean((series[:, k] - mean[k]) ** 2, 11.0)
 
 
+@pytest.mark.thorough
 def test_papers_first_coefficient_has_mean_zero_and_its_second_mean_three():
     """Exchanged, they would be this series read backward, which third moments of its squares tell apart.
 

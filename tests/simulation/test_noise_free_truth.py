@@ -92,6 +92,7 @@ def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method
     assert found["hover_input"].value == pytest.approx(spec.hover_input, rel=1e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", LEVEL, ids=lambda spec: f"lag {spec.actuator_lag}")
 @pytest.mark.parametrize("method", [name for name in TABLE if name not in WHITENED])
 def test_method_told_the_delay_recovers_the_lag_from_commands(method, spec):

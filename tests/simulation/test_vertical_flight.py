@@ -89,6 +89,7 @@ def test_bias_and_noise_are_on_the_logged_force_alone():
     np.testing.assert_allclose(values(silent, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_controller_answers_the_noise_that_is_logged():
     hover = replace(QUIET, trajectory=TrajectoryKind.HOVER, tilt_rms=0.0, integral_share=0.0)
     assert np.ptp(values(fly(hover), "rotor_command_1")) < 1e-12
@@ -141,6 +142,7 @@ def test_flight_does_not_depend_on_its_batch():
     identical(batch[0], fly(others[0]))
 
 
+@pytest.mark.thorough
 def test_same_specification_gives_the_same_bytes():
     first, second = fly(LOUD), fly(LOUD)
     for name in first.recording.channels:

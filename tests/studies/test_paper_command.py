@@ -38,6 +38,7 @@ def test_tables_have_measured_beside_printed():
     assert max(map(len, run.output.splitlines())) <= 80
 
 
+@pytest.mark.thorough
 def test_without_names_there_is_an_overview(two_readings, monkeypatch):
     """The nearest reading in full, every reading in a line; a screen or two, not hundreds of lines."""
     monkeypatch.setattr("eivor.studies.paper.examples.run_paper", lambda *_, **__: iter(two_readings))
@@ -70,6 +71,7 @@ def test_json_is_finite_and_complete(two_readings):
     assert document["readings"][0]["choices"]["lags"] == 2
 
 
+@pytest.mark.thorough
 def test_weak_instruments_are_told(two_readings):
     run = eivor(*SMALL, "--readings", "white-input")
     said = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."

@@ -80,6 +80,7 @@ def test_the_prototype_is_met_within_three_standard_errors(results, name, number
         assert abs(measured.mean - mean) <= 3.0 * error, (method, score)
 
 
+@pytest.mark.thorough
 def test_central_differences_bias_least_squares_as_in_the_prototype():
     result = run_example(reading("central-10-lags"), EXAMPLES[0], 12)
     friction, gain, _ = result.spreads("least_squares")
@@ -99,6 +100,7 @@ def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
         assert (bias > 10.0).all() if method == "least_squares" else (bias < 3.5).all(), method
 
 
+@pytest.mark.thorough
 def test_a_white_input_makes_extended_iv_ten_times_worse_than_generalized_iv():
     result = run_example(reading("white-input"), EXAMPLES[0], 20)
     assert result.spreads("extended_iv")[1].mean > 10.0 * result.spreads("generalized_iv")[1].mean

@@ -162,6 +162,7 @@ def test_a_worker_that_begins_is_not_interrupted(capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.thorough
 def test_results_in_the_order_of_their_items():
     mapped = LocalProcesses(2).map(late_first, range(6))
     assert list(in_order(mapped)) == list(range(6))

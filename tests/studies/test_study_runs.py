@@ -50,6 +50,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
     return run_study(small_study(), tmp_path_factory.mktemp("finished"))
 
 
+@pytest.mark.thorough
 def test_trials_are_in_order(finished):
     table = finished.trials
     assert table["trial"].to_list() == list(range(60))
@@ -82,6 +83,7 @@ def test_interrupted_and_resumed(finished, tmp_path):
     assert third.asked == []
 
 
+@pytest.mark.thorough
 def test_more_runs_continue(finished, tmp_path):
     run_study(small_study(30), tmp_path)
     recorder = Recorder()
@@ -149,6 +151,7 @@ class Damaging(Executor):
         self.shard.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
 
 
+@pytest.mark.thorough
 def test_a_shard_that_changes_meanwhile_is_told(finished, tmp_path):
     shard = tmp_path / "shards" / "000001.parquet"
     with pytest.raises(InputError, match=r"000001.parquet' as it was written; received other bytes\. .*anew"):
@@ -179,6 +182,7 @@ def test_another_study_is_refused(tmp_path):
     assert content(tmp_path) == before
 
 
+@pytest.mark.thorough
 def test_folders_that_are_not_a_studys(tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(UsageError, match="Expected a folder for the study; received the file"):
@@ -249,6 +253,7 @@ class FullDisk(Executor):
             yield result
 
 
+@pytest.mark.thorough
 def test_a_full_disk_keeps_what_was_complete(finished, tmp_path, monkeypatch):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a module cut short would stay behind

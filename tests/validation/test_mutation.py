@@ -82,6 +82,7 @@ def table(project: Path, *entries: dict) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_what_is_noticed_is_told_and_shown(project, capsys):
     chosen = table(project, TWICE, HALF)
     page = project / "page.md"
@@ -102,6 +103,7 @@ def test_what_is_noticed_is_told_and_shown(project, capsys):
     assert text.index("## Signs") < text.index("## Solvers")
 
 
+@pytest.mark.thorough
 def test_what_survives_is_told(project, capsys):
     """The second name of the first mutant has only tests that cannot notice."""
     blind = TWICE | {"tests": [*TWICE["tests"], "tests/test_toy.py::TestHalf::test_half"]}
@@ -113,6 +115,7 @@ def test_what_survives_is_told(project, capsys):
     assert "0 of 2 noticed" in told
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -148,6 +151,7 @@ def test_what_was_compiled_before_a_swap_is_not_run(project, monkeypatch):
         assert copied.tested(mutant.tests).failed_of(mutant.tests[0]) == 1
 
 
+@pytest.mark.thorough
 def test_tests_that_fail_anyway_are_refused(project, capsys):
     (project / "tests" / "test_toy.py").write_text(TESTS.replace("== 6", "== 7"))
     assert main([], project=project, table=table(project, TWICE)) == UNNOTICED

@@ -93,6 +93,7 @@ def replayed(parameters: dict[str, Any], integrator: Integrator, seconds: float)
 BOUNDS = [(Vehicle.CRAZYFLIE, 1e-6), (Vehicle.HUMMINGBIRD, 1e-4)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("vehicle", "bound"), BOUNDS)
 def test_open_loop_replay(vehicle, bound):
     theirs, ours = replayed(vehicle_parameters(vehicle, None), RungeKutta4(), 0.3)

@@ -143,6 +143,7 @@ def test_a_flight_that_tells_nothing_misses():
     assert (one.count, one.covered.hits, one.covered.count) == (29, 29, 30)
 
 
+@pytest.mark.thorough
 def test_a_run_goes_on_and_fills_its_page(tmp_path, monkeypatch, capsys):
     made: list[Task] = []
 

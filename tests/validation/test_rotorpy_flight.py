@@ -212,6 +212,7 @@ def test_same_specification_gives_the_same_bytes():
     assert first.truth.air_velocity_z.tobytes() == second.truth.air_velocity_z.tobytes()
 
 
+@pytest.mark.thorough
 def test_kind_of_noise_leaves_the_trajectory_alone():
     other = RotorpyFlightSpec(
         gust_rms=0.3, duration=2.0, seed=12, noise=SensorNoise(kind=NoiseKind.HEAVY_TAILED)
@@ -261,12 +262,14 @@ def test_lost_vehicle_is_reported_and_its_log_kept():
     assert all(np.isfinite(channel.values).all() for channel in flight.recording.channels.values())
 
 
+@pytest.mark.thorough
 def test_hover_without_noise_has_no_effective_parameters():
     truth = fly(calm(trajectory=TrajectoryKind.HOVER, duration=2.0)).truth
     with pytest.raises(CollinearError, match="a velocity and an input that vary"):
         effective_parameters(truth, everywhere(truth), np.square)
 
 
+@pytest.mark.thorough
 def test_mask_must_fit():
     truth = fly(calm()).truth
     with pytest.raises(ShapeError, match="a mask of 400 rows"):

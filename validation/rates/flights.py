@@ -26,7 +26,7 @@ from eivor.simulation.sources.excitation import RandomSteps
 from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0
-#: Of the gyroscope [rad/s], and of the gusts' torque over the inertia [rad/s^2], with its correlation [s].
+#: Of the gyroscope [rad/s], and of the gusts' angular acceleration [rad/s^2], with its correlation [s].
 NOISE, GUST, GUST_S = 0.05, 3.0, 0.3
 
 
@@ -88,9 +88,7 @@ def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> 
         controller=FlightController(
             rate_hz=CONTROLLER_HZ, attitude_hz=CONTROLLER_HZ, derivative_share=0.5, hold=0.2
         ),
-        torque_disturbance=TorqueDisturbance(
-            *(OrnsteinUhlenbeck(GUST * inertia, GUST_S) for inertia in flown.inertia)
-        ),
+        torque_disturbance=TorqueDisturbance(*(OrnsteinUhlenbeck(GUST, GUST_S) for _ in range(3))),
         sensors=Sensors(angular_rate=Sensor(WhiteNoise(NOISE), rate_hz=GYROSCOPE_HZ)),
         logged=Logged(setpoint_hz=condition.setpoint_hz, reference_hz=50.0),
         seed=seed,

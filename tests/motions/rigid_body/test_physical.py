@@ -181,6 +181,7 @@ def test_izz_by_an_assumption_says_so():
     assert told["torque_ratio"].told.value == pytest.approx(RATIO)
 
 
+@pytest.mark.thorough
 def test_of_two_ways_to_izz_the_better_one_goes():
     values = combinations_of(QUADROTOR)
     for error, words in ((0.001, "gyroscopic couplings"), (0.05, "the torque ratio that was")):
@@ -192,6 +193,7 @@ def test_of_two_ways_to_izz_the_better_one_goes():
         assert "gyroscopic couplings" in told["torque_ratio"].sentence
 
 
+@pytest.mark.thorough
 def test_couplings_are_weighted_by_their_errors():
     values = combinations_of(QUADROTOR)
     alone = {name: value for name, value in values.items() if name != "pitch_coupling"}
@@ -278,6 +280,7 @@ def test_lengths_in_another_unit_are_told():
     assert any("check their unit" in one for one in told)
 
 
+@pytest.mark.thorough
 def test_thrust_maps_have_constants_of_their_own():
     values = exact(combinations_of(QUADROTOR, command=1000.0))
     scale, mass = KnownNumber(1000.0), QUADROTOR.mass
@@ -301,6 +304,7 @@ def test_thrust_maps_have_constants_of_their_own():
             assert told[name].told.unit == unit
 
 
+@pytest.mark.thorough
 def test_the_widest_covariance_and_every_candidate_count():
     values = combinations_of(QUADROTOR)
     one, other = with_errors(values, 0.01), with_errors({n: 1.1 * v for n, v in values.items()}, 0.02)

@@ -77,6 +77,7 @@ def test_signs_alone_are_left_to_the_gains(flight):
     assert shown(flight, replace(TRUE, positions=tuple((x, -y) for x, y in TRUE.positions))) is None
 
 
+@pytest.mark.thorough
 def test_of_more_rotors_two_may_be_exchanged():
     angles = np.arange(6) * np.pi / 3.0 + 0.3
     places = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in angles)

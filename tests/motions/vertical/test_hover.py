@@ -39,6 +39,7 @@ def told(log: Recording, values: np.ndarray | None = None, **parameters: float) 
     return {one.name: one.message for one in result.findings if one.name.startswith("hover")}
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_parameter_that_disagrees_is_pointed_out(log):
     assert told(log) == {}
@@ -57,6 +58,7 @@ def test_an_estimate_is_compared_where_it_says_something(log):
     assert "hover_estimate" not in told(log, np.full(TIME.size, START))
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(("value", "words"), [(0.354, "lower limit, 0.35"), (0.747, "upper limit, 0.75")])
 def test_an_estimate_at_its_limit_is_not_compared(log, value, words):

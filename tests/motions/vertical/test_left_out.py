@@ -48,6 +48,7 @@ def with_channel(log, name, values):
     return replace(log, channels={**log.channels, name: replace(like, name=name, values=values)})
 
 
+@pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log):
     found = terms_of(with_channel(log, "position_z", log.channels["reference_position_z"].values))
     assert list(found) == ["quadratic_drag", "ground_effect", "supply"]

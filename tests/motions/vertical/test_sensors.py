@@ -229,6 +229,7 @@ def test_the_lag_may_be_shorter_by_all_of_an_offset():
     assert sensor_allowances(None, QUANTITIES, aligned=False) == {}
 
 
+@pytest.mark.thorough
 def test_aligned_sensors_give_what_right_ones_give(log):
     right = identify_flight(log)
     late = shifted(log, "specific_force_z", 0.02)

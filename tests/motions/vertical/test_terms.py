@@ -62,6 +62,7 @@ def sagging(log):
     return (1.0 - lost) / (1.0 - lost.mean())
 
 
+@pytest.mark.thorough
 def test_quadratic_drag_is_told_apart_from_friction(log):
     velocity = log.channels["reference_velocity_z"].values
     draggy = commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
@@ -74,6 +75,7 @@ def test_quadratic_drag_is_told_apart_from_friction(log):
     assert found["quadratic_drag"].unit == "1/m"
 
 
+@pytest.mark.thorough
 def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     over, near_ground = with_height(log, 0.5)
     near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
@@ -119,6 +121,7 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         validate(fit, log)
 
 
+@pytest.mark.thorough
 def test_flights_of_a_pool_share_a_term_and_the_voltage_that_the_gain_belongs_to():
     logs = []
     for seed, full in ((5, 16.0), (6, 15.0)):

@@ -3,7 +3,7 @@
 z'' + g = G u cos(tilt) - K z' + b, with tau u' + u = c(t - d) and c the collective thrust setpoint. An
 equation of its own, and not a fourth beside those of turning: another loop issues the setpoint, which may be
 slower, and other sensors answer it. In simulated flights whose height loop ran at 50 Hz a fourth one made
-the test of all four fail, and the lag 2 to 6 ms too long.
+the test of all four fail, and the lag 1.5 to 6 ms too long.
 """
 
 from __future__ import annotations
