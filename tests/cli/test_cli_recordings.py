@@ -46,7 +46,7 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
 
 @pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
-    """Alone it is known to a third of a second: with 65 ms, to 15 ms, the friction has an interval."""
+    """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
     path = recordings / "nanobench" / "B9_trefoil_fast_rep14.csv"
     given = _document(eivor("identify", path, "--lag", "65:15", "--json", "-"))
     friction = given["parameters"]["viscous_friction"]
@@ -54,7 +54,7 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
     assert 0.15 < friction["value"] < 0.7
     assert friction["interval"][0] > 0.1
     low, high = given["given_lag"]["alone_interval"]
-    assert high - low > 0.3
+    assert high - low > 0.2
 
 
 TREFOILS = ("fast_rep14", "fast_rep3", "slow_rep13")

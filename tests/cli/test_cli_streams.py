@@ -23,6 +23,7 @@ def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
     assert run.stderr == ""
 
 
+@pytest.mark.long
 def test_signs_that_an_encoding_lacks_are_spelt(shell: Caller) -> None:
     """A question mark in the equation would say nothing; the columns of the table stay where they are."""
     poor = shell("identify", "--example", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")

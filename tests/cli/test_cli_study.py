@@ -88,7 +88,7 @@ def test_json(eivor, file, tmp_path):
     assert "together" in again.out
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_figures_lie_beside_the_trials(eivor, file):
     run = eivor("study", file, "--workers", 1, "--figures")
     assert (run.code, run.err) == (0, "")

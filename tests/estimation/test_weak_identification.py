@@ -135,7 +135,7 @@ def test_partialling_out_equals_concentrating_out(housing):
     assert whole.interval("pcturban").hull == pytest.approx(found.interval("pcturban").hull, rel=1e-9)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_an_intercept_costs_nothing():
     """With the intercept partialled out the response may be shifted as one likes."""
     signals = simulated("rich", 800, [34])

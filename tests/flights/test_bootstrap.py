@@ -78,6 +78,7 @@ def found(pool: FlightEstimate) -> Bootstrap:
     return eivor.bootstrap_flights(pool, runs=40, seed=4)
 
 
+@pytest.mark.long
 def test_all_flights_once_give_the_pool_again(pool: FlightEstimate, found: Bootstrap) -> None:
     for name, value in zip(found.names, found.values, strict=True):
         assert abs(value - pool.quantities[name].value) < 0.05 * pool.quantities[name].std_error
@@ -107,7 +108,7 @@ def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightE
             assert abs(away) < 0.25 * pool.quantities[name].std_error
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 def test_intervals_agree_with_those_of_pools_of_ten(pool: FlightEstimate) -> None:
     """Within 20 % of their width, in the median over pools and quantities; single pools vary by more."""
     pools = [(pool, bootstrap_flights(pool, runs=200, seed=4))]

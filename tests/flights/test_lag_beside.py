@@ -160,7 +160,7 @@ def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
     assert ev.identify_flight(logs).fit.given_lag is None
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_whole_vehicle_that_turns_and_climbs_tells_more_of_its_climbs():
     """Attitude steps of .2 rad, height excited, gusts of .5 m/s, setpoints at 50 Hz of a 400 Hz loop."""
     gust, turning = DrydenGust(0.5, 3.0, 2.0), OrnsteinUhlenbeck(0.04, 0.3)

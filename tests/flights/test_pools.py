@@ -101,7 +101,7 @@ def test_a_motion_says_what_belongs_to_the_flight(alike):
     assert ends[0] < found.quantities[K].value < ends[1]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
     low, high = one_sine.quantities["effective_lag"].interval
     assert low < LAG_S < high

@@ -374,7 +374,7 @@ def half(result, name: str) -> float:
     )
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     pool = identify_flight(fleet[:4])
     assert [row.label for row in pool.flights] == [flight.name for flight in fleet[:4]]
@@ -388,7 +388,7 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
     assert pool.diagnostics["flights"] == 4.0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_clusters_come_in_from_ten_flights_on(fleet):
     """Where all parameters are common: with a friction for each flight its part is by flight anyway."""
     common = FlightOptions(pool_friction="common")
@@ -400,7 +400,7 @@ def test_clusters_come_in_from_ten_flights_on(fleet):
     assert low < FRICTION < high
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_order_of_the_flights_does_not_matter(fleet, three):
     one, other = three, identify_flight(fleet[2::-1])
     for name, quantity in one.quantities.items():

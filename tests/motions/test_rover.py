@@ -63,7 +63,7 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     assert list(document["derived"]) == ["effective_lag", "breakaway_command", "time_constant"]
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_pool_of_drives_is_drawn_again(simulate):
     """The motion says nothing of replicates: they are of its parameters, and of what was searched for."""

@@ -93,7 +93,7 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
     assert _inside(figure)
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:
     figure = flight_figure(pool)
     assert "the longest of 2 runs" in _titles(figure)[0]

@@ -37,8 +37,12 @@ def test_every_kind_has_a_row():
 
 @pytest.mark.thorough
 def test_examples_are_read_and_simulated(tmp_path):
-    about_hover, flight, whole = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    examples = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    about_hover, courses, flight, whole = examples
     path = tmp_path / "mine.toml"
+    (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
+    path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{courses}", encoding="utf-8")
+    assert simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
     path.write_text(about_hover, encoding="utf-8")
     record = simulate(read_scenario(path), np.random.default_rng(0))
     assert record.signals.sample_count == 4000

@@ -70,7 +70,7 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.parametrize("executor", ["InProcess()", "LocalProcesses(2)"])
 def test_killed_and_resumed(expected, tmp_path, executor):
     """SIGKILL in the middle, then the rest: no trial twice, none lost, no worker left behind."""

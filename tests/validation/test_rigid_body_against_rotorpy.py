@@ -100,7 +100,7 @@ def test_open_loop_replay(vehicle, bound):
     assert np.abs(theirs - ours).max() < bound / 10.0
 
 
-@pytest.mark.thorough
+@pytest.mark.long
 @pytest.mark.usefixtures("unchecked_shapes")  # of five seconds and of a third of one they are the same
 @pytest.mark.parametrize(("vehicle", "bound"), BOUNDS)
 def test_open_loop_replay_of_five_seconds(vehicle, bound):

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
@@ -73,6 +76,31 @@ def longest_lag_reasons(strength: Strength, *, remedy: str) -> list[Reason]:
 def untold(name: str, strength: Strength) -> bool:
     """Whether a set that holds however weak the instruments are has no bounds."""
     return name in strength.robust and not strength.robust[name].is_bounded
+
+
+def unbounded_reasons(quantity: Unjudged, words: str, others: Sequence[Reason]) -> list[Reason]:
+    """Ground against a number whose interval has no end, where no other ground refuses it.
+
+    Parameters
+    ----------
+    quantity : Unjudged
+        The number.
+    words : str
+        What it is called.
+    others : sequence of Reason
+        The motion's own grounds.
+    """
+    if any(reason.status is Status.REFUSED for reason in others) or not any(
+        math.isinf(end) for end in quantity.interval
+    ):
+        return []
+    return [
+        Reason(
+            Status.REFUSED,
+            f"The {words} has no interval with two ends: these data fit numbers however far away.",
+            "Fly larger and quicker movements, or longer.",
+        )
+    ]
 
 
 def instrument_reasons(

@@ -22,6 +22,7 @@ from eivor.flights.diagnostics import (
 )
 from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
 from eivor.flights.given_lag import GivenLag, check_lag_searched, lag_searched, with_given_lag
+from eivor.flights.grounds import unbounded_reasons
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
 from eivor.flights.motion import Circumstances, Motion, Searched, Strength
 from eivor.flights.options import FlightOptions
@@ -243,7 +244,12 @@ def judged(
     motion: Motion[Any], unjudged: Mapping[str, Unjudged], numbers: Strength, at: Circumstances
 ) -> tuple[Verdict, dict[str, Quantity]]:
     """The overall verdict, and the quantities with their own."""
-    grounds = motion.grounds(unjudged, numbers, at)
+    grounds = {
+        name: (*reasons, *unbounded_reasons(unjudged[name], motion.wording[name].words, reasons))
+        if name in unjudged
+        else tuple(reasons)
+        for name, reasons in motion.grounds(unjudged, numbers, at).items()
+    }
     against = dict.fromkeys(reason for name in motion.headline for reason in grounds[name])
     quantities = {
         name: unjudged[name].judged(verdict(list(grounds[name])), wording)

@@ -59,9 +59,8 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
         tallest = max(tallest, float(excess.max()))
         axes.plot(values * scale, excess, "-o", ms=2, lw=1.1, label=_choice(candidate, result))
     _abscissa(axes, profile.grid * scale)
-    low, high = (scale * end for end in quantity.interval)
-    if axes.get_xscale() == "log":
-        low = max(low, 1e-3 * scale * float(profile.grid[0]))
+    first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
+    low, high = (float(np.clip(scale * end, first, last)) for end in quantity.interval)
     axes.axvspan(low, high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
     axes.axvline(scale * quantity.value, color=SHADE, lw=0.7)
     axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")

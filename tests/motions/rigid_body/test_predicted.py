@@ -84,7 +84,7 @@ def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_miss
     assert told.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 def test_gains_of_swept_flights_under_shoves_have_no_bias_and_intervals_that_hold():
     flights = flown(*(spec(seed) for seed in range(12)))
     known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)

@@ -107,7 +107,7 @@ def test_a_result_refuses_and_says_which(flight):
     assert found.diagnostics["rotor_2_acts_as"] == 3.0
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 def test_no_clean_flight_is_accused():
     rough = TorqueDisturbance(*[OrnsteinUhlenbeck(4.0, 0.3)] * 3)
     kinds = (

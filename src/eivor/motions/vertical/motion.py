@@ -27,7 +27,7 @@ from eivor.flights.motion import (
 )
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, Quantity, Unjudged
+from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
@@ -63,13 +63,13 @@ class Vertical(Motion[VerticalFlights]):
         Terms that were asked for.
     rotor_radius : float, optional
         Of a rotor [m].
-    mean_voltage : float
+    mean_voltage : float, optional
         Voltage that the gain belongs to, where a term follows the voltage [V].
     """
 
     added: tuple[OptionalTerm, ...] = ()
     rotor_radius: float | None = None
-    mean_voltage: float = NAN
+    mean_voltage: float | None = None
 
     name = "vertical"
     model_name = "vertical_motion"

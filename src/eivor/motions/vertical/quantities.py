@@ -35,8 +35,8 @@ from eivor.motions.vertical.rule import IS_THRUST, LEAST_INTERCEPT, MAP_EXPONENT
 from eivor.shapes import Float
 from eivor.signals.input_map import Mixed
 
-#: Level of an interval each of whose ends leaves 5 % on its own side.
-ONE_SIDED = 0.9
+#: Level of the set that an intercept beyond what a fitting map leaves must lie outside of.
+SET_LEVEL = 0.95
 
 #: Values of all nuisances, which tell a candidate from the others.
 Place = tuple[float, ...]
@@ -128,19 +128,19 @@ def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
 
 
 def least_intercept(problem: VerticalFlights, estimate: Estimate) -> float:
-    """Least size of the intercept that a one-sided test at 5 % allows [m/s^2]; zero where zero is allowed.
+    """Least size of the intercept in its 95 % set [m/s^2]; zero where zero is in it.
 
-    The test is of all delays together: the further the criterion of one is above the least, the less far may
+    The set is of all delays together: the further the criterion of one is above the least, the less far may
     the intercept be from what fits there, and at the quantile it may not be elsewhere at all.
     """
-    allowance = chi_square_quantile(ONE_SIDED, 1)
+    allowance = chi_square_quantile(SET_LEVEL, 1)
     low, high = np.inf, -np.inf
     for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True):
         if excess > allowance:
             continue
         terms = balance(problem, candidate)
         value, gradient = intercept(candidate, terms)
-        half = candidate.covariance.half_width(gradient, ONE_SIDED, terms.residual_variance)
+        half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
         left = half * math.sqrt(1.0 - excess / allowance)
         low, high = min(low, value - left), max(high, value + left)
     return max(low, -high, 0.0)

@@ -375,7 +375,7 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
     reasons = []
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
-    if gain.half_width > GAIN_SHARE * gain.value:
+    if np.inf > gain.half_width > GAIN_SHARE * gain.value:
         sentence = (
             f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
             f"for +-{GAIN_SHARE:.0%}."
@@ -478,7 +478,7 @@ def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circ
     """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
     reasons = _rough_lag_reasons(quantities, strength)
     lag = quantities["effective_lag"]
-    if lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
+    if np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
         sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
         reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     if at.direct:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -88,18 +89,21 @@ def _check_voltage(flight: PreparedFlight, name: str) -> None:
         )
 
 
-def mean_voltage(flights: Sequence[PreparedFlight]) -> float:
-    """Mean over flights of the mean voltage while each was used; NaN where one does not log it [V]."""
-    means = []
+def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
+    """Mean over flights of the mean voltage while each was used; None where one does not log it [V]."""
+    means: list[float] = []
     for flight in flights:
         if flight.runs:
             volts = voltage(flight)
-            means.append(np.nan if volts is None else float(volts[flight.used].mean()))
-    return float(np.mean(means)) if means else float("nan")
+            if volts is None:
+                return None
+            means.append(float(volts[flight.used].mean()))
+    mean = float(np.mean(means)) if means else math.nan
+    return mean if math.isfinite(mean) else None
 
 
 def with_surroundings(
-    cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float
+    cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float | None
 ) -> VerticalFlight:
     """A flight with its height in rotor radii, and its voltage over the one given less one, as far as told.
 
@@ -111,10 +115,10 @@ def with_surroundings(
         The same, on the same samples.
     radius : float, optional
         Of a rotor [m].
-    reference_voltage : float
-        NaN where none is known [V].
+    reference_voltage : float, optional
+        None where none is known [V].
     """
     height, volts = height_over_ground(flight), voltage(flight)
     radii = None if height is None or radius is None else height / radius
-    away = None if volts is None or np.isnan(reference_voltage) else volts / reference_voltage - 1.0
+    away = None if volts is None or reference_voltage is None else volts / reference_voltage - 1.0
     return replace(cut, radii=radii, voltage=away)
