@@ -148,7 +148,7 @@ def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_pat
     assert _not_confidently_wrong(document)
     low, high = document["derived"]["effective_lag"]["interval"]
     assert low <= 0.100
-    assert high >= 0.050
+    assert high is None or high >= 0.050  # these flights hardly climb: the set may have no end
     mean = document["diagnostics"]["mean_input"]
     assert document["derived"]["hover_input"]["value"] == pytest.approx(mean, rel=0.1)
 
