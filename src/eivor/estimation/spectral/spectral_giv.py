@@ -6,6 +6,7 @@ generalized IV's is returned, with the reason.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -67,13 +68,7 @@ class SpectralGeneralizedIV(Method):
         UsageError, MissingNoiseError, TooFewSamplesError
             When the problem is no evenly sampled motion with a declared noise of its input.
         """
-        sampled = sampled_problem(problem, self.name)
-        plain = consistent_estimate(sampled)
-        found = _spectral(sampled, plain)
-        if isinstance(found, Reason):
-            return fallen_back(self.name, plain, found)
-        short = sampled.record.count < SHORT_RECORD
-        return _combined(self.name, sampled, plain, found) if short else found.estimate(self.name, sampled)
+        return _estimated(self.name, problem, alone_from=SHORT_RECORD)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +90,19 @@ class CombinedSpectralIV(Method):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion, see `SpectralGeneralizedIV`."""
-        sampled = sampled_problem(problem, self.name)
-        plain = consistent_estimate(sampled)
-        found = _spectral(sampled, plain)
-        if isinstance(found, Reason):
-            return fallen_back(self.name, plain, found)
-        return _combined(self.name, sampled, plain, found)
+        return _estimated(self.name, problem, alone_from=math.inf)
+
+
+def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
+    """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
+    sampled = sampled_problem(problem, name)
+    plain = consistent_estimate(sampled)
+    found = _spectral(sampled, plain)
+    if isinstance(found, Reason):
+        return fallen_back(name, plain, found)
+    if sampled.record.count < alone_from:
+        return _combined(name, sampled, plain, found)
+    return found.estimate(name, sampled)
 
 
 @dataclass(frozen=True)

@@ -92,66 +92,6 @@ class ThresholdMovingAverage(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class Bilinear(Disturbance):
-    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
-
-    Uncorrelated, but not independent: its extremes come from its own past.
-
-    Parameters
-    ----------
-    coefficient : float
-        b, in units of one over that of the equation.
-    series_lag, shock_lag : int
-        One or more; x must be strictly older than the shock that it multiplies.
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When x is not the older one, or the variance is not finite, (b std)^2 >= 1.
-    """
-
-    coefficient: float
-    series_lag: int = 2
-    shock_lag: int = 1
-    std: float = 1.0
-
-    def __post_init__(self) -> None:
-        finite("coefficient", self.coefficient)
-        non_negative("std", self.std)
-        at_least("shock_lag", self.shock_lag, 1)
-        require(
-            self.series_lag > self.shock_lag,
-            "a series_lag above shock_lag, so that the two factors are independent",
-            f"series_lag={self.series_lag}, shock_lag={self.shock_lag}",
-        )
-        require(
-            self._growth < 1.0,
-            "(coefficient * std)^2 below one, so that the series is stationary",
-            f"{self._growth:.4g}",
-            "Make one of them smaller.",
-        )
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation, settled to its stationary variance: given w it is a linear recursion in x."""
-        unused = self.series_lag * settling(self._growth)
-        shocks = self.std * rng.standard_normal(unused + count)
-        coefficients = np.zeros((shocks.size, self.series_lag))
-        coefficients[self.shock_lag :, -1] = self.coefficient * shocks[: shocks.size - self.shock_lag]
-        return autoregression(shocks, coefficients)[unused:]
-
-    @property
-    def variance(self) -> float:
-        """std^2 / (1 - (b std)^2)."""
-        return self.std**2 / (1.0 - self._growth)
-
-    @property
-    def _growth(self) -> float:
-        return (self.coefficient * self.std) ** 2
-
-
-@dataclass(frozen=True, slots=True)
 class BilinearTerm:
     """b x[k - series_lag] w[k - shock_lag].
 
@@ -180,6 +120,60 @@ class BilinearTerm:
             "a series_lag above shock_lag, so that the two factors are independent",
             f"series_lag={self.series_lag}, shock_lag={self.shock_lag}",
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Bilinear(Disturbance):
+    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+
+    Uncorrelated, but not independent: its extremes come from its own past.
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When x is not the older one, or the variance is not finite, (b std)^2 >= 1.
+    """
+
+    coefficient: float
+    series_lag: int = 2
+    shock_lag: int = 1
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)  # refuses what no term may be
+        non_negative("std", self.std)
+        require(
+            self._growth < 1.0,
+            "(coefficient * std)^2 below one, so that the series is stationary",
+            f"{self._growth:.4g}",
+            "Make one of them smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation, settled to its stationary variance: given w it is a linear recursion in x."""
+        unused = self.series_lag * settling(self._growth)
+        shocks = self.std * rng.standard_normal(unused + count)
+        coefficients = np.zeros((shocks.size, self.series_lag))
+        coefficients[self.shock_lag :, -1] = self.coefficient * shocks[: shocks.size - self.shock_lag]
+        return autoregression(shocks, coefficients)[unused:]
+
+    @property
+    def variance(self) -> float:
+        """std^2 / (1 - (b std)^2)."""
+        return self.std**2 / (1.0 - self._growth)
+
+    @property
+    def _growth(self) -> float:
+        return (self.coefficient * self.std) ** 2
 
 
 @dataclass(frozen=True, slots=True)
