@@ -7,11 +7,10 @@ itself, with lag and delay given, from the same log on and in the same columns.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from _shared import arguments, machine
+from _shared import arguments, least_seconds, machine
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
@@ -36,22 +35,12 @@ def main() -> None:
     rotors = spec.vehicle.rotors
     places = tuple((x, y) for x, y, _ in rotors.positions)
     motion = RigidBody(KnownVehicle("simulated", places, rotors.spins))
-    own = least_processor_seconds(lambda: identify_flight(log, model=motion), repeats)
-    peer = least_processor_seconds(lambda: axis_by_axis(log, motion, rotors.lag_up), repeats)
+    own = least_seconds(lambda: identify_flight(log, model=motion), repeats, time.process_time)
+    peer = least_seconds(lambda: axis_by_axis(log, motion, rotors.lag_up), repeats, time.process_time)
     print(
         f"{duration:g} s at {rate_hz:g} Hz   eivor {own:6.2f} s   least squares by axis {peer:6.2f} s   "
         f"ratio {own / peer:5.1f}   of target {own / TARGET_S:5.2f}"
     )
-
-
-def least_processor_seconds(action: Callable[[], object], repeats: int) -> float:
-    """Least processor time of some runs, of all threads together [s]: no other program adds to it."""
-    best = float("inf")
-    for _ in range(repeats):
-        begun = time.process_time()
-        action()
-        best = min(best, time.process_time() - begun)
-    return best
 
 
 def axis_by_axis(log: Recording, motion: RigidBody, lag_s: float) -> None:

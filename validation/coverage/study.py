@@ -12,7 +12,6 @@ used.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 
 from eivor.studies.suite_file import coverage_suite
 from validation.coverage.page import PART, coverage_tables
@@ -31,11 +30,7 @@ COMMAND = SuiteCommand(
     PART,
     requirements,
 )
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    return COMMAND.main(arguments)
+main = COMMAND.main
 
 
 if __name__ == "__main__":

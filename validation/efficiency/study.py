@@ -11,7 +11,6 @@ not, 2 for an input that cannot be used.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 from eivor.studies.suite_file import Suite, read_suite
@@ -37,11 +36,7 @@ COMMAND = SuiteCommand(
     PART,
     requirements,
 )
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    return COMMAND.main(arguments)
+main = COMMAND.main
 
 
 if __name__ == "__main__":

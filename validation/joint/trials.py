@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from validation.flight_recipe.grid import FlightCase, FlightGrid
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.joint.flights import flight_of, known
 from validation.joint.truth import effective_along, effective_vertical, used_steps
+from validation.kept_study import keep, kept_lines
 
 #: Standard error of a lag that is given [s].
 GIVEN_STD_S = 0.003
@@ -127,7 +127,7 @@ def run(grid: FlightGrid, kept: Path) -> list[Told]:
     Flights are simulated some at a time, and kept when they are done: a run that was interrupted goes on
     there.
     """
-    found = read_told(kept) if kept.exists() else []
+    found = read_told(kept)
     done = {one.flight for one in found}
     left = [case for case in grid.cases if case.name not in done]
     for first in range(0, len(left), TOGETHER):
@@ -137,11 +137,10 @@ def run(grid: FlightGrid, kept: Path) -> list[Told]:
         for case, spec, flight in zip(cases, specs, flights, strict=True):
             told = told_of(case, flight, spec.vehicle)
             found += told
-            with kept.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(asdict(one)) + "\n" for one in told)
+            keep(kept, told)
     return found
 
 
 def read_told(path: Path) -> list[Told]:
     """What a file of the study has."""
-    return [Told(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return kept_lines(path, Told)

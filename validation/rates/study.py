@@ -8,50 +8,23 @@ requirement is met, 3 when one is not, 2 for an input that cannot be used.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
-from eivor.errors import EivorError
-from eivor.studies.generated_page import page_text, page_with
-from eivor.whole_file import write_whole
+from validation.kept_study import Answer, KeptStudyCommand
 from validation.rates.grid import GRID, read_grid
 from validation.rates.page import PART, requirements, tables
 from validation.rates.trials import run
 
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
+
+def answer(grid_file: Path, size: str, kept: Path) -> Answer:
+    """Run what is left, and say what all of it says."""
+    grid = read_grid(grid_file)
+    found = run(grid, size, kept)
+    return tables(grid, found), requirements(grid, found)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.rates.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--grid", type=Path, default=GRID, help="instead of the published one")
-    parser.add_argument("--size", choices=("small", "full"), default="small")
-    parser.add_argument(
-        "--kept", type=Path, required=True, metavar="FILE.jsonl", help="keep every trial here"
-    )
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-
-
-def _run(chosen: argparse.Namespace) -> int:
-    grid, page = read_grid(chosen.grid), ""
-    if chosen.page:
-        page = page_text(chosen.page, PART)
-    found = run(grid, chosen.size, chosen.kept)
-    told = tables(grid, found)
-    if chosen.page:
-        write_whole(chosen.page, page_with(page, {PART: told}))
-    sys.stdout.write(told + "\n")
-    return 0 if all(one.met for one in requirements(grid, found)) else NOT_MET
+main = KeptStudyCommand("validation.rates.study", __doc__, GRID, PART, answer).main
 
 
 if __name__ == "__main__":

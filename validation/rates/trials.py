@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from validation.kept_study import keep, kept_lines
 from validation.rates.flights import VEHICLES, Condition, flight_of
 from validation.rates.grid import Grid
 
@@ -85,7 +85,7 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
     Flights are simulated side by side, a number of each cell at a time, and kept when they are done: a run
     that was interrupted goes on there.
     """
-    found = read_told(kept) if kept.exists() else []
+    found = read_told(kept)
     done = {(one.vehicle, one.condition, one.number) for one in found}
     for number in range(grid.flights[size]):
         cells = [
@@ -101,11 +101,10 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
         for (vehicle, condition), flight in zip(cells, flights, strict=True):
             told = list(told_of(flight, vehicle, condition, number))
             found += told
-            with kept.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(asdict(one)) + "\n" for one in told)
+            keep(kept, told)
     return found
 
 
 def read_told(path: Path) -> list[Told]:
     """What a file of the study has."""
-    return [Told(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+    return kept_lines(path, Told)

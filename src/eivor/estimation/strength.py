@@ -55,11 +55,11 @@ def weak_instruments(
         "A white input is no instrument for itself once delayed: use generalized_iv with lag 0, other "
         "instruments, or an input with memory. The sets of eivor.anderson_rubin_set hold all the same.",
     )
-    warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=_user_level())
+    warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
     return (reason,)
 
 
-def _user_level() -> int:
+def user_level() -> int:
     """Level, as `warnings.warn` of the calling function counts, of the line that called Eivor.
 
     Chunks, moments and rows come here by ways of different depth.

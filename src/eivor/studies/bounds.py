@@ -15,7 +15,7 @@ white.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from eivor.shapes import Complex, Float
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.simulation.records.scenario import Intersample, Route, Scenario, SimulatedRecord
 from eivor.simulation.records.simulate import simulate
+from eivor.studies.experiment import VerticalExperiment
 
 __all__ = ["CramerRaoBound", "cramer_rao"]
 
@@ -103,11 +104,7 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
         raise ParameterError("a seed of zero or more", f"seed={seed}", "Give another.")
     records = (simulate(scenario, np.random.default_rng([seed, run])) for run in range(runs))
     information = np.mean([_information(scenario, record) for record in records], axis=0)
-    return CramerRaoBound(np.linalg.inv(information), dict(_truth(scenario)))
-
-
-def _truth(scenario: Scenario) -> dict[str, float]:
-    return {"viscous_friction": scenario.viscous_friction, "input_gain": scenario.input_gain}
+    return CramerRaoBound(np.linalg.inv(information), VerticalExperiment(scenario).truth)
 
 
 def _information(scenario: Scenario, record: SimulatedRecord) -> Float[np.ndarray, "2 2"]:
@@ -159,22 +156,15 @@ def _known_noise(noises: Mapping[str, MeasurementNoise], disturbance_variance: f
 
 def _static_spectrum(noise: NoiseModel, motion: SampledMotion) -> PairSpectrum:
     """C of a disturbance that shifts the response and nothing else."""
-    shape = motion.shapes()[2]
-    unmoved = NoiseModel(
-        noise.input_variance,
-        noise.velocity_variance,
-        noise.acceleration_variance,
-        0.0,
-        noise.velocity_order,
-        noise.acceleration_order,
-    )
-    return unmoved.spectrum(motion) + shape * noise.disturbance_variance
+    of_response = motion.shapes()[2]
+    unmoved = replace(noise, disturbance_variance=0.0)
+    return unmoved.spectrum(motion) + of_response * noise.disturbance_variance
 
 
 def _shaped_noise_information(noise: NoiseModel, motion: SampledMotion) -> float:
     """tr(R^-1 R_K R^-1 R_K), of a disturbance that the friction shapes, summed over bins."""
     record, h = motion.record, motion.pushed
-    by_friction = motion.response_by_friction / motion.gain / _between(motion)
+    by_friction = motion.pushed_by_friction
     q = np.stack([1.0 - motion.friction * h, h, 0.0 * h], axis=-1)
     q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
     R = noise.disturbance_variance * _outer(q, q)
@@ -190,10 +180,6 @@ def _shaped_noise_information(noise: NoiseModel, motion: SampledMotion) -> float
     R_K = noise.disturbance_variance * (_outer(q_K, q) + _outer(q, q_K))
     share = np.linalg.solve(R, R_K)
     return float(np.einsum("bij,bji->", share, share).real)
-
-
-def _between(motion: SampledMotion) -> Complex[np.ndarray, " bins"]:
-    return (1.0 - motion.blend) + motion.blend / motion.record.earlier
 
 
 def _outer(

@@ -7,7 +7,10 @@ from dataclasses import replace
 
 from eivor.errors import FallbackWarning
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.spectral.sampled_motion import SampledMotion
+from eivor.estimation.spectral.sampled_problem import SampledProblem
 from eivor.estimation.spectral.spectral_covariance import SpectralCovariance
+from eivor.estimation.strength import user_level
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.covariances.estimators import EqualWeightedCosines
 from eivor.inference.verdict import Reason, Status
@@ -58,6 +61,14 @@ def fallback(why: str) -> Reason:
     )
 
 
+def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason:
+    """Motion at generalized IV's numbers, or why nothing can begin there."""
+    friction, gain = (float(value) for value in plain.best.values[:2])
+    if friction > 0.0 and gain != 0.0:
+        return SampledMotion(sampled.record, friction, gain)
+    return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+
+
 def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
     """Generalized IV's answer, with the reason as a warning too.
 
@@ -66,6 +77,6 @@ def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
     FallbackWarning
         Always.
     """
-    warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=2)
+    warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
     answer = plain.with_covariance(EqualWeightedCosines())
     return replace(answer, method=name, reasons=(*plain.reasons, reason))

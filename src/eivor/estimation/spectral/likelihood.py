@@ -2,8 +2,8 @@ r"""Maximum likelihood in frequency, parameters and noises in turns.
 
     Q = sum over bins of r^H C^-1 r
 
-is minimised over K, b, t (and rho where it is free) at given noises, and log det C + Q over the noises at
-given parameters, until the parameters rest. C moves with the parameters in Q, as the noises' part of r does:
+is minimised over K, b and t at given noises, and log det C + Q over the noises at given parameters, until the
+parameters rest. C moves with the parameters in Q, as the noises' part of r does:
 with C at rest, the noise of what is measured would count as signal. Both sums are never minimised over
 everything at once: log det C pulls the parameters, by several per cent even when the spectra are true.
 """
@@ -38,8 +38,6 @@ class Likelihood:
         t.
     noise : NoiseModel
         Spectra that were fitted or given.
-    information : ndarray, shape (n, n)
-        Of K, b, t, and rho where it is free: half the curvature of Q.
     settled : bool
         False when passes or evaluations ran out.
     """
@@ -47,24 +45,23 @@ class Likelihood:
     motion: SampledMotion
     transient: float
     noise: NoiseModel
-    information: Float[np.ndarray, "n n"]
     settled: bool
 
 
-def maximum_likelihood(pilot: Pilot, *, noise_is_known: bool = False, free_blend: bool = False) -> Likelihood:
+def maximum_likelihood(pilot: Pilot, *, noise_is_known: bool = False) -> Likelihood:
     """Search from a pilot, with its noises as they are or fitted anew."""
     motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
     settled = False
     for _ in range(1 if noise_is_known else PASSES):
         before = np.array([motion.friction, motion.gain])
-        motion, transient, information, found = _least_quadratic(motion, transient, noise, free_blend)
+        motion, transient, found = _least_quadratic(motion, transient, noise)
         moved = np.abs(np.array([motion.friction, motion.gain]) - before)
         settled = found and (noise_is_known or bool((moved <= STILL * np.abs(before)).all()))
         if settled:
             break
         if not noise_is_known:
             noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
-    return Likelihood(motion, transient, noise, information, settled)
+    return Likelihood(motion, transient, noise, settled)
 
 
 def _residual(motion: SampledMotion, transient: float) -> Pair:
@@ -72,27 +69,24 @@ def _residual(motion: SampledMotion, transient: float) -> Pair:
 
 
 def _least_quadratic(
-    motion: SampledMotion, transient: float, noise: NoiseModel, free_blend: bool
-) -> tuple[SampledMotion, float, Float[np.ndarray, "n n"], bool]:
+    motion: SampledMotion, transient: float, noise: NoiseModel
+) -> tuple[SampledMotion, float, bool]:
     """Minimum of Q at given noises, by least squares of the whitened residuals."""
     from scipy.optimize import least_squares
 
-    units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain)), 1.0])
-    units = units[: 3 + free_blend]
+    units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])
 
-    def at(x: Float[np.ndarray, " n"]) -> tuple[SampledMotion, float]:
-        moved = replace(motion, friction=float(x[0] * units[0]), gain=float(x[1] * units[1]))
-        return (replace(moved, blend=float(x[3])) if free_blend else moved), float(x[2] * units[2])
+    def at(x: Float[np.ndarray, " 3"]) -> tuple[SampledMotion, float]:
+        friction, gain, t = (x * units).tolist()
+        return replace(motion, friction=friction, gain=gain), t
 
-    def whitened(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " rows"]:
+    def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
         moved, t = at(x)
         pair = noise.spectrum(moved).whitened(_residual(moved, t)).ravel()
         return np.concatenate([pair.real, pair.imag])
 
-    first = np.array([1.0, 1.0, transient / units[2], motion.blend])[: 3 + free_blend]
+    first = np.array([1.0, 1.0, transient / units[2]])
     found = least_squares(
         whitened, first, method="lm", max_nfev=EVALUATIONS * first.size, xtol=1e-9, ftol=1e-10
     )
-    best, t = at(found.x)
-    information = found.jac.T @ found.jac / np.outer(units, units)
-    return best, t, information, bool(found.success)
+    return *at(found.x), bool(found.success)

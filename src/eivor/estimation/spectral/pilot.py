@@ -51,6 +51,6 @@ def pilot_at(motion: SampledMotion, input_variance: float) -> Pilot:
 
 
 def first_transient(motion: SampledMotion) -> float:
-    """T by least squares on the second residual."""
+    """The transient t by least squares on the second residual."""
     shape, residual = motion.memory, motion.residuals()[1]
     return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())

@@ -114,26 +114,26 @@ class SampledMotion:
         return self.held * self.record.earlier * self.memory
 
     @cached_property
+    def pushed_by_friction(self) -> Bins:
+        """dh/dK."""
+        step, K = self.record.step_s, self.friction
+        by_held = (step * self.decay - self.held) / K if K != 0.0 else -0.5 * step**2
+        moved = by_held - self.held * step * self.decay * self.record.earlier * self.memory
+        return self.record.earlier * self.memory * moved
+
+    @cached_property
     def _between(self) -> Bins:
         return (1.0 - self.blend) + self.blend / self.record.earlier
 
     @cached_property
     def response(self) -> Bins:
-        """G."""
+        """Response of the velocity to the input: g."""
         return self.gain * self.pushed * self._between
 
     @cached_property
     def response_by_friction(self) -> Bins:
         """dg/dK."""
-        step, K = self.record.step_s, self.friction
-        by_held = (step * self.decay - self.held) / K if K != 0.0 else -0.5 * step**2
-        moved = by_held - self.held * step * self.decay * self.record.earlier * self.memory
-        return self.gain * self._between * self.record.earlier * self.memory * moved
-
-    @cached_property
-    def memory_by_friction(self) -> Bins:
-        """dD/dK."""
-        return -self.record.step_s * self.decay * self.record.earlier * self.memory**2
+        return self.gain * self._between * self.pushed_by_friction
 
     @cached_property
     def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
@@ -150,7 +150,7 @@ class SampledMotion:
 
     @cached_property
     def input_noise(self) -> Pair:
-        """S = [b; g]: minus what an error of the input does to the residuals."""
+        """The pair s = [b; g]: minus what an error of the input does to the residuals."""
         return np.stack([np.full_like(self.response, self.gain), self.response])
 
     def residuals(self) -> Pair:

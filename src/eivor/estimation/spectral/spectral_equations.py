@@ -82,7 +82,7 @@ class SpectralSolution:
 
     @property
     def nuisance_shapes(self) -> Complex[np.ndarray, "q 2 bins"]:
-        """Psi."""
+        """What nuisances do to the residuals: psi."""
         return self.motion.nuisance_shapes(self.nuisances.size > 1)
 
     @property

@@ -15,7 +15,7 @@ from eivor.errors import EivorError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
-from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, with_grounds
+from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
@@ -128,12 +128,12 @@ class _Found:
 
 def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
     """Spectral solution, or why generalized IV's answer must do."""
-    friction, gain = (float(value) for value in plain.best.values[:2])
-    if not (friction > 0.0 and gain != 0.0):
-        return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+    start = start_of(sampled, plain)
+    if isinstance(start, Reason):
+        return start
     try:
         with np.errstate(all="ignore"):
-            found = _with_blend(sampled, SampledMotion(sampled.record, friction, gain))
+            found = _with_blend(sampled, start)
     except (EivorError, np.linalg.LinAlgError, ValueError):
         return fallback("its equations have no solution near generalized IV's")
     why = _doubt(found, plain)

@@ -10,11 +10,10 @@ from eivor.errors import EivorError, MissingNoiseError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
-from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, with_grounds
+from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
 from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
-from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
 from eivor.estimation.spectral.spectral_equations import SpectralSolution
@@ -77,21 +76,20 @@ class WhittleLikelihood(Method):
         return with_grounds(answer, settled=found.settled)
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
-        friction, gain = (float(value) for value in plain.best.values[:2])
-        if not (friction > 0.0 and gain != 0.0):
-            return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+        start = start_of(sampled, plain)
+        if isinstance(start, Reason):
+            return start
         try:
             with np.errstate(all="ignore"):
-                pilot = pilot_at(SampledMotion(sampled.record, friction, gain), sampled.input_variance)
+                pilot = pilot_at(start, sampled.input_variance)
                 if self.noise is not None:
                     pilot = replace(pilot, noise=self.noise)
                 found = maximum_likelihood(pilot, noise_is_known=self.noise is not None)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return fallback("its search failed near generalized IV's numbers")
-        if not (
-            np.isfinite(found.motion.gain) and found.motion.friction > 0.0 and found.motion.gain * gain > 0.0
-        ):
-            return fallback(f"its friction came out at {found.motion.friction:.3g} 1/s")
+        friction, gain = found.motion.friction, found.motion.gain
+        if not (np.isfinite(gain) and friction > 0.0 and gain * start.gain > 0.0):
+            return fallback(f"its friction came out at {friction:.3g} 1/s")
         return found
 
 

@@ -46,7 +46,7 @@ class TermIngredients:
     Parameters
     ----------
     velocity : ndarray
-        Z' [m/s].
+        z' [m/s].
     lift : ndarray
         The mapped input over its mean, times g [m/s^2].
     radii : ndarray, optional
