@@ -13,6 +13,7 @@ from eivor.motions.vertical.motion import Vertical
 LATE = Allowance(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
 BOTH = Allowance(Counts.ADDED, 0.5, 0.5, "either way")
 LEAST = Allowance(Counts.AT_LEAST, 2.0, 2.0, "at least")
+OWN = Allowance(Counts.INDEPENDENT, 0.75, 2.4, "of its own")
 RESERVE = Allowance(Counts.RESERVED, 0.1, 0.3, "for the verdict")
 
 
@@ -25,6 +26,8 @@ RESERVE = Allowance(Counts.RESERVED, 0.1, 0.3, "for the verdict")
         ((LEAST,), (8.0, 12.0)),
         ((LEAST, BOTH, LATE), (8.0, 12.0)),  # a least width is not added to what widens
         ((RESERVE,), (9.0, 11.0)),
+        ((OWN,), (8.75, 12.6)),  # squares add up: 1, .75 and 1.25, 1, 2.4 and 2.6
+        ((BOTH, OWN), (8.25, 13.1)),
     ],
 )
 def test_intervals_with_their_systematic_parts(parts, wanted):

@@ -26,7 +26,12 @@ QUANTITY: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
     "systematic": [
-        {"counts": {"added", "at least", "reserved"}, "below": NUMBER, "above": NUMBER, "sentence": str}
+        {
+            "counts": {"added", "at least", "independent", "reserved"},
+            "below": NUMBER,
+            "above": NUMBER,
+            "sentence": str,
+        }
     ],
 }
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}

@@ -22,6 +22,8 @@ class Counts(Enum):
     """It comes on top of what scatters: the interval is longer by it at both ends."""
     AT_LEAST = "at least"
     """The interval reaches at least so far to both sides: no model of the vehicle is truer than that."""
+    INDEPENDENT = "independent"
+    """It is an error of its own, of which this is the half of a 95 % interval: squares of halves add up."""
     RESERVED = "reserved"
     """The interval is that of the effective value and stays; the verdict keeps the part in reserve."""
 
@@ -52,6 +54,10 @@ def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -
     if not math.isfinite(value):
         return interval
     known = tuple(allowances)
+    own = [one for one in known if one.counts is Counts.INDEPENDENT]
+    if own and low <= value <= high:
+        low = value - math.hypot(value - low, *(one.below for one in own))
+        high = value + math.hypot(high - value, *(one.above for one in own))
     for one in known:
         if one.counts is Counts.ADDED:
             low, high = low - one.below, high + one.above

@@ -88,6 +88,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         motion.memory_s,
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
+        unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
     )
 
 

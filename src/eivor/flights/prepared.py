@@ -57,6 +57,8 @@ class PreparedFlight:
         Roles of the selection whose channel comes from an estimator.
     command_slack_s : float
         What the command may be late or early by throughout, see `CommandClock` [s].
+    unlogged_step_s : float
+        Time between two commands where the log holds but some of them; zero where it holds every one [s].
     """
 
     recording: Recording
@@ -74,6 +76,7 @@ class PreparedFlight:
     memory_s: float
     estimated: tuple[str, ...] = ()
     command_slack_s: float = 0.0
+    unlogged_step_s: float = 0.0
 
     @cached_property
     def shortened(self) -> PreparedFlight:

@@ -24,6 +24,7 @@ from eivor.models.lagged_runs import (
 )
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
+from eivor.motions.rigid_body.across import lift_moments, squares_across
 from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
 from eivor.motions.rigid_body.inferred_velocity import FROM_HZ as INFERRED_FROM_HZ
 from eivor.motions.rigid_body.inferred_velocity import inferred_velocity
@@ -40,6 +41,7 @@ from eivor.motions.rigid_body.parameters import (
     FORCE_Z,
     GAIN,
     LIFT,
+    LIFT_MOMENT,
     MOVING,
     OFFSET,
     PITCH,
@@ -126,10 +128,7 @@ class RotorStates:
     @cached_property
     def across(self) -> Float[np.ndarray, " n"]:
         """Square of the velocity across the rotors, its mean over them."""
-        (u, v, _), (_, _, r) = self.velocity, self.rates
-        x, y = -self.layout.pitch, self.layout.roll
-        forward, left = u[:, None] - np.outer(r, y), v[:, None] + np.outer(r, x)
-        return (forward**2 + left**2).mean(axis=1)
+        return squares_across(self.layout, self.velocity, self.rates[2]).mean(axis=0)
 
     @cached_property
     def rates(self) -> Float[np.ndarray, "3 n"]:
@@ -289,7 +288,7 @@ class Terms:
     def fixed(self) -> tuple[Parameter, ...]:
         """Parameters of the columns that stay."""
         body = tuple(QUADRATIC_DRAG[along] for along in self.forces) if self.velocity else ()
-        return (*COUPLING, *body)
+        return (*COUPLING, *body, *(LIFT_MOMENT if self.velocity else ()))
 
     @property
     def moving(self) -> tuple[Parameter, ...]:
@@ -329,6 +328,9 @@ def _flight(
         staying = np.zeros((len(responses), len(terms.fixed)))
         if axis < FORCE_X:
             staying[:, axis] = mean_over_step(rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3])
+            if terms.velocity and axis != YAW:
+                moment = lift_moments(layout, states.velocity, states.rates[YAW])[axis]
+                staying[:, terms.fixed.index(LIFT_MOMENT[axis])] = mean_over_step(moment)
         elif terms.velocity:
             place = terms.fixed.index(QUADRATIC_DRAG[axis - FORCE_X])
             swift = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]

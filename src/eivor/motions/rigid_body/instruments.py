@@ -20,9 +20,10 @@ from eivor.models.instruments import DrivenSignals, InstrumentRule, LaggedRefere
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rates.axes import AXES
+from eivor.motions.rigid_body.across import lift_moments
 from eivor.motions.rigid_body.body_velocity import body_velocity, swift_velocity
 from eivor.motions.rigid_body.layout import RotorLayout
-from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z
+from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z, YAW
 from eivor.motions.rigid_body.predicted import HEIGHT, SLOW, TILTED, Predictors, predicted_flight
 from eivor.shapes import Float
 
@@ -89,7 +90,14 @@ class AxisInstruments:
         nodes = [(0.0, delay) for delay in DELAYS_S] if measured else [(lag, 0.0) for lag in LAGS_S]
         columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
         first, second = (self._predicted.signals.channel(AXES[(axis + n) % 3].rate) for n in (1, 2))
-        return np.column_stack([*columns, first * second])
+        return np.column_stack([*columns, first * second, *self._lift_moment(axis)])
+
+    def _lift_moment(self, axis: int) -> list[Float[np.ndarray, " n"]]:
+        """What the lift of the rotors turns in the predicted flight, where velocity is known."""
+        signals = self._predicted.signals
+        if axis == YAW or body_velocity(signals) is None:
+            return []
+        return [lift_moments(self.layout, self._velocity.T, signals.channel(AXES[YAW].rate))[axis]]
 
     @cached_property
     def _velocity(self) -> Float[np.ndarray, "n 3"]:

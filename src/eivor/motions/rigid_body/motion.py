@@ -12,7 +12,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.flights import without_lag
 from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active
-from eivor.flights.allowance import Allowance, clock_allowance
+from eivor.flights.allowance import Allowance
 from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
 from eivor.flights.implied import Implications, Implied
@@ -23,9 +23,10 @@ from eivor.flights.quantity import Unjudged
 from eivor.flights.selection import Selection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
-from eivor.models.lagged_runs import ACTUATOR_LAG, LaggedRuns
+from eivor.models.lagged_runs import LaggedRuns
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rates.select import active
+from eivor.motions.rigid_body.allowances import all_allowances
 from eivor.motions.rigid_body.combinations import Combinations
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
@@ -120,13 +121,12 @@ class RigidBody(Motion[LaggedRuns]):
         _problem: LaggedRuns,
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
-        _quantities: Mapping[str, Unjudged],
+        quantities: Mapping[str, Unjudged],
         _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """What the stamps of the commands leave open of the lag, see `Motion.allowances`."""
-        found = clock_allowance(max(flight.command_slack_s for flight in flights))
-        return {name: found for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if found}
+        """What commands that the log does not hold leave open, see `eivor.motions.rigid_body.allowances`."""
+        return all_allowances(flights, quantities)
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances

@@ -6,6 +6,9 @@
     s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b
     s_x = -d_x v_x - c_x |v| v_x + b, s_y alike
 
+Rotors in a vehicle that turns as it flies across meet unequal air, so that their lift turns it: k_h / I_x
+sum y (l_x^2 + l_y^2) about x, with l the velocity at a rotor, and y alike.
+
 phi is the input map of a rotor's state n, which lags behind its command: tau n' + n = command(t - d). v is
 the velocity on the body's axes, through air at rest. o is what a centre of mass beside the middle of the
 rotors does.
@@ -28,6 +31,8 @@ QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in AL
 #: Of the linear and the quadratic drag along z together, at the speeds of a flight.
 FRICTION = Parameter("viscous_friction", "1/s")
 LIFT = Parameter("translational_lift", "1/m")
+#: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
+LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
 GAIN = (
     Parameter("roll_gain", "rad/s^2/m"),
     Parameter("pitch_gain", "rad/s^2/m"),

@@ -1,0 +1,45 @@
+"""What lift turns, against the torques of the simulated rotors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.models.instruments import NoInstruments
+from eivor.motions.rigid_body.across import lift_moments
+from eivor.motions.rigid_body.coefficients import coefficients_of
+from eivor.motions.rigid_body.dynamics import wrench
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.parameters import LIFT_MOMENT, PITCH, ROLL
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+LIFT = 2e-4
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
+LIFTED = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, translational_lift=LIFT))
+KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.positions), LIFTED.rotors.spins)
+
+
+def test_lift_turns_as_in_the_simulator():
+    air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
+    turned = [wrench(coefficients_of(one), air, rates, speeds)[1] for one in (LIFTED, SPEC.vehicle)]
+    moments = lift_moments(RotorLayout(KNOWN), np.array(air)[:, None], np.array([rates[2]]))
+    expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
+    assert LIFT * moments[:, 0] == pytest.approx(expected, rel=1e-9)
+    assert np.abs(expected).min() > 1e-7
+
+
+def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
+    (flight,) = simulate_rigid_body_flights([SPEC])
+    motion = RigidBody(KNOWN)
+    problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    for axis, parameter in enumerate(LIFT_MOMENT):
+        place = problem.parameters.index(parameter)
+        moved = [bool(one.fixed[:, place].any()) for one in problem.columns]
+        assert moved == [one.axis == (ROLL, PITCH)[axis] for one in problem.columns]

@@ -1,0 +1,51 @@
+"""What a log that holds every fourth command leaves open of gains and lag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from eivor.flights.allowance import Counts
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.quantity import Unjudged
+from eivor.motions.rigid_body.allowances import all_allowances
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.rigid_body.spec import Logged
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
+ROTORS = SPEC.vehicle.rotors
+MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+TOLD = {
+    "roll_gain": Unjudged(200.0, "rad/s^2/m", 1.0, (198.0, 202.0)),
+    "drag_z": Unjudged(0.3, "1/s", 0.01, (0.28, 0.32)),
+    "effective_lag": Unjudged(0.05, "s", 1e-4, (0.0498, 0.0502)),
+}
+
+
+def prepared(command_hz: float):
+    spec = replace(SPEC, logged=Logged(rotor_command_hz=command_hz))
+    (flight,) = simulate_rigid_body_flights([spec])
+    return prepare(flight.recording, MOTION, FlightOptions())
+
+
+def test_every_fourth_command_may_be_another_throughout():
+    flight = prepared(125.0)
+    found = all_allowances((flight,), TOLD)
+    half_s = 0.5 * flight.unlogged_step_s
+    assert half_s == pytest.approx(0.0005)
+    (gain,) = found["roll_gain"]
+    assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(2.0)] * 2)
+    assert "1 % larger or smaller" in gain.sentence
+    by_stamps, by_loops = found["effective_lag"]
+    assert by_stamps.counts is Counts.ADDED
+    assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(half_s))
+    assert "drag_z" not in found
+
+
+def test_a_log_of_every_command_leaves_nothing_open():
+    assert not all_allowances((prepared(0.0),), TOLD)
