@@ -11,6 +11,7 @@ from scipy import stats
 
 import eivor as ev
 from eivor.flights.diagnostics import FEWEST_RUNS, run_leverage
+from eivor.inference.diagnostics.periodicity import Swing
 from eivor.report.fit_checks import checks
 from estimation.vertical_flight_signals import Noise, flights, problem
 
@@ -92,6 +93,7 @@ def test_checks_are_said_in_words(example):
         "instruments",
         "agreement",
         "constancy",
+        "periods",
         "residual",
         "leverage",
         "least squares",
@@ -100,6 +102,7 @@ def test_checks_are_said_in_words(example):
     assert "first-stage F" in said["instruments"]
     assert said["agreement"].startswith("the instruments agree")
     assert said["constancy"].startswith("the parameters stay the same")
+    assert said["periods"].startswith("nothing varies periodically (p ")
     assert said["least squares"] == "would give K 0.186 1/s"
     found = example.fit.checks
     place = example.names.index("viscous_friction")
@@ -121,11 +124,24 @@ def test_checks_are_said_in_words(example):
             in_std_errors=np.vstack([moved(row, -3.0) for row in found.leverage.in_std_errors]),
         ),
         memory=replace(found.memory, memory=0.9),
+        periodicity=replace(
+            found.periodicity, parameters=(Swing("viscous_friction", "1/s", 6.0, 0.1, 1e-6),), left_over=()
+        ),
     )
     said = dict(checks(replace(example, fit=replace(example.fit, checks=worse))))
     assert said["agreement"] == "the instruments disagree (p <= 0.001)"
     assert said["constancy"] == (
         "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
+    )
+    assert said["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
+    pushed = replace(
+        worse,
+        periodicity=replace(found.periodicity, left_over=(Swing("acceleration", "m/s²", 6.0, 0.3, 1e-6),)),
+    )
+    said_of_a_push = dict(checks(replace(example, fit=replace(example.fit, checks=pushed))))["periods"]
+    assert said_of_a_push == (
+        "what the model leaves over of the acceleration swings by ±0.3 m/s² with a period of 6 s "
+        "(p <= 0.001), as by a wind or a supply that swings"
     )
     assert "standard errors off" in said["least squares"]
     assert said["residual"].endswith("(it drifts)")

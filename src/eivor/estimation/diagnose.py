@@ -16,6 +16,7 @@ from eivor.inference.diagnostics.endogeneity import Endogeneity
 from eivor.inference.diagnostics.excitation import BandPower, Information
 from eivor.inference.diagnostics.leverage import SegmentLeverage
 from eivor.inference.diagnostics.over_identification import OverIdentification
+from eivor.inference.diagnostics.periodicity import Periodicity
 from eivor.inference.diagnostics.residual_memory import ResidualMemory
 from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness
 from eivor.inference.diagnostics.strength import Strength
@@ -48,7 +49,8 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     Notes
     -----
     One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
-    endogeneity, constancy and leverage follow; whiteness, memory and spectra read the residual.
+    endogeneity, constancy, periodicity and leverage follow; whiteness, memory and spectra read the
+    residual.
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.best.has_rows:
@@ -142,6 +144,11 @@ class Diagnostics:
     def constancy(self) -> Constancy | None:
         """Whether the parameters changed during the record; None for fewer than 64 samples."""
         return self._of_kind("constancy", Constancy)
+
+    @property
+    def periodicity(self) -> Periodicity | None:
+        """Whether the parameters vary periodically; None for few samples, or several flights."""
+        return self._of_kind("periodicity", Periodicity)
 
     @property
     def leverage(self) -> SegmentLeverage | None:

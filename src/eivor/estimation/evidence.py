@@ -19,13 +19,24 @@ from eivor.inference.diagnostics.constancy import GROUPS, Constancy, constancy
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Subject
 from eivor.inference.diagnostics.endogeneity import Endogeneity, endogeneity
 from eivor.inference.diagnostics.excitation import BandPower, Information, band_power, information
+from eivor.inference.diagnostics.influences import influences
 from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
 from eivor.inference.diagnostics.over_identification import OverIdentification, robust_over_identification
+from eivor.inference.diagnostics.periodicity import (
+    LEAST_BLOCKS,
+    Periodicity,
+    Swing,
+    block_sums,
+    blocks_of,
+    strongest_swings,
+)
 from eivor.inference.diagnostics.residual_memory import ResidualMemory, residual_memory
 from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness, residual_whiteness
 from eivor.inference.diagnostics.strength import Strength, strength
 from eivor.inference.products import block_edges
 from eivor.models.signal_regression import SignalRegression
+from eivor.models.spectral import BinRows
+from eivor.shapes import Float
 
 #: Segments that are left out one at a time.
 SEGMENTS = 10
@@ -99,6 +110,21 @@ class Evidence:
         time = signals.start_s + sample * signals.step_s
         return f"{time:.4g} s (sample {signals.offset + sample})"
 
+    @cached_property
+    def times(self) -> Float[np.ndarray, " samples"] | None:
+        """When each sample of the residual is, gaps counted; None for several flights."""
+        rows, count = self.solved.rows, self.record.residual.size
+        if np.unique(rows.layout.flight_of_row).size > 1:
+            return None
+        step, problem = self.record.step_s or 1.0, self.solved.problem
+        if isinstance(rows.layout, BinRows):
+            places = np.concatenate([run.start + np.arange(run.length) for run in rows.layout.runs])
+        elif isinstance(problem, SignalRegression) and problem.used is not None:
+            places = np.flatnonzero(problem.used)
+        else:
+            places = np.arange(count)
+        return step * places
+
 
 def _strength(evidence: Evidence) -> Strength | None:
     """Strength of the instruments; None without instruments."""
@@ -165,6 +191,38 @@ def _constancy(evidence: Evidence) -> Constancy | None:
     return constancy(sums, np.asarray(evidence.record.sensitivities.sum(axis=0)))
 
 
+def periodicity(evidence: Evidence, left_over: tuple[Swing, ...] | None = None) -> Periodicity | None:
+    """Whether the parameters, or what is left over, vary periodically.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        An estimate with its record.
+    left_over : tuple of Swing, optional
+        Of residuals in time. Default: of the rows' own, if they are samples; whitened rows have another unit.
+
+    Returns
+    -------
+    Periodicity or None
+        None for several flights, which share no time, for few samples and for a residual of rounding.
+    """
+    record, times = evidence.record, evidence.times
+    counts = record.products.counts
+    if times is None or counts.size < LEAST_BLOCKS or evidence.fits_exactly:
+        return None
+    step = record.step_s or 1.0
+    made = influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
+    if left_over is None and not evidence.in_frequency:
+        residual = blocks_of(record.residual, times, step, counts.size)
+        left_over = strongest_swings(residual, (("the response", ""),), 1.0 / times.size)
+    blocks = block_sums(made, counts, times, step)
+    unit = "rows" if record.step_s is None else "s"
+    parameters = strongest_swings(
+        blocks, tuple(zip(evidence.estimate.names, evidence.estimate.units, strict=True))
+    )
+    return Periodicity(parameters, left_over or (), unit, 1.0 / blocks.span) if parameters else None
+
+
 def _leverage(evidence: Evidence) -> SegmentLeverage | None:
     """What leaving out each of ten segments of equal length does.
 
@@ -194,5 +252,6 @@ DIAGNOSTICS: dict[str, Callable[[Evidence], Diagnostic | None]] = {
     "information": _information,
     "bands": _bands,
     "constancy": _constancy,
+    "periodicity": periodicity,
     "leverage": _leverage,
 }

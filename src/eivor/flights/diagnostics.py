@@ -10,6 +10,7 @@ import numpy as np
 
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.evidence import periodicity
 from eivor.flights.motion import Trace, Words
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN
@@ -17,12 +18,15 @@ from eivor.inference.diagnostics.constancy import Constancy
 from eivor.inference.diagnostics.endogeneity import Endogeneity
 from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
 from eivor.inference.diagnostics.over_identification import OverIdentification
+from eivor.inference.diagnostics.periodicity import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.residual_memory import ResidualMemory, residual_memory
 from eivor.models.spectral import BinRows
 from eivor.signals.recording import Finding
 
 #: Share of a flight with a saturated actuator that deserves a finding.
 SATURATED_SHARE = 0.01
+#: Blocks of time of the residual that is looked at for swings.
+SWING_BLOCKS = 128
 #: Runs from which each is left out by itself; fewer are cut into tenths.
 FEWEST_RUNS = 3
 
@@ -61,6 +65,8 @@ class FitDiagnostics:
         Least squares beside the estimate.
     constancy : Constancy or None
         Whether the parameters stay the same.
+    periodicity : Periodicity or None
+        Whether the parameters, or the residual of each axis in time, swing; None for several flights.
     leverage : SegmentLeverage or None
         Of every run where there are three or more, else of tenths.
     memory : ResidualMemory or None
@@ -74,6 +80,7 @@ class FitDiagnostics:
     agreement: OverIdentification | None
     endogeneity: Endogeneity | None
     constancy: Constancy | None
+    periodicity: Periodicity | None
     leverage: SegmentLeverage | None
     memory: ResidualMemory | None
     residual_variance: float
@@ -95,6 +102,7 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
         agreement=record.over_identification,
         endogeneity=record.endogeneity,
         constancy=record.constancy,
+        periodicity=periodicity(record.evidence, left_over_swings(record, traces)),
         leverage=run_leverage(record),
         memory=residual_memory(residual),
         residual_variance=inference.residual_variance,
@@ -121,6 +129,7 @@ def fit_numbers(found: FitDiagnostics, estimate: Estimate, headline: tuple[str, 
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
         **_of_least_squares(found.endogeneity, estimate, places),
         **_of_constancy(found.constancy, places),
+        **_of_periodicity(found.periodicity, estimate.names),
         **_of_leverage(found.leverage, places),
     }
 
@@ -146,6 +155,22 @@ def _of_constancy(constant: Constancy | None, places: dict[str, int]) -> dict[st
     return found
 
 
+def _of_periodicity(swinging: Periodicity | None, names: tuple[str, ...]) -> dict[str, float]:
+    found = {"periodicity_p_value": NAN if swinging is None else swinging.p_value}
+    for place, name in enumerate(names):
+        found |= _of_swing(name, None if swinging is None else swinging.parameters[place])
+    left_over = () if swinging is None else swinging.left_over
+    return found | _of_swing("residual", min(left_over, key=lambda one: one.p_value, default=None))
+
+
+def _of_swing(name: str, one: Swing | None) -> dict[str, float]:
+    return {
+        f"periodicity_{name}_p_value": NAN if one is None else one.p_value,
+        f"periodicity_{name}_period_s": NAN if one is None else one.period,
+        f"periodicity_{name}_amplitude": NAN if one is None else one.amplitude,
+    }
+
+
 def _of_leverage(leverage: SegmentLeverage | None, places: dict[str, int]) -> dict[str, float]:
     found = {
         f"leverage_{name}": NAN if leverage is None else float(leverage.largest[place])
@@ -155,6 +180,24 @@ def _of_leverage(leverage: SegmentLeverage | None, places: dict[str, int]) -> di
     found["leverage_segment"] = NAN if leverage is None else float(leverage.most[first] + 1)
     found["leverage_segments"] = 0.0 if leverage is None else float(leverage.shift.shape[0])
     return found
+
+
+def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
+    """Swings of the residual of each axis, before any whitening; none but of rows in frequency."""
+    layout = record.evidence.solved.rows.layout
+    if not isinstance(layout, BinRows) or record.evidence.times is None:
+        return ()
+    found: list[Swing] = []
+    for axis, trace in enumerate(traces):
+        runs = [run for run in layout.runs if run.axis == axis]
+        places = [
+            run.start + (np.arange(run.length) if run.counted is None else np.flatnonzero(run.counted))
+            for run in runs
+        ]
+        residual, times = trace.measured - trace.predicted, runs[0].step_s * np.concatenate(places)
+        blocks = blocks_of(residual, times, runs[0].step_s, SWING_BLOCKS)
+        found += strongest_swings(blocks, ((trace.axis, trace.unit),), 1.0 / residual.size)
+    return tuple(found)
 
 
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:

@@ -29,6 +29,7 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
         _strength,
         _agreement,
         _constancy,
+        _periodicity,
         _memory,
         _leverage,
         _least_squares,
@@ -88,6 +89,28 @@ def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]
         ]
         sentence += f", most likely {constant.break_at:.0%} into the time used: {', '.join(changes)}"
     yield "constancy", sentence
+
+
+def _periodicity(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    swinging = found.periodicity
+    if swinging is None:
+        return
+    tail = _tail(swinging.p_value)
+    if not swinging.speaks:
+        yield "periods", f"nothing varies periodically {tail}"
+        return
+    one = swinging.strongest
+    period = f"with a period of {one.period:.2g} s {tail}"
+    if one in swinging.left_over:
+        sentence = (
+            f"what the model leaves over of the {one.of} swings by {one.extent} {period}, "
+            "as by a wind or a supply that swings"
+        )
+    else:
+        wording = result.motion.wording[one.of]
+        extent = f"±{one.amplitude * wording.scale:.2g} {wording.shown_unit}".rstrip()
+        sentence = f"{wording.symbol} varies by {extent} {period}"
+    yield "periods", sentence
 
 
 def _memory(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:

@@ -23,9 +23,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
 from eivor.inference.diagnostics.diagnostic import SIGNIFICANT, Diagnostic, Row, Subject, told
+from eivor.inference.diagnostics.influences import influences
 from eivor.inference.verdict import Reason, Status
 from eivor.shapes import Float
 
@@ -103,9 +103,7 @@ def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n 
     sensitivity : ndarray, shape (n, n)
         M, of the whole record.
     """
-    scale = unit_scale(np.abs(np.diag(sensitivity)))
-    scaled = np.outer(scale, scale) * sensitivity
-    influence = scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T
+    influence = influences(sums, sensitivity)
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
     unknowns = groups.shape[1]
     each = [wald_path(groups[:, [j]]) for j in range(unknowns)]
