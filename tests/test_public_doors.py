@@ -82,6 +82,7 @@ ACCEPTED = {
     ("FlightOptions", "accelerometer_bias"): NUMBER,
     ("FlightOptions", "terms"): {"list", "texts"},
     ("FlightOptions", "rotor_radius"): {*NUMBER, "none"},
+    ("FlightOptions", "noise"): {"none", "mapping"},
     ("Bounds", "low"): ANY_NUMBER,
     ("Bounds", "high"): ANY_NUMBER,
     ("FlightLimits", "speed"): NUMBER,
@@ -245,6 +246,7 @@ def doors(folder):
                 "pool_friction": "auto",
                 "terms": (),
                 "rotor_radius": 0.1,
+                "noise": {"velocity_z": 0.02},
             },
         ),
         "FlightLimits": (

@@ -284,6 +284,9 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
         "whitened_least_squares",
         "total_least_squares",
         "extended_iv",
+        "generalized_iv",
+        "generalized_iv_tls",
+        "bias_compensated_least_squares",
     ]
     assert result.quantities["viscous_friction"] == coarse_fit.quantities["viscous_friction"]
     for row in result.comparisons[:2]:
@@ -297,6 +300,8 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
     [
         ("extended_iv", (), "input lagged by 1 to 15 samples"),
         ("extended_iv", ("references",), "reference_position_z, reference_velocity_z"),
+        ("generalized_iv", (), "reference_position_z, reference_velocity_z"),
+        ("generalized_iv", ("lags",), "input lagged by 0 to 15 samples"),
         ("reference_iv", (), "reference_position_z, reference_velocity_z"),
         ("reference_iv", ("lags",), "input lagged by 1 to 15 samples"),
         ("least_squares", (), "none"),

@@ -12,6 +12,7 @@ from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
 from eivor.logs.table import parquet
+from eivor.signals.data_sheet import DataSheet
 
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
@@ -492,3 +493,34 @@ def test_tilt_from_a_quaternion_of_any_norm(tmp_path):
     r = read_log(tmp_path / "t.csv", channel_map=tmp_path / "m.toml")
     np.testing.assert_allclose(r.channels["cos_tilt"].values, np.cos(angle))
     assert not r.channels["cos_tilt"].held
+
+
+NOISY = """
+name = "noisy"
+[time]
+column = "t"
+[channels.velocity_z]
+column = "vz"
+unit = "cm/s"
+{keys}
+"""
+
+
+@pytest.mark.parametrize(
+    ("keys", "noise"),
+    [
+        ("noise = 2.0", pytest.approx(0.02)),
+        ("noise_density = 1.0\nnoise_bandwidth_hz = 50.0", DataSheet(0.01, 50.0)),
+        ("quantisation = 10", DataSheet(step=0.1)),
+        ("", None),
+    ],
+)
+def test_a_map_states_the_noise_of_a_channel(keys, noise):
+    (rule,) = parse_channel_map(NOISY.format(keys=keys), "noisy.toml").rules
+    assert rule.noise == noise
+
+
+@pytest.mark.parametrize("keys", ["noise = -1.0", "noise = 1.0\nquantisation = 1.0", "quantisation = -1.0"])
+def test_a_map_whose_noise_is_none(keys):
+    with pytest.raises(ChannelMapError, match="velocity_z"):
+        parse_channel_map(NOISY.format(keys=keys), "noisy.toml")

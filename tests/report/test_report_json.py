@@ -99,6 +99,7 @@ SCHEMA: dict[str, Any] = {
             "pool_friction": {"auto", "common", "separate"},
             "terms": [str],
             "rotor_radius": (float, type(None)),
+            "noise": (dict, str, type(None)),
         },
     },
 }

@@ -128,6 +128,17 @@ PoolFrictionOption = Annotated[
         "mean). auto takes them as common where they agree.",
     ),
 ]
+NoiseOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--noise",
+        metavar="NAME=STD|estimate",
+        help="Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
+        "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+        "estimate reads all of them off the log. Several times for several channels.",
+        show_default=False,
+    ),
+]
 MapOption = Annotated[
     str,
     typer.Option(

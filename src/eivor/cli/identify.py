@@ -77,7 +77,8 @@ def identify(
         str,
         typer.Option(
             metavar="NAME",
-            help="reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv.",
+            help="reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv, "
+            "generalized_iv, generalized_iv_tls, bias_compensated_least_squares.",
         ),
     ] = "reference_iv",
     lag: arguments.LagOption = "",
@@ -88,6 +89,7 @@ def identify(
     pool_friction: arguments.PoolFrictionOption = "auto",
     term: arguments.TermOption = None,
     rotor_radius: arguments.RotorRadiusOption = None,
+    noise: arguments.NoiseOption = None,
     compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
     channel_map: arguments.MapOption = "",
     json: arguments.JsonOption = "",
@@ -121,6 +123,7 @@ def identify(
         pool_friction=pool_friction,
         terms=term or (),
         rotor_radius=rotor_radius,
+        noise=noise or (),
     )
     recordings, windows = chosen.read(options)
     check_named_instruments(recordings, options.instruments)

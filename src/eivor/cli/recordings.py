@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from eivor.cli import arguments
+from eivor.cli import arguments, noise_argument
 from eivor.cli.arguments import LogArgument, Window, named
 from eivor.cli.terminal import step
 from eivor.errors import UsageError
@@ -138,6 +138,7 @@ def flight_options(
     pool_friction: str = "auto",
     terms: Sequence[str] = (),
     rotor_radius: float | None = None,
+    noise: Sequence[str] = (),
 ) -> FlightOptions:
     """Options of the library, checked before any log is read.
 
@@ -178,6 +179,7 @@ def flight_options(
         pool_friction=pool_friction,
         terms=tuple(terms),
         rotor_radius=rotor_radius,
+        noise=noise_argument.noise(noise),
     )
     check_options(motion, options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)

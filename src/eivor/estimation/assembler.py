@@ -15,7 +15,7 @@ from eivor.errors import CovarianceError, InstrumentError, MissingNoiseError, Us
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.estimation.products.of_problem import products_of, root_of_rows
 from eivor.inference.covariances.covariance import unit_scale
-from eivor.linalg.system import LinearSystem
+from eivor.linalg.system import LinearSystem, Solution
 from eivor.models.regression import LinearProblem, Regression, RowBlock
 from eivor.shapes import Float
 
@@ -45,6 +45,15 @@ class Assembler(ABC):
     def full_moments(self, problem: LinearProblem) -> Moments:
         """With mean(psi psi') and mean(phi phi'), for weights and strength; without instruments no more."""
         return self.moments(problem)
+
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """True when the noise of the regressors must be known; not so by default."""
+        return False
+
+    def left(self, _moments: Moments, solution: Solution, /) -> float:
+        """What a search of nuisances makes least; by default what the solver did."""
+        return solution.objective
 
     @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
@@ -175,6 +184,11 @@ class Compensated(Assembler):
         """Yes."""
         return True
 
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """When the regressors are their own instruments."""
+        return not self.by_instruments
+
     def _noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"]:
         if self.by_instruments:
             return problem.instrument_noise_covariance()
@@ -188,7 +202,7 @@ class Compensated(Assembler):
         MissingNoiseError
             When a noise that instruments and regressors share is not declared: none is never assumed.
         """
-        return self._moments(problem, whole=False)
+        return self._moments(problem, whole=not self.by_instruments)
 
     def full_moments(self, problem: LinearProblem) -> CrossMoments:
         """With mean(psi psi') and mean(phi phi'), see `moments`."""
@@ -212,6 +226,21 @@ class Compensated(Assembler):
         if not self.by_instruments and isinstance(moments, CrossMoments):
             _check_compensated(moments.equations[:, :-1], found.matrix)
         return found
+
+    def left(self, moments: Moments, solution: Solution, /) -> float:
+        """With instruments what is left of the equations; else the sum of squares without the noise in it.
+
+        The equations of as many regressors are met by whatever the nuisances are. What the regressors' noise
+        adds to the squares of the residual, theta' C theta - 2 c' theta, depends on them as little as the
+        noise of the response, which stays in.
+        """
+        if self.by_instruments or not isinstance(moments, CrossMoments) or not moments.products.layout.whole:
+            return solution.objective
+        residual = moments.products.with_residual(solution.theta).power.sum()
+        added = moments.shared_noise(solution.theta) @ solution.theta
+        if moments.noise is not None:
+            added -= moments.noise[:, -1] @ solution.theta
+        return float(residual - moments.rows * added)
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The instruments, or the regressors."""

@@ -166,13 +166,23 @@ def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
 
 def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
-    psi_of, theta, factor = solved.assembler.test_functions, solved.solution.theta, solved.factor
+    theta, factor, constant = solved.solution.theta, solved.factor, solved.constant
     A, known = solved.system.matrix, solved.prior_rows()
+    searched = solved.nuisance_columns.shape[1]
+    own = searched if solved.assembler.takes_out_own_noise else 0
+
+    def psi_of(block: RowBlock, nuisance: Float[np.ndarray, "_ q"]) -> Float[np.ndarray, "rows p"]:
+        # columns that are their own instruments are so for nuisances as well, whose columns have no noise
+        psi = solved.assembler.test_functions(block)
+        return np.column_stack([psi, nuisance]) if own else psi
+
     if solved.nuisance_columns.size:
-        moved = np.zeros((A.shape[0], solved.nuisance_columns.shape[1]))
+        moved, below = np.zeros((A.shape[0] + own, searched)), np.zeros((own, A.shape[1]))
         for block, nuisance in _with_nuisance(solved, blocks):
-            moved += psi_of(block).T @ nuisance
-        A = np.column_stack([A, moved / solved.count])
+            moved += psi_of(block, nuisance).T @ nuisance
+            below += nuisance[:, :own].T @ block.regressors
+        A = np.column_stack([np.vstack([A, below / solved.count]), moved / solved.count])
+        constant = np.pad(constant, (0, own))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
     equations, power = A.shape[0], solved.row_power() if known.size else 0.0
@@ -182,14 +192,15 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     combinations = combinations[:equations]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-    S = _coordinates_of((psi_of(block) @ combinations for block in blocks()), np.sqrt(power) * pseudo)
+    tests = (psi_of(*one) @ combinations for one in _with_nuisance(solved, blocks))
+    S = _coordinates_of(tests, np.sqrt(power) * pseudo)
     combinations = over_root(combinations, S)
-    combined = solved.constant @ combinations
+    combined = constant @ combinations
 
     def rows() -> Iterator[EquationRows]:
-        for block in _filled(blocks):
+        for block, nuisance in _with_nuisance(solved, blocks):
             # Columns stay contiguous, as those of a block are.
-            psi = (combinations.T @ psi_of(block).T).T
+            psi = (combinations.T @ psi_of(block, nuisance).T).T
             residual = block.response - block.regressors @ theta
             scores = psi * residual[:, None]
             scores += combined

@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Assembler
+from eivor.estimation.assembler import Assembler, Compensated
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import bounded_sums
 from eivor.estimation.estimate import Estimate
@@ -64,6 +64,16 @@ class LinearMethod(Method):
     def needs_instruments(self) -> bool:
         """As the assembler does."""
         return self.assembler.needs_instruments
+
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """As the assembler does."""
+        return self.assembler.takes_out_own_noise
+
+    @property
+    def first_past_input(self) -> int:
+        """One where instruments must share no noise, none for compensated ones, the paper's (28)."""
+        return 0 if isinstance(self.assembler, Compensated) else 1
 
     @property
     def plain_products(self) -> bool:
@@ -121,6 +131,7 @@ class LinearMethod(Method):
             weighted = self.equation_weighting.equations(UnweightedEquations(system, moments, problem, theta))
             solution = self.solver.solve(weighted.system)
             theta = solution.theta
+        solution = replace(solution, objective=self.assembler.left(moments, solution))
         return Solved(self.assembler, self.solver, moments, problem, system, weighted.factor, solution)
 
     def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:

@@ -45,6 +45,16 @@ class Method(ABC):
     def needs_instruments(self) -> bool:
         """True when problems must have instruments."""
 
+    @property
+    def takes_out_own_noise(self) -> bool:
+        """True when the noise of the regressors must be known; not so by default."""
+        return False
+
+    @property
+    def first_past_input(self) -> int:
+        """Lag in samples of the first of past inputs that may be an instrument."""
+        return 1
+
     @abstractmethod
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of a problem.

@@ -144,6 +144,9 @@ TABLE: dict[str, Callable[[], Method]] = {
     "whitened_least_squares": whitened_least_squares,
     "total_least_squares": total_least_squares,
     "extended_iv": extended_iv,
+    "generalized_iv": generalized_iv,
+    "generalized_iv_tls": generalized_iv_tls,
+    "bias_compensated_least_squares": bias_compensated_least_squares,
 }
 
 

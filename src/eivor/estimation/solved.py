@@ -118,7 +118,7 @@ class Solved:
 
     def objective_unit(self) -> float:
         """What the solver's objective grows by, on average, with one equation more than unknowns."""
-        if self.assembler.moment_equations:
+        if self.assembler.needs_instruments:
             return self.residual_variance() * self.row_power() / self.count
         return self.solution.objective / max(self.count - self.unknowns, 1)
 

@@ -156,12 +156,18 @@ def instrument_reasons(
                 f"{len(names)} numbers: two frequencies are needed."
             )
         reasons.append(_of_weak(sentence, strength, at, fly))
-    if not at.exogenous:
+    if at.past_inputs:
+        sentence = (
+            "Past inputs are the instruments: under control they answer past disturbances, which moves the "
+            "numbers."
+        )
+        reasons.append(Reason(Status.PROVISIONAL, sentence, log_reference))
+    elif not at.exogenous:
         reasons.append(
             Reason(
                 Status.WEAK,
-                "The instruments answer the vehicle's own disturbances (past inputs, or a setpoint that a "
-                "position loop computes).",
+                "The instruments answer the vehicle's own disturbances (a setpoint that a position loop "
+                "computes).",
                 log_planned,
             )
         )

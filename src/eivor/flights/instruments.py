@@ -32,6 +32,8 @@ class Instruments:
         There are none, and a reference that is logged is constant.
     names : tuple of str
         The references among them.
+    past_inputs : bool
+        They are past inputs, which a controller computes.
     """
 
     rule: InstrumentRule
@@ -39,6 +41,7 @@ class Instruments:
     missing: str = ""
     constant: bool = False
     names: tuple[str, ...] = ()
+    past_inputs: bool = False
 
     @property
     def absent(self) -> bool:
@@ -52,7 +55,8 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
         return Instruments(NoInstruments())
     wanted = options.instruments or (method.natural_instruments.value,)
     if wanted == (NaturalInstruments.LAGS.value,):
-        return Instruments(LaggedInputs(), exogenous=False)
+        first = method.first_past_input
+        return Instruments(LaggedInputs(first), exogenous=False, past_inputs=True)
     shared = [name for name in flying[0].usable_references if _serves_all(name, flying)]
     if shared:
         usable = [reference for flight in flying for reference in flight.references if reference.usable]

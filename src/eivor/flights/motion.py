@@ -35,6 +35,7 @@ from eivor.models.separable import SeparableProblem, Values
 from eivor.shapes import Float
 from eivor.signals.canonical import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
+from eivor.signals.signals import Signals
 
 P = TypeVar("P", bound=SeparableProblem)
 
@@ -153,6 +154,8 @@ class Circumstances:
         The differences between them that can be taken out are.
     used_s : float
         Time used of all flights [s].
+    past_inputs : bool
+        The instruments are past inputs, which a controller computes.
     """
 
     flights: int
@@ -169,6 +172,7 @@ class Circumstances:
     sensors: SensorAgreement | None = None
     aligned: bool = False
     used_s: float = np.inf
+    past_inputs: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,6 +456,18 @@ class Motion(ABC, Generic[P]):
         EivorError
             When they make none.
         """
+
+    def signals(self, flight: PreparedFlight, _lag_s: float, _delay_s: float, /) -> Signals:
+        """Return a flight's signals for work in Python, what drives the vehicle as its equation has it.
+
+        Parameters
+        ----------
+        flight : PreparedFlight
+            Whose.
+        lag_s, delay_s : float
+            Of its actuators [s].
+        """
+        return flight.signals
 
     def settled(
         self, problem: P, estimated: Callable[[P], Estimate], _options: FlightOptions, /

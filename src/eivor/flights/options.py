@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
+from eivor.flights.declared_noise import Declared, check_noise
 from eivor.models.separable import Bounds, Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.
@@ -66,6 +68,10 @@ class FlightOptions:
         Optional terms of the motion that its equation is to have, by the words of `Motion.terms`.
     rotor_radius : float, optional
         Radius of a rotor [m], for what a motion tells in radii.
+    noise : mapping of str to float or DataSheet, or str, optional
+        Measurement noise by channel, for methods that take it out: the standard deviation of a sample as it
+        is logged, in the channel's SI unit, or the sensor's data sheet; a family's name stands for all its
+        channels. "estimate" reads it off each channel's fastest part. Default: that of the log's channel map.
 
     Raises
     ------
@@ -86,6 +92,7 @@ class FlightOptions:
     pool_friction: str = "auto"
     terms: tuple[str, ...] = ()
     rotor_radius: float | None = None
+    noise: Mapping[str, Declared] | str | None = None
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -136,6 +143,7 @@ class FlightOptions:
         if self.rotor_radius is not None:
             checks.number("rotor_radius", self.rotor_radius)
         checks.flag("compare", self.compare)
+        check_noise(self.noise)
         checks.flag("align", self.align)
         if self.lag is not None:
             remedy = "Give ev.Prior(0.070, 0.015) or ev.Bounds(0.050, 0.090), in seconds."

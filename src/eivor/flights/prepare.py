@@ -14,10 +14,10 @@ import numpy as np
 
 from eivor.errors import MissingChannelError
 from eivor.flights.command_clock import CommandClock, as_issued, command_clock
+from eivor.flights.declared_noise import noise_findings, noise_levels
 from eivor.flights.frames import upward
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid
 from eivor.flights.motion import Motion
-from eivor.flights.noise_level import white_noise_std
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight, mask_of
 from eivor.flights.references import Reference, jumps, named_reference, references
@@ -70,7 +70,13 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     used = mask_of(runs, grid.count) & usable
     candidates = _references(log, motion, grid, used, options)
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
-    noise = _noise(selected, channels, used)
+    measured = (*selected.states.values(), *selected.logged_responses)
+    driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
+    levels = noise_levels(log, (*measured, *driving), options.noise, (grid, used, channels))
+    told = {
+        name: level for name, level in levels.items() if level.source or name not in selected.command_names
+    }
+    noise = {name: WhiteNoise(level.std) for name, level in told.items()}
     chosen = "" if options.input_map == FIT_MAP else options.input_map
     return PreparedFlight(
         log,
@@ -83,12 +89,14 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings, *_clock_findings(clocks)),
+        (*log.findings, *selected.findings, *_clock_findings(clocks), *noise_findings(told)),
         grid,
         motion.memory_s,
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
+        noise=told,
+        states=tuple(channel.name for channel in selected.states.values()),
     )
 
 
@@ -203,11 +211,3 @@ def _references(
         return automatic
     clean = {reference.name: reference for reference in automatic if reference.usable and reference.exogenous}
     return tuple(clean[name] if name in clean else named_reference(log, name, grid) for name in named)
-
-
-def _noise(
-    selected: Selection, channels: dict[str, Float[np.ndarray, " n"]], used: Bool[np.ndarray, " n"]
-) -> dict[str, WhiteNoise]:
-    """White noise levels, read off above the band; what total least squares scales its columns by."""
-    measured = (*selected.states.values(), *selected.logged_responses)
-    return {channel.name: WhiteNoise(white_noise_std(channels[channel.name][used])) for channel in measured}

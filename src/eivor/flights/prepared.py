@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from eivor.flights.airborne import Active
+from eivor.flights.declared_noise import NoiseLevel
 from eivor.flights.grid import Grid, around
 from eivor.flights.references import Reference
 from eivor.flights.selection import InputFamily
 from eivor.models.spectral import SpectralRun
 from eivor.shapes import Bool, Float, Int
+from eivor.signals.families import family_members
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 
@@ -59,6 +61,10 @@ class PreparedFlight:
         What the command may be late or early by throughout, see `CommandClock` [s].
     unlogged_step_s : float
         Time between two commands where the log holds but some of them; zero where it holds every one [s].
+    noise : mapping of str to NoiseLevel
+        Measurement noise by channel.
+    states : tuple of str
+        Channels of the selection's states, which are regressors.
     """
 
     recording: Recording
@@ -77,6 +83,8 @@ class PreparedFlight:
     estimated: tuple[str, ...] = ()
     command_slack_s: float = 0.0
     unlogged_step_s: float = 0.0
+    noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
+    states: tuple[str, ...] = ()
 
     @cached_property
     def shortened(self) -> PreparedFlight:
@@ -138,6 +146,11 @@ class PreparedFlight:
     def used_input(self) -> Float[np.ndarray, "used rotors"]:
         """Input over the samples used, one column for each actuator."""
         return self.signals.family(self.input.name)[self.used]
+
+    @property
+    def driving(self) -> tuple[str, ...]:
+        """Channels that drive the vehicle."""
+        return tuple(family_members(self.input.name, self.signals.channels))
 
     @property
     def actuators(self) -> int:

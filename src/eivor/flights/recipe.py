@@ -7,13 +7,15 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from eivor.errors import EstimationError
+from eivor.errors import EstimationError, MissingNoiseError
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
+from eivor.estimation.method import Method
 from eivor.estimation.methods import by_name
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.allowance import Allowance, widened
+from eivor.flights.declared_noise import check_declared
 from eivor.flights.diagnostics import (
     fit_diagnostics,
     fit_numbers,
@@ -74,6 +76,9 @@ def estimated(
     if method.needs_instruments and chosen.absent:
         method = by_name(motion.direct)
     try:
+        check_declared(
+            [flight.noise for flight in flying], noises_needed(flying, chosen, method), options.method
+        )
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))
         align = options.align and sensors is not None and bool(sensors.told)
@@ -106,6 +111,8 @@ def estimated(
         )
         result = with_fit(motion, prepared, options, fit, at)
         return replace(result, findings=(*result.findings, *noticed))
+    except MissingNoiseError as error:
+        return without_fit(motion, prepared, options, Reason(Status.REFUSED, str(error)))
     except EstimationError as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
         return without_fit(motion, prepared, options, reason)
@@ -164,7 +171,25 @@ def circumstances(
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         numbers=numbers,
         used_s=sum(flight.used_s for flight in flying),
+        past_inputs=chosen.past_inputs,
     )
+
+
+def noises_needed(
+    flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method
+) -> list[tuple[str, ...]]:
+    """Channels of each flight whose measurement noise a method takes out: those that are columns twice.
+
+    Commands and references are exact; of the input only a measured state has noise.
+    """
+    by_input = method.takes_out_own_noise or (chosen.past_inputs and method.first_past_input == 0)
+    return [
+        (
+            *(flight.states if method.takes_out_own_noise else ()),
+            *(flight.driving if by_input and flight.input.measured else ()),
+        )
+        for flight in flying
+    ]
 
 
 def with_fit(

@@ -115,6 +115,11 @@ class Selection:
         return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
 
     @property
+    def command_names(self) -> frozenset[str]:
+        """Names of the channels that drive the vehicle."""
+        return frozenset(command.name for command in self.commands)
+
+    @property
     def estimated(self) -> tuple[str, ...]:
         """Roles of what was measured whose channel comes from an estimator."""
         measured = {**self.states, **self.responses}

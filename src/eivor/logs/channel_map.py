@@ -26,6 +26,9 @@ A map states::
     optional = false                # optional: true when some tables lack the column
     source = "estimator"            # optional: where this channel comes from; the map's by default
     delay_ms = 8                    # optional: the sensor tells what was so long before its stamp
+    noise = 0.02                    # optional: standard deviation of its measurement noise, in `unit`; or,
+                                    # of a data sheet, noise_density (in `unit` per root hertz),
+                                    # noise_bandwidth_hz and quantisation (the step, in `unit`)
 
     [channels.cos_tilt]
     quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
@@ -47,6 +50,7 @@ from eivor.errors import ChannelMapError, UsageError, did_you_mean
 from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles, tilt_of_quaternion
 from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
 from eivor.signals.canonical import canonical_channel, canonical_channels
+from eivor.signals.data_sheet import DataSheet
 from eivor.signals.input_map import input_map
 from eivor.signals.recording import Frame
 from eivor.toml_table import TomlTable, read_toml, toml_table
@@ -92,6 +96,8 @@ class ChannelRule:
         True when an estimator makes the values.
     delay_s : float
         The sensor's own delay [s]: a value is of so long before its stamp; below zero, of after it.
+    noise : float or DataSheet, optional
+        Measurement noise of a sample in SI units, see `Channel`.
     """
 
     name: str
@@ -103,6 +109,7 @@ class ChannelRule:
     angle_unit: str = ""
     estimated: bool = False
     delay_s: float = 0.0
+    noise: float | DataSheet | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,6 +281,7 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         unit if ways[0] == "roll_pitch" else "",
         section.choice("source", SOURCES, source) == ESTIMATOR,
         _delay_s(section),
+        _noise(section, to_si),
     )
     section.finish()
     return rule
@@ -296,6 +304,30 @@ def _delay_s(section: TomlTable) -> float:
             "Give how long before its stamp a value was true; below zero for after it.",
         )
     return delay_s
+
+
+def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
+    """What the map states of the measurement noise, in SI units."""
+    keys = ("noise_density", "noise_bandwidth_hz", "quantisation")
+    sheet = [key for key in keys if section.has(key)]
+    if not section.has("noise"):
+        if not sheet:
+            return None
+        density, step = section.number(keys[0], 0.0), section.number(keys[2], 0.0)
+        bandwidth = section.number(keys[1]) if keys[1] in sheet else None
+        try:
+            return DataSheet(density * to_si, bandwidth, step * to_si)
+        except UsageError as error:
+            raise section.wrong(sheet[0], error.expected, error.received, error.remedy) from error
+    std = section.number("noise")
+    if sheet or std < 0.0:
+        raise section.wrong(
+            "noise",
+            "a standard deviation of zero or more, or the keys of a data sheet",
+            f"{std:g}" + (f" and {' and '.join(sheet)}" if sheet else ""),
+            "Give the noise of a sample in the channel's unit.",
+        )
+    return std * to_si
 
 
 def _scale(section: TomlTable) -> float:

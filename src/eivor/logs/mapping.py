@@ -322,4 +322,5 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         saturated=sum(column.saturated for column in used),
         estimated=rule.estimated,
         delay_s=rule.delay_s,
+        noise=rule.noise,
     )

@@ -71,6 +71,22 @@ def measured_state() -> tuple[Nuisance, Nuisance]:
     return lag.known_at(0.0), late_or_early
 
 
+@dataclass(frozen=True, slots=True)
+class RowNoise:
+    """What measurement noises add to the products of rows in time.
+
+    Parameters
+    ----------
+    regressors : ndarray, shape (n + 1, n + 1), or None
+        Covariance of the noises of [Phi y]; None when it is not known.
+    instruments : ndarray, shape (p, n + 1)
+        Covariance of the instruments' noises with those of [Phi y].
+    """
+
+    regressors: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
+    instruments: Float[np.ndarray, "p n_plus_1"]
+
+
 @dataclass(frozen=True)
 class AxisColumns:
     """Columns of one axis of one flight on its whole grid of n samples, and the runs of it that count.
@@ -141,8 +157,9 @@ class LaggedRuns(SeparableProblem):
     intercepts : bool
         Whether every run has an intercept, so that rows in time lose the means of their run. Rows in
         frequency have lost them anyway.
-    regressor_noise : ndarray, shape (n + 1, n + 1), optional
-        Covariance of the measurement noises of [Phi y] of rows in time.
+    noise : callable, optional
+        From the nuisances' values to what is known of the measurement noises in rows in time. Default:
+        nothing of regressors and response; and of instruments that they are exact, as references are.
 
     Raises
     ------
@@ -158,7 +175,7 @@ class LaggedRuns(SeparableProblem):
     parameters: tuple[Parameter, ...]
     nuisances: tuple[Nuisance, ...]
     intercepts: bool = True
-    regressor_noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+    noise: Callable[[Values], RowNoise] | None = None
 
     def __post_init__(self) -> None:
         if not any(one.runs for one in self.columns):
@@ -265,8 +282,16 @@ class LaggedRuns(SeparableProblem):
         fixed, instruments = self._fixed_rows
         moving = self._timed(self._among_all(self._moving(at)))
         regressors = np.column_stack([fixed[:, 1:], moving])
+        exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
+        noise = RowNoise(None, exact) if self.noise is None else self.noise(at)
         return Regression(
-            fixed[:, 0], regressors, instruments, self.parameters, self._row_layout, self.regressor_noise
+            fixed[:, 0],
+            regressors,
+            instruments,
+            self.parameters,
+            self._row_layout,
+            noise.regressors,
+            noise.instruments,
         )
 
     # -- rows in frequency ----------------------------------------------------------------------------

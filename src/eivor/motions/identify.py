@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from os import PathLike
 from types import NoneType
@@ -11,6 +11,7 @@ from typing import Any, TypedDict, Unpack
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
 from eivor.flights.companions import with_companions
+from eivor.flights.declared_noise import Declared
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.result import FlightEstimate
@@ -39,6 +40,7 @@ class Choices(TypedDict, total=False):
     pool_friction: str
     terms: tuple[str, ...]
     rotor_radius: float | None
+    noise: Mapping[str, Declared] | str | None
 
 
 def identify_flight(
@@ -69,7 +71,8 @@ def identify_flight(
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
-        ``accelerometer_bias=``, ``pool_friction=``, ``terms=("quadratic-drag",)``, ``rotor_radius=``.
+        ``accelerometer_bias=``, ``pool_friction=``, ``terms=("quadratic-drag",)``, ``rotor_radius=``,
+        ``noise={"velocity_z": 0.02}``.
 
     Returns
     -------

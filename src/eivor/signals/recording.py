@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,8 +26,12 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
 from eivor.shapes import Float
+from eivor.signals.data_sheet import DataSheet
 from eivor.signals.families import family_members
 from eivor.signals.stamps import evened
+
+if TYPE_CHECKING:
+    from eivor.signals.signals import Signals
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
@@ -87,6 +92,9 @@ class Channel:
         True when an estimator made the value of other measurements: its own dynamics are in it.
     delay_s : float
         The sensor's own delay, which has been taken off the stamps [s].
+    noise : float or DataSheet, optional
+        What is known of the measurement noise: the standard deviation of a sample in `unit`, or what the
+        sensor's data sheet says.
 
     Raises
     ------
@@ -105,6 +113,7 @@ class Channel:
     quality: ChannelQuality = field(default_factory=ChannelQuality)
     estimated: bool = False
     delay_s: float = 0.0
+    noise: float | DataSheet | None = None
 
     def __post_init__(self) -> None:
         if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
@@ -155,6 +164,7 @@ def clean_channel(
     saturated: int = 0,
     estimated: bool = False,
     delay_s: float = 0.0,
+    noise: float | DataSheet | None = None,
 ) -> Channel:
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
@@ -197,7 +207,7 @@ def clean_channel(
     )
     if not first.all():
         time, series = time[first], series[first]
-    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s)
+    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s, noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,6 +303,39 @@ class Recording:
             f"a log without it (looked for: {sources})",
             "Log it, or name its column in a channel map (--map).",
         )
+
+    def signals(
+        self, *, actuator_lag: float = 0.0, delay: float = 0.0, model: str = "vertical", **choices: Any
+    ) -> Signals:
+        """The log on one grid, z up, as its flight is identified from, for work in Python.
+
+        Parameters
+        ----------
+        actuator_lag, delay : float
+            Of the actuators [s], put into the channel `input`: the mean of the mapped commands times the
+            cosine of tilt. A measured state of the actuators has no lag.
+        model : str
+            Motion whose channels are wanted.
+        **choices
+            Fields of `FlightOptions`: ``window=``, ``max_tilt_deg=``, ``input=``, ``input_map=``,
+            ``noise={"velocity_z": 0.02}``.
+
+        Returns
+        -------
+        Signals
+            Samples that the flight cannot use are not valid. Noises are those that are declared, and of
+            other channels what is read off their fastest part; commands are exact.
+
+        Raises
+        ------
+        InputError
+            When a channel that the motion needs is absent.
+        UsageError
+            For choices that do not fit.
+        """
+        from eivor.motions.log_signals import log_signals  # the house's exception: a door upwards
+
+        return log_signals(self, actuator_lag=actuator_lag, delay=delay, model=model, **choices)
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

@@ -6,7 +6,7 @@ One separable problem: friction, gain and lag are shared by all flights, the int
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.motions.vertical.row_noise import row_noise
 from eivor.motions.vertical.terms import OptionalTerm, TermIngredients, term_instruments
 from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
@@ -187,7 +188,7 @@ class VerticalFlights(SeparableProblem):
             object.__setattr__(self, "nuisances", nuisances)
         columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
         runs = LaggedRuns(
-            columns, self.parameters, self.nuisances, self.motion.intercept, self.regressor_noise
+            columns, self.parameters, self.nuisances, self.motion.intercept, partial(row_noise, self)
         )
         object.__setattr__(self, "runs", runs)
 
@@ -208,6 +209,11 @@ class VerticalFlights(SeparableProblem):
     def parameters(self) -> tuple[Parameter, ...]:
         """Linear parameters."""
         return (*self.motion.parameters, *(term.parameter for term in self.terms))
+
+    @property
+    def instrument_count(self) -> int:
+        """Number of instruments."""
+        return self.runs.columns[0].instruments.shape[1]
 
     def moving(self, flight: VerticalFlight) -> MovingColumns:
         """Columns of one of the flights that are the input's and the terms'."""
@@ -240,23 +246,3 @@ class VerticalFlights(SeparableProblem):
     def bins(self, at: Values) -> SpectralRegression:
         """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
         return self.runs.bins(at)
-
-    @cached_property
-    def regressor_noise(self) -> Float[np.ndarray, "m m"] | None:
-        """Declared variances of the errors in z', U, the terms and z'', averaged over flights; or None.
-
-        A commanded input is exact, and terms are taken to be. Without an accelerometer z'' is the central
-        difference of z', whose white noise of variance s^2 it turns into one of variance s^2 / (2 h^2).
-        """
-        variances = []
-        for flight in self.flights:
-            noise = {
-                name: float(model.autocovariance(0, 0, 1)[0]) for name, model in flight.signals.noise.items()
-            }
-            if "velocity_z" in noise and flight.acceleration is None:
-                noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
-            if not {"velocity_z", "specific_force_z"} <= set(noise):
-                return None
-            exact = [0.0] * (1 + len(self.terms))
-            variances.append([noise["velocity_z"], *exact, noise["specific_force_z"]])
-        return np.diag(np.mean(variances, axis=0))

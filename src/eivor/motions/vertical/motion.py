@@ -41,6 +41,7 @@ from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
+from eivor.motions.vertical.row_noise import input_variance
 from eivor.motions.vertical.rule import APPARENT_GRAVITY, SIDEWAYS, all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
@@ -50,7 +51,9 @@ from eivor.motions.vertical.terms import TERMS, GroundEffect, OptionalTerm
 from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.shapes import Float
 from eivor.signals.input_map import input_map
+from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
+from eivor.signals.signals import Signals
 
 
 @dataclass(frozen=True)
@@ -159,6 +162,20 @@ class Vertical(Motion[VerticalFlights]):
         model = VerticalMotion(input_map(flights[0].input_map))
         cut = tuple(self._cut(flight) for flight in flights)
         return VerticalFlights(cut, model, rule, terms=self.added)
+
+    def signals(self, flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
+        """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt.
+
+        A commanded input is exact unless a noise is declared of it.
+        """
+        cut, motion = vertical_flight(flight), VerticalMotion(input_map(flight.input_map))
+        driving = cut.mapped_input(motion, lag_s, delay_s)
+        noise = WhiteNoise(input_variance(cut, motion.input_map) ** 0.5)
+        return replace(
+            flight.signals,
+            channels={**flight.signals.channels, "input": driving},
+            noise={**flight.signals.noise, "input": noise},
+        )
 
     def _cut(self, flight: PreparedFlight) -> VerticalFlight:
         """What the regressions need of a flight, with what its terms need."""
