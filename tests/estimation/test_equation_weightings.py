@@ -55,6 +55,12 @@ class TestAgainstPeers:
         for name, published in truth.STATA_2SLS.items():
             assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
 
+    def test_limited_information(self, housing):
+        """Stata's manual, ivregress: `ivregress liml rent pcturban (hsngval = faminc i.region)`."""
+        fit = ev.identify(problem_of(housing), ev.methods.liml())
+        for name, printed in truth.STATA_LIML.items():
+            assert fit.parameters[name] == pytest.approx(printed, rel=2e-5)
+
     @pytest.mark.parametrize("bandwidth", [0, 1, 4])
     def test_two_step_gmm(self, housing, bandwidth):
         method = ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth))

@@ -28,6 +28,8 @@ YORK_WEIGHTS_Y = np.array([1, 1.8, 4, 8, 20, 20, 70, 70, 100, 500])
 YORK_LINE = (5.47991, -0.480533)
 
 STATA_2SLS = {"hsngval": 0.00223983298, "pcturban": 0.08151596819, "const": 120.70651454}
+#: Stata's manual, ivregress: limited information, digits as printed.
+STATA_LIML = {"hsngval": 0.0026686, "pcturban": -0.1827391, "const": 117.6087}
 STATA_GMM = {"hsngval": 0.00146432787, "pcturban": 0.76154815601, "const": 112.12271295}
 STATA_GMM_J = 6.8364006463
 #: Of two-stage least squares: classical with N - n degrees of freedom, and robust; hsngval, pcturban, const.

@@ -50,7 +50,8 @@ def test_every_method_on_the_vertical_experiment(name):
     experiment = VerticalExperiment(Scenario(0.293, 0.021, samples=500))
     lagged = None if "squares" in name else (0, 10)
     record = trial(small_study(experiment=experiment, methods=(MethodChoice(name, lagged),)), 0).methods[0]
-    if name == "total_least_squares":  # columns that are all exact leave it nothing to do
+    if name in {"total_least_squares", "liml", "fuller", "generalized_liml", "generalized_fuller"}:
+        # columns that are all exact leave them nothing to do
         assert record.error in {"", "NoUniqueSolutionError"}
         return
     assert not record.error

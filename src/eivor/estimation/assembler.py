@@ -97,7 +97,7 @@ class Direct(Assembler):
         """The root's rows: the same solutions, n + 1 equations."""
         if not isinstance(moments, TriangularMoments):
             raise _other_kind("triangular moments", moments)
-        return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise)
+        return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
 
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """The regressors."""

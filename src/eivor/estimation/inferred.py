@@ -160,8 +160,13 @@ def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
         Gives the rows of its problem, block by block; each call starts anew.
     """
     if solved.assembler.moment_equations:
-        return _moment_equation(solved, blocks)
-    return _direct_equation(solved, blocks)
+        equation = _moment_equation(solved, blocks)
+    else:
+        equation = _direct_equation(solved, blocks)
+    done = solved.solution.shrinkage
+    if done is None:
+        return equation
+    return replace(equation, move=np.pad(done.shift, (0, solved.nuisance_columns.shape[1])))
 
 
 def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:

@@ -19,6 +19,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Moments, ProblemMoments
 from eivor.estimation.nested_grids import on_nested_grids
+from eivor.estimation.pulled import pulled
 from eivor.estimation.refusals import check_freedom, check_instruments, check_rank
 from eivor.estimation.search import Minimum, Search
 from eivor.estimation.solved import Solved
@@ -92,7 +93,7 @@ class LinearMethod(Method):
         else:
             moments, parameters, rows = self.moments(problem), problem.parameters, problem
         solved = self.determined(moments, rows)
-        reasons = weak_instruments(moments, solved.system, parameters)
+        reasons = weak_instruments(moments, solved.system, parameters) + pulled(solved.solution, parameters)
         return Estimate(self.name, parameters, (Candidate({}, solved),), reasons)
 
     def moments(self, problem: LinearProblem) -> Moments:
@@ -181,7 +182,11 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion)
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
     joint = candidates[0].rows.parameters + refined
-    return Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
+    best = (
+        min(candidates, key=lambda candidate: candidate.criterion) if len(candidates) > 1 else candidates[0]
+    )
+    reasons = pulled(best.solution, best.rows.parameters)
+    return Estimate(method.name, joint, candidates, reasons, bounded_sums(problem.nuisances))
 
 
 def _candidate(

@@ -6,15 +6,35 @@ from collections.abc import Callable
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Compensated, Direct, Instrumental
+from eivor.estimation.assembler import Assembler, Compensated, Direct, Instrumental
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments
+from eivor.estimation.regularised import regularised
 from eivor.estimation.weighting.equations import EquationWeighting, TwoStage, TwoStepRobust, Unweighted
+from eivor.estimation.weighting.limited_information import LimitedInformation
 from eivor.estimation.weighting.whitening import SpectralWhitening
-from eivor.linalg import AugmentedLeastSquares, AugmentedTotalLeastSquares, LeastSquares
+from eivor.linalg import (
+    AugmentedLeastSquares,
+    AugmentedTotalLeastSquares,
+    DiscrepancyPrinciple,
+    Fuller,
+    GeneralizedCrossValidation,
+    GivenParameter,
+    ImplicitIteration,
+    LCurve,
+    LeastSquares,
+    Solver,
+    Tikhonov,
+)
 
 __all__ = [
     "TABLE",
+    "DiscrepancyPrinciple",
+    "GeneralizedCrossValidation",
+    "GivenParameter",
+    "ImplicitIteration",
+    "LCurve",
+    "Tikhonov",
     "TwoStage",
     "TwoStepRobust",
     "Unweighted",
@@ -22,10 +42,15 @@ __all__ = [
     "by_name",
     "extended_iv",
     "extended_iv_tls",
+    "fuller",
+    "generalized_fuller",
     "generalized_iv",
     "generalized_iv_tls",
+    "generalized_liml",
     "least_squares",
+    "liml",
     "reference_iv",
+    "regularised",
     "spectral_giv",
     "spectral_giv_combined",
     "total_least_squares",
@@ -103,6 +128,42 @@ def generalized_iv_tls() -> LinearMethod:
     return LinearMethod("generalized_iv_tls", Compensated(), AugmentedTotalLeastSquares())
 
 
+def liml() -> LinearMethod:
+    """Limited information maximum likelihood: extended IV that knows the errors of its columns.
+
+    Total least squares of two-stage equations with the covariance that the instruments leave of their
+    columns: (26) with errors of the right sizes, see `eivor.estimation.weighting.limited_information`.
+    """
+    return _limited_information("liml", Instrumental(), AugmentedTotalLeastSquares())
+
+
+def fuller(strength: float = 1.0) -> LinearMethod:
+    """Return Fuller's modification of `liml`, which has moments.
+
+    Parameters
+    ----------
+    strength : float
+        1 is nearly unbiased, 4 has a small mean square error.
+    """
+    return _limited_information("fuller", Instrumental(), Fuller(strength))
+
+
+def generalized_liml() -> LinearMethod:
+    """Return `liml` of the compensated equations of generalized IV."""
+    return _limited_information("generalized_liml", Compensated(), AugmentedTotalLeastSquares())
+
+
+def generalized_fuller(strength: float = 1.0) -> LinearMethod:
+    """Return `fuller` of the compensated equations of generalized IV.
+
+    Parameters
+    ----------
+    strength : float
+        As of `fuller`.
+    """
+    return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
+
+
 def spectral_giv() -> Method:
     """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra.
 
@@ -127,6 +188,10 @@ def whittle_ml() -> Method:
     from eivor.estimation.spectral.whittle import WhittleLikelihood
 
     return WhittleLikelihood()
+
+
+def _limited_information(name: str, assembler: Assembler, solver: Solver) -> LinearMethod:
+    return LinearMethod(name, assembler, solver, equation_weighting=LimitedInformation())
 
 
 def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:

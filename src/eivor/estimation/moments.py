@@ -110,6 +110,14 @@ class CrossMoments(Moments):
             return None
         return np.asarray(self.products.regressors.sum(axis=0)) / self.rows
 
+    @property
+    def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
+        """mean([phi y] [phi y]'); None when it was not made."""
+        if not self.products.layout.whole:
+            return None
+        first = self.products.layout.first_right
+        return np.asarray(self.products.sums[:, first:, first:].sum(axis=0)) / self.rows
+
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
         """What the noises add to each row's products with the residual on average, C theta - c."""
         if self.noise is None:

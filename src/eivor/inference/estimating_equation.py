@@ -66,6 +66,9 @@ class EstimatingEquation:
     prior_scores : ndarray, shape (k, n), optional
         Standard errors of scores that come from what is known beforehand, and not from rows: pseudo-
         observations, independent of the rows and of each other. The slope has their part already.
+    move : ndarray, shape (n,), optional
+        What regularisation moved the joint vector by. Nothing tells how much of it was too much, so every
+        covariance counts its square; rows and slope are those without regularisation.
     """
 
     root: Float[np.ndarray, "n n"]
@@ -73,6 +76,7 @@ class EstimatingEquation:
     sample_count: int
     blocks: Callable[[], Iterable[EquationRows]]
     prior_scores: Float[np.ndarray, "k n"] | None = None
+    move: Float[np.ndarray, " n"] | None = None
 
     @property
     def unknowns(self) -> int:

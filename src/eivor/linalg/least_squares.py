@@ -23,7 +23,21 @@ from eivor.shapes import Float
 LARGEST_ROUNDING = 1e-3
 
 
-class UnweightedLeastSquares(Solver):
+class UnweightedScore(Solver):
+    """What solvers that put all of the residual into the response have in common."""
+
+    def score_correction(
+        self,
+        residual: Float[np.ndarray, " rows"],
+        theta: Float[np.ndarray, " n"],
+        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
+    ) -> ScoreCorrection:
+        """Zeros: least squares puts all of the residual into the response."""
+        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
+
+
+class UnweightedLeastSquares(UnweightedScore):
     """What the ways to solve a least squares problem have in common: all but the last step."""
 
     @abstractmethod
@@ -49,16 +63,6 @@ class UnweightedLeastSquares(Solver):
             return np.zeros(systems.shape[0])  # as many equations as unknowns are met exactly
         roots = np.asarray(np.linalg.qr(systems, mode="r"))
         return np.asarray(roots[:, -1, -1] ** 2)
-
-    def score_correction(
-        self,
-        residual: Float[np.ndarray, " rows"],
-        theta: Float[np.ndarray, " n"],
-        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
-        /,
-    ) -> ScoreCorrection:
-        """Zeros: least squares puts all of the residual into the response."""
-        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,10 @@ class LinearSystem:
     error_covariance : ndarray, shape (n + 1, n + 1), optional
         Covariance of the errors in one row of [A b], up to a common factor; zero rows and columns for
         columns without error. Only total least squares uses it; None stands for the identity.
+    count : float, optional
+        Number of equations that these are a triangular root of; None for as many as there are.
+    error_degrees : float, optional
+        Degrees of freedom that the error covariance was estimated on; None when it is a declared one.
 
     Raises
     ------
@@ -35,6 +39,8 @@ class LinearSystem:
     matrix: Float[np.ndarray, "m n"]
     right: Float[np.ndarray, " m"]
     error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+    count: float | None = None
+    error_degrees: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("matrix", "right", "error_covariance"):
@@ -69,6 +75,34 @@ class LinearSystem:
                 "finite equations", "NaN or infinity", "Repair or mask the samples they come from."
             )
 
+    @property
+    def equations(self) -> float:
+        """Number of equations, of all that a root stands for."""
+        return float(self.matrix.shape[0]) if self.count is None else self.count
+
+
+@dataclass(frozen=True, slots=True)
+class Shrinkage:
+    """What regularisation did to a solution.
+
+    Parameters
+    ----------
+    scheme, choice : str
+        Names of the regularisation and of what chose its parameter.
+    parameter : float
+        The parameter.
+    kept : float
+        Number of parameters that are left, of n: the sum of the shares of each direction that are kept.
+    shift : ndarray, shape (n,)
+        Theta less the solution that is not regularised.
+    """
+
+    scheme: str
+    choice: str
+    parameter: float
+    kept: float
+    shift: Float[np.ndarray, " n"]
+
 
 @dataclass(frozen=True, slots=True)
 class Solution:
@@ -84,12 +118,15 @@ class Solution:
         What the solver minimised.
     condition : float
         Condition number of the matrix after columns were scaled to unit length.
+    shrinkage : Shrinkage, optional
+        What regularisation did; None without any.
     """
 
     theta: Float[np.ndarray, " n"]
     residual: Float[np.ndarray, " m"]
     objective: float
     condition: float
+    shrinkage: Shrinkage | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,23 +14,27 @@ from enum import Enum
 
 import numpy as np
 
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
+from eivor.estimation.regularised import PulledTowards
 from eivor.estimation.weighting.equations import EquationWeighting
 from eivor.inference import covariances
 from eivor.models.column import Column, lags
+from eivor.studies.among import check_among
 from eivor.studies.experiment import Experiment
+from eivor.studies.regularisation_choice import RegularisationChoice
 
 #: Methods that need no instruments.
-DIRECT: Mapping[str, Callable[[], Method]] = {
+DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
     "least_squares": methods.least_squares,
     "total_least_squares": methods.total_least_squares,
     "bias_compensated_least_squares": methods.bias_compensated_least_squares,
 }
 #: Methods with instruments whose equations can be weighted.
-WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], Method]] = {
+WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], LinearMethod]] = {
     "extended_iv": methods.extended_iv,
     "generalized_iv": methods.generalized_iv,
 }
@@ -38,12 +42,21 @@ WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], Method]] = {
 UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
     "extended_iv_tls": methods.extended_iv_tls,
     "generalized_iv_tls": methods.generalized_iv_tls,
+    "liml": methods.liml,
+    "generalized_liml": methods.generalized_liml,
     "spectral_giv": methods.spectral_giv,
     "spectral_giv_combined": methods.spectral_giv_combined,
     "whittle_ml": methods.whittle_ml,
 }
+#: Methods with instruments and a strength.
+STRENGTHS: Mapping[str, Callable[[float], Method]] = {
+    "fuller": methods.fuller,
+    "generalized_fuller": methods.generalized_fuller,
+}
+#: Methods that need instruments.
+INSTRUMENTAL = (*WEIGHTED, *UNWEIGHTED, *STRENGTHS)
 #: Every method of a study.
-METHODS = (*DIRECT, *WEIGHTED, *UNWEIGHTED)
+METHODS = (*DIRECT, *INSTRUMENTAL)
 #: Weightings of equations by name.
 WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
     "unweighted": methods.Unweighted,
@@ -74,6 +87,10 @@ class MethodChoice:
         Channels whose true noise the method is told; None for all of them.
     label : str
         What results call it; default: its name.
+    strength : float
+        Of `fuller` and `generalized_fuller`.
+    regularisation : RegularisationChoice, optional
+        How its solution is pulled; not at all by default.
 
     Raises
     ------
@@ -88,6 +105,8 @@ class MethodChoice:
     known_noise: tuple[str, ...] | None = None
     label: str = ""
     covariance: str = "default"
+    strength: float = 1.0
+    regularisation: RegularisationChoice | None = None
 
     def __post_init__(self) -> None:
         check_among("a method", self.name, METHODS)
@@ -97,7 +116,7 @@ class MethodChoice:
             object.__setattr__(self, "label", self.name)
         if (self.lags is None) != (self.name in DIRECT):
             raise UsageError(
-                f"lags = [first, last] for {', '.join((*WEIGHTED, *UNWEIGHTED))}, and for no other method",
+                f"lags = [first, last] for {', '.join(INSTRUMENTAL)}, and for no other method",
                 f"'{self.name}' with " + ("none" if self.lags is None else f"{list(self.lags)}"),
                 "The paper's extended IV has [1, 10], generalized IV [0, 10].",
             )
@@ -109,12 +128,30 @@ class MethodChoice:
                 f"'{self.weighting}' for '{self.name}'",
                 "Leave it out.",
             )
+        if self.strength != 1.0 and self.name not in STRENGTHS:
+            raise UsageError(
+                f"a strength for {' or '.join(STRENGTHS)} only",
+                f"{self.strength:g} for '{self.name}'",
+                "Leave it out.",
+            )
+        made = self.method  # refuses a strength out of range, and what cannot be regularised
+        if self.regularisation is not None and not isinstance(made, LinearMethod | PulledTowards):
+            raise UsageError("a regularisation of a linear method", f"one of '{self.name}'", "Leave it out.")
 
     @property
     def method(self) -> Method:
         """The method itself."""
+        made = self._plain_method
+        if self.regularisation is None or not isinstance(made, LinearMethod):
+            return made
+        return self.regularisation.of(made)
+
+    @property
+    def _plain_method(self) -> Method:
         if self.name in WEIGHTED:
             return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
+        if self.name in STRENGTHS:
+            return STRENGTHS[self.name](self.strength)
         return {**DIRECT, **UNWEIGHTED}[self.name]()
 
     def with_covariance(self, estimate: Estimate) -> Estimate:
@@ -210,19 +247,6 @@ def check_runs(runs: int) -> None:
     """
     if not 1 <= runs <= MOST_RUNS:
         raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{runs}", "Ask for a number of trials.")
-
-
-def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, ...]) -> None:
-    """Refuse a name that is not known, and propose the nearest that is.
-
-    Raises
-    ------
-    UsageError
-        With all known names.
-    """
-    if name not in known:
-        remedy = did_you_mean(name, known, "Name one of them.")
-        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
 
 
 def _plain(value: object) -> object:

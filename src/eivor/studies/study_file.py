@@ -14,6 +14,9 @@
     covariance = "newey_west"       # optional: what intervals rest on
     known_noise = ["input"]         # optional: all channels
     label = "giv"                   # optional: the name
+    strength = 4.0                  # optional: of fuller and generalized_fuller
+    regularisation = {scheme = "tikhonov", choice = "gcv", towards = "zero"}    # optional, see
+                                    # `RegularisationChoice`; parameter = 0.1 beside choice = "given"
 
 A scenario is one of vertical motion, see `eivor.simulation.scenario_files.scenario_file`, or with
 ``kind = "difference_equation"`` one whose keys are the parameters of `DifferenceEquation`; its noises are
@@ -32,6 +35,7 @@ from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.excitation import Excitation
 from eivor.studies.difference_equation import INPUT, OUTPUT, DifferenceEquation
 from eivor.studies.experiment import Experiment, VerticalExperiment
+from eivor.studies.regularisation_choice import RegularisationChoice
 from eivor.studies.study import MethodChoice, Study
 from eivor.toml_table import TomlTable, read_toml
 
@@ -104,11 +108,25 @@ def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     weighting = table.text("weighting", "unweighted")
     known = table.texts("known_noise") if table.has("known_noise") else None
     label = table.text("label", name)
-    covariance = table.text("covariance", "default")
-    table.taken.update(("lags", "known_noise"))
+    covariance, strength = table.text("covariance", "default"), table.number("strength", 1.0)
+    pulled = _regularisation(table.section("regularisation")) if table.has("regularisation") else None
+    table.taken.update(("lags", "known_noise", "regularisation"))
     table.finish()
     try:
-        return MethodChoice(name, lags, channel, weighting, known, label, covariance)
+        return MethodChoice(name, lags, channel, weighting, known, label, covariance, strength, pulled)
+    except EivorError as error:
+        raise _placed(table, error) from error
+
+
+def _regularisation(table: TomlTable) -> RegularisationChoice:
+    plain = RegularisationChoice()
+    scheme, choice = table.text("scheme", plain.scheme), table.text("choice", plain.choice)
+    towards = table.text("towards", plain.towards)
+    parameter = table.number("parameter") if table.has("parameter") else None
+    table.taken.add("parameter")
+    table.finish()
+    try:
+        return RegularisationChoice(scheme, choice, parameter, towards)
     except EivorError as error:
         raise _placed(table, error) from error
 

@@ -9,7 +9,7 @@ the equation, where M has the condition of the regressors and not its square.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,11 @@ class JointCovariance:
     """
 
     parts: tuple[CovariancePart, ...]
+
+    def beside(self, bias: Float[np.ndarray, " n"]) -> JointCovariance:
+        """Mean square errors of estimates that have a bias as well."""
+        square = np.outer(bias, bias)
+        return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in self.parts))
 
     def part(self, name: str) -> CovariancePart:
         """Part of that name.

@@ -56,7 +56,8 @@ class CovarianceEstimator(ABC):
             raise UsageError(
                 f"rows that {type(self).__name__} can use", "too few flights", "Choose another covariance."
             )
-        return JointCovariance(parts)
+        found = JointCovariance(parts)
+        return found if equation.move is None else found.beside(equation.move)
 
 
 def check_covariance_estimator(estimator: object) -> None:

@@ -1,0 +1,75 @@
+"""Regularisation and strengths in studies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import UsageError
+from eivor.studies.regularisation_choice import CHOICES, SCHEMES, TARGETS, RegularisationChoice
+from eivor.studies.study import MethodChoice
+from eivor.studies.study_file import method_choice
+from eivor.studies.trial import trial
+from eivor.toml_table import read_toml
+from studies.study_parts import EQUATION, small_study
+
+
+def choice_of(tmp_path, line, name="generalized_iv"):
+    path = tmp_path / "method.toml"
+    lags = "" if "squares" in name else "lags = [0, 5]"
+    path.write_text(f'name = "{name}"\n{lags}\n{line}\n', encoding="utf-8")
+    return method_choice(read_toml(path, "a method"))
+
+
+def test_every_word_of_a_file(tmp_path):
+    for scheme in SCHEMES:
+        for choice in CHOICES:
+            for towards in TARGETS:
+                line = f'{{ scheme = "{scheme}", choice = "{choice}", towards = "{towards}" }}'
+                found = choice_of(tmp_path, f"regularisation = {line}")
+                assert found.regularisation == RegularisationChoice(scheme, choice, None, towards)
+                assert found.method.name == f"generalized_iv_{scheme}"
+    given = choice_of(tmp_path, 'regularisation = { choice = "given", parameter = 0.5 }')
+    assert given.regularisation == RegularisationChoice("tikhonov", "given", 0.5)
+    assert choice_of(tmp_path, "strength = 4.0", "fuller").method == ev.methods.fuller(4.0)
+
+
+def test_a_trial_is_that_of_the_method():
+    pulled = MethodChoice(
+        "generalized_iv", (0, 5), regularisation=RegularisationChoice(choice="given", parameter=0.3)
+    )
+    study = small_study(methods=(pulled,))
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
+    problem = EQUATION.problem(EQUATION.record(rng), ev.lags("input", 0, 5))
+    method = ev.methods.regularised(ev.methods.generalized_iv(), choice=ev.methods.GivenParameter(0.3))
+    fit = ev.identify(problem, method)
+    record = trial(study, 3).methods[0]
+    assert [one.value for one in record.parameters] == list(fit.parameters.values())
+    assert record.status == "weak"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: RegularisationChoice("ridge"), "a regularisation out of tikhonov"),
+        (lambda: RegularisationChoice(choice="cv"), "a choice of the parameter out of gcv"),
+        (lambda: RegularisationChoice(towards="truth"), "a vector to be pulled towards out of zero"),
+        (lambda: RegularisationChoice(parameter=0.1), "a parameter for choice"),
+        (lambda: RegularisationChoice(choice="given"), "a parameter for choice"),
+        (lambda: RegularisationChoice("implicit_iteration", "given", 0.5), "a whole number of steps"),
+        (lambda: MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
+        (lambda: MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
+        (
+            lambda: MethodChoice("spectral_giv", (0, 5), regularisation=RegularisationChoice()),
+            "a regularisation of a linear method",
+        ),
+        (
+            lambda: MethodChoice("fuller", (1, 5), regularisation=RegularisationChoice()),
+            "solved by least squares or total least squares",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(make, said):
+    with pytest.raises(UsageError, match=f"Expected .*{said}"):
+        make()
