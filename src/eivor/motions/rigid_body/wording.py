@@ -15,6 +15,7 @@ from eivor.motions.rigid_body.parameters import (
     FRICTION,
     GAIN,
     LIFT,
+    LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
@@ -57,6 +58,10 @@ QUANTITIES = {
         "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
     ),
     LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
+    **{
+        one.name: Wording(f"{name} by lift", f"h_{rate}", one.unit, shown_unit="1/m³", optional=True)
+        for one, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
+    },
     REACTION.name: Wording("rotor reaction", "j", ""),
     **{
         one.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
