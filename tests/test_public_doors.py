@@ -53,6 +53,19 @@ ACCEPTED = {
     ("bootstrap", "runs"): {"whole"},
     ("bootstrap", "block_length"): {"none", "whole"},
     ("bootstrap", "seed"): {"whole", "huge"},
+    ("ChangeDetector", "threshold"): NUMBER,
+    ("ChangeDetector", "drift"): NUMBER,
+    ("ChangeDetector", "limit"): NUMBER,
+    ("ChangeDetector", "scale_looks"): {"whole"},
+    ("ChangeDetector", "least_looks"): {"whole"},
+    ("ChangeDetector", "kept_looks"): {"whole"},
+    ("RecursiveIdentification", "instruments"): {"list"},
+    ("RecursiveIdentification", "detector"): {"none"},
+    # a stream is looked at as it comes
+    ("identify_recursively", "chunks"): {
+        *("text", "bytes", "list", "texts", "pair", "mixed", "mapping", "mapping of texts"),
+        *("array", "complex array"),
+    },
     ("Column", "channel"): {"text"},
     ("Column", "lag"): {"whole"},
     ("Column", "gain"): ANY_NUMBER,
@@ -237,6 +250,17 @@ def doors(folder):
     name, level = {"name": "theta_1"}, {"level": 0.9}
     return {
         "AutocorrelatedErrors": (ev.AutocorrelatedErrors, {"averages": 9}),
+        "ChangeDetector": (
+            ev.ChangeDetector,
+            {
+                "threshold": 9.0,
+                "drift": 0.75,
+                "limit": 4.0,
+                "scale_looks": 80,
+                "least_looks": 20,
+                "kept_looks": 3,
+            },
+        ),
         "Column": (ev.Column, {"channel": "input", "lag": 1, "gain": 1.0, "gain_channel": ""}),
         "ConfidenceSet": (ev.ConfidenceSet, {"intervals": ((0.0, 1.0),)}),
         "FlightOptions": (
@@ -298,6 +322,10 @@ def doors(folder):
                 "findings": (),
                 "vehicle": "",
             },
+        ),
+        "RecursiveIdentification": (
+            ev.RecursiveIdentification,
+            {**model, "memory": 100.0, "detector": None},
         ),
         "Regression": (
             ev.Regression,
@@ -372,6 +400,10 @@ def doors(folder):
         "identify_flight": (
             ev.identify_flight,
             {"recordings": m.recording, "options": None, "windows": None, "model": "vertical", "vehicle": ""},
+        ),
+        "identify_recursively": (
+            ev.identify_recursively,
+            {"chunks": [m.signals], "recursion": ev.RecursiveIdentification(**model)},
         ),
         "example_flight": (ev.example_flight, {}),
         "load_fit": (ev.load_fit, {"file": fit_file}),

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from eivor.estimation.error_assumptions import AutocorrelatedErrors, HomoskedasticErrors
     from eivor.estimation.estimate import Estimate
     from eivor.estimation.fit import identify
+    from eivor.estimation.recursive.change_detector import ChangeDetector
+    from eivor.estimation.recursive.recursion import RecursiveIdentification, identify_recursively
     from eivor.estimation.resampling import bootstrap
     from eivor.estimation.streaming import moments
     from eivor.estimation.weak_identification import (
@@ -62,6 +64,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "AndersonRubinSet": "eivor.estimation.weak_identification",
     "AutocorrelatedErrors": "eivor.estimation.error_assumptions",
+    "ChangeDetector": "eivor.estimation.recursive.change_detector",
     "Column": "eivor.models.column",
     "ConfidenceRegion": "eivor.inference.sets.confidence_region",
     "ConfidenceSet": "eivor.inference.sets.confidence_set",
@@ -76,6 +79,7 @@ _HOMES = {
     "Bounds": "eivor.models.separable",
     "Prior": "eivor.models.separable",
     "Recording": "eivor.signals.recording",
+    "RecursiveIdentification": "eivor.estimation.recursive.recursion",
     "Regression": "eivor.models.regression",
     "SavedFit": "eivor.report.saved_fit",
     "Scenario": "eivor.simulation.records.scenario",
@@ -99,6 +103,7 @@ _HOMES = {
     "identify": "eivor.estimation.fit",
     "identify_chunks": "eivor.estimation.chunked_fit",
     "identify_flight": "eivor.motions.identify",
+    "identify_recursively": "eivor.estimation.recursive.recursion",
     "lags": "eivor.models.column",
     "load_fit": "eivor.report.saved_fit",
     "methods": "eivor.estimation.methods",
@@ -123,6 +128,7 @@ __all__ = [
     "AndersonRubinSet",
     "AutocorrelatedErrors",
     "Bounds",
+    "ChangeDetector",
     "Column",
     "ConfidenceRegion",
     "ConfidenceSet",
@@ -136,6 +142,7 @@ __all__ = [
     "HomoskedasticErrors",
     "Prior",
     "Recording",
+    "RecursiveIdentification",
     "Regression",
     "SavedFit",
     "Scenario",
@@ -160,6 +167,7 @@ __all__ = [
     "identify",
     "identify_chunks",
     "identify_flight",
+    "identify_recursively",
     "lags",
     "load_fit",
     "methods",

@@ -38,6 +38,11 @@ class Assembler(ABC):
         """True when the equations are mean(psi [phi' y]) and nothing else; not so by default."""
         return False
 
+    @property
+    def compensates(self) -> bool:
+        """True when declared noises are taken out of the equations; not so by default."""
+        return False
+
     @abstractmethod
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of the problem's rows: what the equations need."""
@@ -188,6 +193,11 @@ class Compensated(Assembler):
     def takes_out_own_noise(self) -> bool:
         """When the regressors are their own instruments."""
         return not self.by_instruments
+
+    @property
+    def compensates(self) -> bool:
+        """Yes."""
+        return True
 
     def _noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"]:
         if self.by_instruments:

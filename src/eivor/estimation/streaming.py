@@ -96,17 +96,20 @@ def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
     before: Signals | None = None
     for chunk in chunks:
         checks.kind("a chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
-        if before is None:
-            joined = chunk
-        else:
-            _check_successor(before, chunk)
-            joined = _joined(before, chunk, min(lag, before.sample_count))
-        yield joined
-        before = joined
+        before = chunk if before is None else continued(before, chunk, lag)
+        yield before
 
 
-def _joined(before: Signals, chunk: Signals, overlap: int) -> Signals:
-    start = before.sample_count - overlap
+def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
+    """Return a chunk with the last `lag` samples before it.
+
+    Raises
+    ------
+    UsageError
+        When the chunks differ in channels or rate, or do not follow one another.
+    """
+    _check_successor(before, chunk)
+    start = max(before.sample_count - lag, 0)
     channels = {
         name: np.concatenate([before.channels[name][start:], values])
         for name, values in chunk.channels.items()

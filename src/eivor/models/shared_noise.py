@@ -20,7 +20,7 @@ from eivor.errors import MissingNoiseError, TooFewSamplesError
 from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
 from eivor.models.column import Column
 from eivor.shapes import Bool, Float
-from eivor.signals.noise import WhiteNoise
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
 
 
@@ -74,27 +74,66 @@ def shared_noise(
 def _pair(
     one: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
 ) -> float:
-    noise = signals.noise.get(one.channel)
-    if noise is None:
-        raise MissingNoiseError(
-            f"a declared noise of channel '{one.channel}', which instruments and regressors share",
-            f"noise of {', '.join(sorted(signals.noise)) or 'no channel'}",
-            "Declare it in Signals(noise=...), with std 0 if the channel is exact, or use other instruments.",
-        )
+    noise = _declared(one, signals)
     count = signals.sample_count - first
-    begin = signals.offset + first - max(one.lag, other.lag)
-    lag = abs(one.lag - other.lag)
     if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
-        return one.gain * other.gain * (noise.variance if lag == 0 else 0.0)  # the same in every row
+        return one.gain * other.gain * (noise.variance if one.lag == other.lag else 0.0)  # the same in every row
     total, used = 0.0, 0
     for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
         here = slice(start, stop)
-        growth = noise.autocovariance(lag, begin + start, stop - start)
-        for column in (one, other):
-            if column.gain_channel:
-                growth = growth * signals.channel(column.gain_channel)[first:][here]
+        growth = _growth(one, other, signals, first, here)
         if rows is not None:
             growth = growth[rows[here]]
         total += float(growth.sum())
         used += growth.size
     return one.gain * other.gain * total / used
+
+
+def _growth(
+    one: Column, other: Column, signals: Signals, first: int, here: slice
+) -> Float[np.ndarray, " rows"]:
+    """What the noises of two columns share in each of some rows, but for constant gains."""
+    lag = abs(one.lag - other.lag)
+    begin = signals.offset + first - max(one.lag, other.lag)
+    growth = signals.noise[one.channel].autocovariance(lag, begin + here.start, here.stop - here.start)
+    for column in (one, other):
+        if column.gain_channel:
+            growth = growth * signals.channel(column.gain_channel)[first:][here]
+    return growth
+
+
+def shared_noise_of_rows(
+    left: Sequence[Column], right: Sequence[Column], signals: Signals, first: int
+) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
+    """Covariance of the measurement noises of two sets of columns in every row from `first` on.
+
+    Returns
+    -------
+    dict of tuple of int to ndarray, shape (rows,)
+        Of the pairs that are of one channel, but white ones of different lags, which share nothing.
+
+    Raises
+    ------
+    MissingNoiseError
+        When two columns are of one channel whose noise is not declared.
+    """
+    whole = slice(0, max(signals.sample_count - first, 0))
+    found = {}
+    for i, one in enumerate(left):
+        for j, other in enumerate(right):
+            if not one.channel or one.channel != other.channel:
+                continue
+            if not isinstance(_declared(one, signals), WhiteNoise) or one.lag == other.lag:
+                found[i, j] = one.gain * other.gain * _growth(one, other, signals, first, whole)
+    return found
+
+
+def _declared(column: Column, signals: Signals) -> MeasurementNoise:
+    noise = signals.noise.get(column.channel)
+    if noise is None:
+        raise MissingNoiseError(
+            f"a declared noise of channel '{column.channel}', which instruments and regressors share",
+            f"noise of {', '.join(sorted(signals.noise)) or 'no channel'}",
+            "Declare it in Signals(noise=...), with std 0 if the channel is exact, or use other instruments.",
+        )
+    return noise

@@ -137,12 +137,21 @@ class SignalRegression(LinearProblem):
         self, columns: Sequence[Column], start: int, stop: int
     ) -> Float[np.ndarray, "rows columns"]:
         """Columns of the rows from sample `start` to `stop`, each contiguous in memory."""
-        used = None if self.used is None else self.used[start - self.first : stop - self.first]
-        count = stop - start if used is None else int(used.sum())
-        block = np.empty((len(columns), count))
+        every = self.samples_between(columns, start, stop)
+        if self.used is None:
+            return every
+        rows: Float[np.ndarray, "rows columns"] = every.T[
+            :, self.used[start - self.first : stop - self.first]
+        ].T
+        return rows
+
+    def samples_between(
+        self, columns: Sequence[Column], start: int, stop: int
+    ) -> Float[np.ndarray, "samples columns"]:
+        """Columns of all samples from `start` to `stop`, those among them that are no rows."""
+        block = np.empty((len(columns), stop - start))
         for place, column in enumerate(columns):
-            values = self.slice_of(column, start, stop)
-            block[place] = values if used is None else values[used]
+            block[place] = self.slice_of(column, start, stop)
             if column.gain != 1.0:
                 block[place] *= column.gain
         return block.T
