@@ -77,7 +77,9 @@ def _pair(
     noise = _declared(one, signals)
     count = signals.sample_count - first
     if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
-        return one.gain * other.gain * (noise.variance if one.lag == other.lag else 0.0)  # the same in every row
+        return (
+            one.gain * other.gain * (noise.variance if one.lag == other.lag else 0.0)
+        )  # the same in every row
     total, used = 0.0, 0
     for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
         here = slice(start, stop)
