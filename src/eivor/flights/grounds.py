@@ -103,6 +103,13 @@ def unbounded_reasons(quantity: Unjudged, words: str, others: Sequence[Reason]) 
     ]
 
 
+def roughly_known(lag_half_width_s: float) -> str:
+    """How well a lag is known that is not known well, in words."""
+    if math.isfinite(lag_half_width_s):
+        return f"is known to +-{lag_half_width_s * 1e3:.0f} ms only"
+    return "has no upper bound"
+
+
 def instrument_reasons(
     strength: Strength, at: Circumstances, *, fly: str, log_reference: str, log_planned: str
 ) -> list[Reason]:

@@ -18,6 +18,7 @@ vehicle with the references.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 
 from eivor.flights.grounds import (
     disagreement_reasons,
@@ -25,6 +26,7 @@ from eivor.flights.grounds import (
     instrument_reasons,
     longest_lag_reasons,
     moved,
+    roughly_known,
     short_flight_reasons,
     told_of,
     untold,
@@ -122,7 +124,7 @@ def effectiveness_reasons(
                 FLY,
             )
         ]
-    if effect.half_width > EFFECTIVENESS_SHARE * effect.value:
+    if inf > effect.half_width > EFFECTIVENESS_SHARE * effect.value:
         return [
             Reason(
                 Status.WEAK,
@@ -153,7 +155,7 @@ def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Re
                 "Fly turns that last longer.",
             )
         ]
-    if damping.half_width > DAMPING_SHARE * damping.value:
+    if inf > damping.half_width > DAMPING_SHARE * damping.value:
         share = damping.half_width / damping.value
         return [
             Reason(
@@ -177,7 +179,7 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The actuators' lag is known to +-{half_width * 1e3:.0f} ms only; "
+                f"The actuators' lag {roughly_known(half_width)}; "
                 f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
                 "Fly quicker steps, and log setpoints and rates faster.",
             )

@@ -13,12 +13,14 @@ Each quantity is judged by the instruments of its own equation, and by its own i
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import inf
 
 from eivor.flights.grounds import (
     disagreement_reasons,
     given_lag_reasons,
     instrument_reasons,
     moved,
+    roughly_known,
     short_flight_reasons,
     told_of,
     untold,
@@ -100,10 +102,8 @@ def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[
     if name in _SLOW and low <= 0.0:
         return [Reason(Status.WEAK, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
     share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
-    allowed = (
-        share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else float("inf")
-    )
-    if quantity.half_width > allowed:
+    allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
+    if inf > quantity.half_width > allowed:
         return [
             Reason(
                 Status.WEAK,
@@ -133,8 +133,5 @@ def _lag_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
     lag = quantities["effective_lag"]
     if lag.half_width <= LAG_WITHIN_S:
         return []
-    sentence = (
-        f"The rotors' lag is known to +-{lag.half_width * 1e3:.0f} ms only; +-{LAG_WITHIN_S * 1e3:.0f} ms is "
-        "needed."
-    )
+    sentence = f"The rotors' lag {roughly_known(lag.half_width)}; +-{LAG_WITHIN_S * 1e3:.0f} ms is needed."
     return [Reason(Status.WEAK, sentence, "Fly quicker steps, and log rotors and rates faster.")]

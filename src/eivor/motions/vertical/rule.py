@@ -35,6 +35,7 @@ from eivor.flights.grounds import (
     instrument_reasons,
     longest_lag_reasons,
     moved,
+    roughly_known,
     untold,
 )
 from eivor.flights.motion import Circumstances, Strength
@@ -202,7 +203,7 @@ def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
                 FLY,
             )
         )
-    elif friction.half_width + friction.reserved > FRICTION_SHARE * friction.value:
+    elif np.inf > friction.half_width + friction.reserved > FRICTION_SHARE * friction.value:
         reasons.append(
             Reason(
                 Status.WEAK,
@@ -283,12 +284,11 @@ def _rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -
     reasons = []
     half_width = quantities["effective_lag"].half_width
     if half_width > LAG_HALF_WIDTH_S:
-        bounded = np.isfinite(half_width)
-        known = f"is known to +-{half_width * 1e3:.0f} ms only" if bounded else "has no upper bound"
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The actuator's lag {known}; +-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
+                f"The actuator's lag {roughly_known(half_width)}; "
+                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
                 QUICKER,
             )
         )
@@ -462,7 +462,7 @@ def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:
     reasons = []
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
-    if not hover.half_width <= HOVER_SHARE * hover.value:
+    if hover.half_width != np.inf and not hover.half_width <= HOVER_SHARE * hover.value:
         reasons.append(
             Reason(
                 Status.WEAK,
