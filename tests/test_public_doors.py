@@ -46,6 +46,8 @@ WRONG = {
 }
 NUMBER = {"whole", "number"}
 ANY_NUMBER = {*NUMBER, "negative"}
+#: Parameters of the fractional difference equation.
+FRACTIONAL = {"output_coefficient_2": 2.0, "input_coefficient_1": 1.0}
 #: What a door takes after all; nothing else.
 ACCEPTED = {
     ("anderson_rubin_set", "errors"): {"none"},
@@ -109,6 +111,21 @@ ACCEPTED = {
     ("Prior", "mean"): ANY_NUMBER,
     ("Prior", "std"): NUMBER,
     ("FractionalNoise", "std"): NUMBER,
+    ("FractionalDifferenceModel", "output_channel"): {"text"},
+    ("FractionalDifferenceModel", "input_channel"): {"text"},
+    ("FractionalTerm", "order"): ANY_NUMBER,
+    ("FractionalTerm", "lag"): {"whole"},
+    ("UnknownOrder", "name"): {"text"},
+    ("UnknownOrder", "low"): {"negative"},
+    ("UnknownOrder", "high"): NUMBER,
+    ("FractionalDifferenceModel.problem", "instruments"): {"list"},
+    ("FractionalDifferenceModel.problem", "divided_by_output_at"): {"none"},
+    ("FractionalDifferenceModel.impulse_response", "count"): {"whole"},
+    ("FractionalDifferenceModel.impulse_response", "rate_hz"): NUMBER,
+    ("FractionalDifferenceModel.simulate", "driven"): {"array"},
+    ("FractionalDifferenceModel.simulate", "rate_hz"): NUMBER,
+    ("FractionalDifferenceModel.frequency_response", "frequency_hz"): {"list"},
+    ("FractionalDifferenceModel.frequency_response", "rate_hz"): NUMBER,
     ("WhiteNoise", "std"): NUMBER,
     ("regression", "names"): {"none", "texts"},
     ("regression", "noise_covariance"): {"none"},
@@ -183,6 +200,8 @@ NOT_DOORS = {
     "FlightEstimate",
     "FlightPlan",
     "SavedFit",
+    "FractionalDerivative",
+    "FractionalDifference",
     "HomoskedasticErrors",
     "SignPerturbedSet",
     "Validation",
@@ -222,6 +241,8 @@ def made():
         fit=fit,
         scenario=scenario,
         motion=ev.VerticalMotion(intercept=False),
+        fractional=ev.FractionalDifferenceModel((0.0, 0.5), (0.0,), input_channel="input"),
+        fractional_signals=ev.Signals(1.0, {"output": y, "input": X[:, 1]}),
         recording=ev.recording_from_columns({"time": time, "velocity_z": y}),
         drawn=ev.bootstrap(rows, iv, runs=49),
         found=ev.anderson_rubin_set(rows, iv),
@@ -370,6 +391,18 @@ def doors(folder):
             },
         ),
         "VerticalMotion": (ev.VerticalMotion, {"input_map": Power(1.0), "intercept": False}),
+        "FractionalDifferenceModel": (
+            ev.FractionalDifferenceModel,
+            {
+                "output": (0.0, ev.UnknownOrder("order", 0.2, 0.9)),
+                "input": (ev.FractionalTerm(0.0),),
+                "operator": ev.FractionalDerivative(),
+                "output_channel": "output",
+                "input_channel": "input",
+            },
+        ),
+        "FractionalTerm": (ev.FractionalTerm, {"order": 0.5, "lag": 1}),
+        "UnknownOrder": (ev.UnknownOrder, {"name": "order", "low": 0.2, "high": 0.9}),
         "Bounds": (ev.Bounds, {"low": -2.0, "high": 4.0}),
         "Prior": (ev.Prior, {"mean": 0.07, "std": 0.015}),
         "WhiteNoise": (ev.WhiteNoise, {"std": 1.0}),
@@ -458,6 +491,22 @@ def doors(folder):
         ),
         # methods of what they give, and of the rooms
         "VerticalMotion.regression": (m.motion.regression, {"signals": m.signals, "instruments": ()}),
+        "FractionalDifferenceModel.problem": (
+            m.fractional.problem,
+            {"signals": m.fractional_signals, "instruments": (), "divided_by_output_at": FRACTIONAL},
+        ),
+        "FractionalDifferenceModel.impulse_response": (
+            m.fractional.impulse_response,
+            {"parameters": FRACTIONAL, "count": 9, "rate_hz": 1.0},
+        ),
+        "FractionalDifferenceModel.simulate": (
+            m.fractional.simulate,
+            {"parameters": FRACTIONAL, "driven": m.y, "rate_hz": 1.0},
+        ),
+        "FractionalDifferenceModel.frequency_response": (
+            m.fractional.frequency_response,
+            {"parameters": FRACTIONAL, "frequency_hz": np.array([0.1]), "rate_hz": 1.0},
+        ),
         "Estimate.interval": (m.fit.interval, {**name, **level}),
         "Estimate.std_error": (m.fit.std_error, name),
         "Estimate.ellipse": (m.fit.ellipse, {**name, "other": "theta_2", **level}),
@@ -508,6 +557,10 @@ def doors(folder):
 #: Methods of what doors give, and doors of the rooms.
 MORE = (
     "VerticalMotion.regression",
+    "FractionalDifferenceModel.problem",
+    "FractionalDifferenceModel.impulse_response",
+    "FractionalDifferenceModel.simulate",
+    "FractionalDifferenceModel.frequency_response",
     "Estimate.interval",
     "Estimate.std_error",
     "Estimate.ellipse",

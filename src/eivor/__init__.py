@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from eivor.logs.example import example_flight
     from eivor.logs.table.chunks import read_chunks
     from eivor.models.column import Column, lags
+    from eivor.models.fractional.model import FractionalDifferenceModel
+    from eivor.models.fractional.operator import FractionalDerivative, FractionalDifference
+    from eivor.models.fractional.terms import FractionalTerm, UnknownOrder
     from eivor.models.regression import Regression, regression
     from eivor.models.separable import Bounds, Prior
     from eivor.models.signal_regression import SignalRegression
@@ -74,7 +77,11 @@ _HOMES = {
     "FlightLimits": "eivor.planning.limits",
     "FlightPlan": "eivor.planning.plan",
     "FlightOptions": "eivor.flights.options",
+    "FractionalDerivative": "eivor.models.fractional.operator",
+    "FractionalDifference": "eivor.models.fractional.operator",
+    "FractionalDifferenceModel": "eivor.models.fractional.model",
     "FractionalNoise": "eivor.signals.noise",
+    "FractionalTerm": "eivor.models.fractional.terms",
     "HomoskedasticErrors": "eivor.estimation.error_assumptions",
     "Bounds": "eivor.models.separable",
     "Prior": "eivor.models.separable",
@@ -86,6 +93,7 @@ _HOMES = {
     "SignPerturbedSet": "eivor.estimation.weak_identification",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
+    "UnknownOrder": "eivor.models.fractional.terms",
     "Validation": "eivor.report.validation",
     "VehicleGuess": "eivor.planning.vehicle",
     "VerticalMotion": "eivor.motions.vertical.model",
@@ -138,7 +146,11 @@ __all__ = [
     "FlightLimits",
     "FlightOptions",
     "FlightPlan",
+    "FractionalDerivative",
+    "FractionalDifference",
+    "FractionalDifferenceModel",
     "FractionalNoise",
+    "FractionalTerm",
     "HomoskedasticErrors",
     "Prior",
     "Recording",
@@ -149,6 +161,7 @@ __all__ = [
     "SignPerturbedSet",
     "SignalRegression",
     "Signals",
+    "UnknownOrder",
     "Validation",
     "VehicleGuess",
     "VerticalMotion",

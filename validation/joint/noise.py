@@ -28,6 +28,10 @@ class HeavyTailedNoise(MeasurementNoise):
         """Square of `std` at lag zero, nothing else."""
         return np.full(count, self.std**2 if lag == 0 else 0.0)
 
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """That of white noise."""
+        return WhiteNoise(self.std).moving_average(count)
+
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """One realisation."""
         scale = self.std * np.sqrt(1.0 - 2.0 / STUDENT_DOF)

@@ -37,6 +37,8 @@ class Candidate:
         Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
     pooled_criterion : float, optional
         Criterion of the pool that the estimate is a part of.
+    origin : ndarray, shape (n,), optional
+        What the solution's unknowns are changes of, where the equations were made linear. Default: zero.
     """
 
     at: Mapping[str, float]
@@ -45,10 +47,13 @@ class Candidate:
     covariance_estimator: CovarianceEstimator = DEFAULT
     streamed_covariance: JointCovariance | None = field(default=None, repr=False)
     pooled_criterion: float | None = None
+    origin: Float[np.ndarray, " n"] | None = None
 
     @cached_property
     def values(self) -> Float[np.ndarray, " n"]:
         """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
+        if self.origin is not None:
+            return self.origin + self.theta
         nuisances = [self.at[profile.nuisance.name] for profile in self.profiles]
         return np.append(self.solution.theta, nuisances)
 

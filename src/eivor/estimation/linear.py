@@ -12,10 +12,11 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Assembler, Compensated
+from eivor.estimation.assembler import Assembler, Compensated, Direct
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import bounded_sums
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linearised import nearly, settled
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Moments, ProblemMoments
 from eivor.estimation.nested_grids import on_nested_grids
@@ -28,6 +29,8 @@ from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, 
 from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
 from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
 from eivor.linalg.system import Solution, Solver
+from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+from eivor.models.linearisable import LinearisableProblem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
@@ -84,8 +87,21 @@ class LinearMethod(Method):
         )
         return unweighted and self.assembler.plain_products
 
+    @property
+    def searching(self) -> LinearMethod:
+        """Method whose objective nuisances are searched by: its own, where its equations leave one.
+
+        As many moment equations as unknowns are met at any value of the nuisances; total least squares with
+        the same noises leaves what they do not explain.
+        """
+        if self.needs_instruments or not self.assembler.moment_equations:
+            return self
+        return replace(self, assembler=Direct(), solver=AugmentedTotalLeastSquares())
+
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
+        if isinstance(problem, LinearisableProblem):
+            return _linearised_estimate(self, problem)
         if isinstance(problem, SeparableProblem):
             return _separable_estimate(self, problem)
         if isinstance(problem, ProblemMoments):
@@ -156,6 +172,26 @@ class LinearMethod(Method):
 
 def _has_spectra(problem: LinearProblem | None) -> bool:
     return isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
+
+
+# -- problems whose nuisances have columns of their own ----------------------------------------------------
+
+
+def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> Estimate:
+    """Estimate whose nuisances are parameters of the method's own linear equations."""
+    first = problem.regression(problem.first_values)
+    if not problem.nuisances:
+        return method.estimate(first)
+    if method.needs_instruments:
+        check_instruments(first.rows(), len(problem.nuisances), method.name)
+
+    def solve(linear: LinearProblem) -> Solved:
+        return method.determined(method.moments(linear), linear)
+
+    found = settled(problem, solve, nearly(problem, method.searching.solve))
+    reasons = weak_instruments(found.solved.moments, found.solved.system, found.solved.rows.parameters)
+    candidate = Candidate(found.at, found.solved, origin=found.origin)
+    return Estimate(method.name, found.solved.rows.parameters, (candidate,), reasons)
 
 
 # -- problems with nuisances ------------------------------------------------------------------------------

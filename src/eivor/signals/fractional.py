@@ -34,6 +34,16 @@ def fractional_weights(order: float, count: int) -> Float[np.ndarray, " count"]:
     return np.concatenate([[1.0], np.cumprod((lags - 1.0 - order) / lags)])
 
 
+def order_slope(order: float, count: int) -> Float[np.ndarray, " count"]:
+    """Derivatives of a_0 ... a_{count-1} by the order: the weights of log(1 - z) Delta^order.
+
+    Those of log(1 - z) are 0, -1, -1/2, -1/3, ...; O(n log n). Performs no checks.
+    """
+    logarithm = np.zeros((count, 1))
+    logarithm[1:, 0] = -1.0 / np.arange(1.0, count)
+    return fractional_difference(logarithm, order)[:, 0]
+
+
 def fractional_difference(
     values: Float[np.ndarray, "n *columns"], order: float
 ) -> Float[np.ndarray, "n *columns"]:
@@ -58,7 +68,7 @@ def fractional_difference(
     Performs no checks.
     """
     count = values.shape[0]
-    length = _padded_length(count)
+    length = padded_length(count)
     response = _kept_response(order, count) if count <= KEPT else _response(order, count)
     spectrum = np.fft.rfft(values, length, axis=0)
     spectrum *= response.reshape(-1, *[1] * (values.ndim - 1))
@@ -66,8 +76,8 @@ def fractional_difference(
     return series
 
 
-def _padded_length(count: int) -> int:
-    """Length without large prime factors at which the convolution does not wrap around."""
+def padded_length(count: int) -> int:
+    """Length without large prime factors at which a convolution of records that long does not wrap around."""
     needed = 2 * count
     fast = (factor << max(needed.bit_length() - 4, 0) for factor in (8, 9, 10, 12, 15, 16))
     return next(length for length in fast if length >= needed)
@@ -75,7 +85,7 @@ def _padded_length(count: int) -> int:
 
 def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
     """Spectrum of the weights on the padded length."""
-    response = np.fft.rfft(fractional_weights(order, count), _padded_length(count))
+    response = np.fft.rfft(fractional_weights(order, count), padded_length(count))
     response.flags.writeable = False
     return response
 

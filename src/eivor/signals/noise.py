@@ -15,7 +15,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import NonFiniteError
 from eivor.shapes import Float
-from eivor.signals.fractional import fractional_difference
+from eivor.signals.fractional import fractional_difference, fractional_weights
 from eivor.signals.fractional_growth import growth_table
 
 #: Largest order, in absolute value, of a fractional measurement noise.
@@ -36,6 +36,10 @@ class MeasurementNoise(ABC):
 
         In the square of the channel's unit; `lag` is zero or more.
         """
+
+    @abstractmethod
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """w_0 ... w_{count-1} with x(k) = sum_{m <= k} w_m e(k - m), e white of unit variance, k from 0."""
 
     @abstractmethod
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
@@ -77,6 +81,12 @@ class WhiteNoise(MeasurementNoise):
     def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
         """`variance` at lag zero, nothing else."""
         return np.full(count, self.variance if lag == 0 else 0.0)
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """`std`, and zeros."""
+        weights: Float[np.ndarray, " count"] = np.zeros(count)
+        weights[0] = self.std
+        return weights
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent normal values."""
@@ -121,6 +131,10 @@ class FractionalNoise(MeasurementNoise):
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
         """std^2 sum_{q <= m} a_q a_{q + lag}, from a table that is linear in the record."""
         return self.std**2 * growth_table(self.order, lag).stretch(start, count)
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """Weights of Delta^order, times `std`."""
+        return self.std * fractional_weights(self.order, count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Delta^order of independent normal values, zero before the record."""

@@ -72,6 +72,11 @@ class AlternatingNoise(MeasurementNoise):
         """(-1)^lag times that of `FractionalNoise`."""
         return (-1.0) ** lag * FractionalNoise(self.std, self.order).autocovariance(lag, start, count)
 
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """(-1)^m times those of `FractionalNoise`."""
+        signs = 1.0 - 2.0 * (np.arange(count) % 2)
+        return signs * FractionalNoise(self.std, self.order).moving_average(count)
+
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """One realisation."""
         signs = 1.0 - 2.0 * (np.arange(count) % 2)

@@ -1,0 +1,1 @@
+"""Fractional difference equations: their columns, what noise these share, regressions, simulation."""

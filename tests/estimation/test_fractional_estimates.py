@@ -1,0 +1,215 @@
+"""Estimates of fractional difference equations: exact without noise, settled, and covered by intervals."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import eivor as ev
+from eivor.errors import (
+    CollinearError,
+    ConvergenceError,
+    InstrumentError,
+    MissingNoiseError,
+    TooFewSamplesError,
+    UsageError,
+)
+from eivor.estimation import methods
+from eivor.estimation.linearised import settled
+
+ORDER = ev.UnknownOrder("order", 0.3, 1.1)
+MODEL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0,))
+TRUTH = {"output_coefficient_2": 8.0, "input_coefficient_1": 1.0, "order": 0.7}
+REACH = (0, 1, 2, 4, 8, 16, 32)
+LAGS = tuple(ev.Column("input", lag) for lag in REACH)
+REFERENCE = tuple(ev.Column("reference", lag) for lag in REACH)
+METHODS = {
+    "least_squares": (methods.least_squares(), ()),
+    "total_least_squares": (methods.total_least_squares(), ()),
+    "bias_compensated_least_squares": (methods.bias_compensated_least_squares(), ()),
+    "extended_iv": (methods.extended_iv(), REFERENCE),
+    "extended_iv_tls": (methods.extended_iv_tls(), REFERENCE),
+    "generalized_iv": (methods.generalized_iv(), LAGS),
+    "generalized_iv_two_stage": (methods.generalized_iv(methods.TwoStage()), LAGS),
+    "generalized_iv_tls": (methods.generalized_iv_tls(), LAGS),
+}
+
+
+def record(seed=0, count=1500, noise_ratio=0.01, model=MODEL, truth=TRUTH, shape=None):
+    """Record of the equation, driven by an input with memory, with both its signals noisy."""
+    rng = np.random.default_rng(seed)
+    white = rng.standard_normal(count)
+    driven = np.convolve(white, 0.8 ** np.arange(60))[:count]
+    true = {"output": model.simulate(truth, driven), "input": driven}
+    noise = {
+        name: (shape or ev.WhiteNoise(1.0)).with_std(noise_ratio * series.std())
+        for name, series in true.items()
+    }
+    measured = {name: series + noise[name].sample(count, rng) for name, series in true.items()}
+    return ev.Signals(1.0, measured | {"reference": driven}, noise=noise)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_without_noise_every_method_finds_the_truth(name):
+    method, instruments = METHODS[name]
+    found = ev.identify(MODEL.problem(record(noise_ratio=0.0), instruments), method)
+    assert found.parameters == pytest.approx(TRUTH, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_known_orders_are_a_linear_problem(name):
+    method, instruments = METHODS[name]
+    model = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))
+    found = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
+    assert found.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", [name for name in METHODS if name != "bias_compensated_least_squares"])
+def test_the_settled_order_has_the_least_objective(name):
+    """Two routes: the method's linear equations with the order's column, and its objective by the order."""
+    method, instruments = METHODS[name]
+    problem = MODEL.problem(record(noise_ratio=0.05), instruments)
+
+    def objective(order):
+        return 1e3 * method.solve(problem.regression({"order": order})).solution.objective
+
+    found = ev.identify(problem, method).parameters["order"]
+    least = minimize_scalar(objective, bounds=(found - 0.05, found + 0.05), options={"xatol": 1e-10})
+    assert found == pytest.approx(least.x, abs=1e-5)
+
+
+def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
+    problem = MODEL.problem(record(noise_ratio=0.05))
+    method = methods.bias_compensated_least_squares()
+
+    def misfit(order):
+        rows = problem.regression({"order": order}).rows()
+        columns = np.column_stack([rows.regressors, rows.response])
+        moments = columns.T @ columns / rows.response.size - rows.regressor_noise_covariance()
+        return moments[-1, -1] - moments[-1, :-1] @ np.linalg.solve(moments[:-1, :-1], moments[:-1, -1])
+
+    found = ev.identify(problem, method).parameters["order"]
+    least = minimize_scalar(misfit, bounds=(found - 0.05, found + 0.05), options={"xatol": 1e-10})
+    assert found == pytest.approx(least.x, abs=1e-6)
+
+
+def test_dividing_both_sides_leaves_the_equation_and_whitens_its_noise():
+    problem = MODEL.problem(record(noise_ratio=0.0), LAGS, divided_by_output_at=TRUTH | {"order": 0.6})
+    assert ev.identify(problem, methods.generalized_iv()).parameters == pytest.approx(TRUTH, rel=1e-8)
+    signals = record(noise_ratio=0.1)
+    plain = MODEL.problem(signals).regression({"order": 0.7})
+    divided = MODEL.problem(signals, divided_by_output_at=TRUTH).regression({"order": 0.7})
+    direction = np.array([8.0, 1.0, -1.0])
+
+    def share(regression):
+        """Noise of the residual over that of y itself."""
+        return (
+            direction @ regression.regressor_noise_covariance() @ direction / signals.noise["output"].variance
+        )
+
+    assert share(divided) < 1.6
+    assert share(plain) > 40.0
+
+
+@pytest.mark.parametrize("shape", [ev.WhiteNoise(1.0), ev.FractionalNoise(1.0, 0.3)])
+def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape):
+    """20 dB on both signals; a fractional noise is compensated by its own tags."""
+    errors = {"least_squares": [], "total_least_squares": [], "generalized_iv": []}
+    for seed in range(8):
+        signals = record(seed, noise_ratio=0.1, shape=shape)
+        for name, found in errors.items():
+            method, instruments = METHODS[name]
+            problem = MODEL.problem(signals, instruments, divided_by_output_at=TRUTH | {"order": 0.6})
+            found.append(ev.identify(problem, method).parameters["output_coefficient_2"] - 8.0)
+    means = {name: abs(np.mean(found)) for name, found in errors.items()}
+    assert means["total_least_squares"] < 0.3 * means["least_squares"]
+    assert means["generalized_iv"] < 0.3 * means["least_squares"]
+
+
+def test_two_orders_are_found_together():
+    model = ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("input_order", -0.4, 0.6),))
+    truth = TRUTH | {"input_order": 0.25}
+    signals = record(noise_ratio=0.0, model=model, truth=truth)
+    found = ev.identify(model.problem(signals), methods.total_least_squares())
+    assert found.parameters == pytest.approx(truth, rel=1e-6)
+    assert found.names == ("output_coefficient_2", "input_coefficient_1", "order", "input_order")
+
+
+def test_the_estimate_is_one_like_all_others():
+    problem = MODEL.problem(record(noise_ratio=0.05), LAGS)
+    found = ev.identify(problem, methods.generalized_iv())
+    for name, value in TRUTH.items():
+        low, high = found.interval(name, 0.999)
+        assert low < value < high
+    assert found.covariance.shape == (3, 3)
+    time_constant = ev.derived(found, lambda one: one["output_coefficient_2"] ** (1.0 / one["order"]))
+    assert time_constant.interval[0] < 8.0 ** (1.0 / 0.7) < time_constant.interval[1]
+    assert "order" in found.summary()
+    assert found.with_covariance(ev.covariances.Classical()).std_error("order") > 0.0
+
+
+@pytest.mark.parametrize(
+    ("method", "instruments", "error", "text"),
+    [
+        (methods.generalized_iv(), LAGS, MissingNoiseError, "a declared noise of channel 'input'"),
+        (methods.bias_compensated_least_squares(), (), MissingNoiseError, "a declared noise of channel"),
+        (
+            methods.generalized_iv(),
+            LAGS[:2],
+            InstrumentError,
+            "at least 3 independent instruments for 3 unknowns",
+        ),
+        (methods.whitened_least_squares(), (), UsageError, "a flight, whose runs have spectra"),
+    ],
+)
+def test_what_a_method_lacks_is_told(method, instruments, error, text):
+    known = record()
+    bare = ev.Signals(1.0, known.channels)
+    with pytest.raises(error, match=text):
+        ev.identify(MODEL.problem(bare, instruments), method)
+
+
+def test_instruments_that_share_noise_are_refused_by_methods_that_do_not_compensate():
+    """Past inputs are no way out: a difference of the input has the noise of all of them in it."""
+    model = ev.FractionalDifferenceModel((0.0, ORDER), (0.0, 0.5))
+    with pytest.raises(InstrumentError, match="whose measurement noise no regressor"):
+        ev.identify(model.problem(record(), ev.lags("input", 1, 10)), methods.extended_iv())
+
+
+def test_too_short_a_record_is_refused():
+    with pytest.raises(TooFewSamplesError, match="more rows than the 3 unknowns"):
+        ev.identify(MODEL.problem(record(count=3)), methods.least_squares())
+    with pytest.raises(TooFewSamplesError, match="Give a longer record"):
+        ev.identify(MODEL.problem(record(count=8), LAGS), methods.generalized_iv())
+
+
+def test_an_order_outside_its_range_is_told():
+    model = ev.FractionalDifferenceModel((0.0, ev.UnknownOrder("order", 0.2, 0.5)), (0.0,))
+    with pytest.raises(ConvergenceError, match=r"inside the range of order; received one at its end, 0\.5"):
+        ev.identify(model.problem(record()), methods.total_least_squares())
+
+
+def test_an_order_that_the_data_do_not_tell_is_told():
+    """Without an output there is nothing that one order explains better than another."""
+    signals = record()
+    flat = ev.Signals(1.0, dict(signals.channels) | {"output": np.zeros(1500)})
+    with pytest.raises(CollinearError, match="is zero"):
+        ev.identify(MODEL.problem(flat), methods.least_squares())
+
+
+def test_steps_that_never_end_are_told():
+    problem = MODEL.problem(record(noise_ratio=0.0))
+
+    class Wandering:
+        """Asks for a change of the same size, forth and back."""
+
+        calls = 0
+
+        def __call__(self, linear):
+            solved = methods.least_squares().solve(linear)
+            if len(linear.parameters) == 3:
+                type(self).calls += 1
+                solved.solution.theta[-1] = 0.1 * (-1.0) ** self.calls
+            return solved
+
+    with pytest.raises(ConvergenceError, match="steps of order that end"):
+        settled(problem, Wandering(), {"order": 0.7})

@@ -1,0 +1,177 @@
+"""Fractional difference equations: free run, impulse and frequency response, stability, bad input."""
+
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import (
+    DataError,
+    MissingChannelError,
+    NonFiniteError,
+    ParameterError,
+    ShapeError,
+    UsageError,
+)
+from eivor.models.fractional.operator import FractionalDifference
+from eivor.models.fractional.side import Side
+from eivor.signals.fractional import fractional_difference
+from validation.fractional.relaxation import ramp_response, step_response
+
+ORDER = ev.UnknownOrder("order", 0.2, 1.2)
+LAGGED = ev.FractionalDifferenceModel(
+    (0.0, ORDER, ev.FractionalTerm(0.3, 1)), (0.0, ev.FractionalTerm(ORDER, 2))
+)
+LAGGED_TRUTH = {
+    "output_coefficient_2": 4.0,
+    "output_coefficient_3": -0.7,
+    "input_coefficient_1": 1.5,
+    "input_coefficient_2": 0.4,
+    "order": 0.8,
+}
+
+
+def relaxation(operator=None):
+    return ev.FractionalDifferenceModel((0.0, 0.6), (0.0,), operator or FractionalDifference())
+
+
+def test_a_free_run_meets_its_equation():
+    u = np.random.default_rng(0).standard_normal(400)
+    y = LAGGED.simulate(LAGGED_TRUTH, u)
+    left = y + 4.0 * fractional_difference(y, 0.8) - 0.7 * fractional_difference(np.append(0.0, y[:-1]), 0.3)
+    right = 1.5 * u + 0.4 * fractional_difference(np.append([0.0, 0.0], u[:-2]), 0.8)
+    assert left == pytest.approx(right, abs=1e-12)
+
+
+def test_the_frequency_response_is_the_transform_of_the_impulse_response():
+    h = LAGGED.impulse_response(LAGGED_TRUTH, 1 << 16, rate_hz=5.0)
+    at = np.array([0.01, 0.3, 2.0])
+    transform = np.array([np.sum(h * np.exp(-2j * np.pi * f / 5.0 * np.arange(h.size))) for f in at])
+    assert LAGGED.frequency_response(LAGGED_TRUTH, at, rate_hz=5.0) == pytest.approx(transform, rel=1e-4)
+
+
+@pytest.mark.parametrize("t", [0.1, 1.0, 3.0])
+def test_the_analytic_relaxation_is_that_of_mittag_leffler(t):
+    def mittag_leffler(second):
+        series = mpmath.nsum(
+            lambda k: (-(mpmath.mpf(t) ** 0.6)) ** k / mpmath.gamma(0.6 * k + second), [0, mpmath.inf]
+        )
+        return float(series)
+
+    assert step_response([t], 0.6)[0] == pytest.approx(1.0 - mittag_leffler(1.0), abs=1e-12)
+    assert ramp_response([t], 0.6)[0] == pytest.approx(t * (1.0 - mittag_leffler(2.0)), abs=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("operator", "factor"), [(FractionalDifference(), 2.0), (ev.FractionalDerivative(), 4.0)]
+)
+def test_the_step_response_is_that_of_mittag_leffler_but_for_the_step(operator, factor):
+    """Grunwald-Letnikov's error halves with the step; the corrected derivative's falls by four.
+
+    A jump at a sample enters with the mean of its two sides: with one of them alone it comes half a step
+    too early or too late, which is an error of the first order by itself.
+    """
+    errors = []
+    for rate in (20.0, 40.0, 80.0):
+        gain = 1.0 if isinstance(operator, ev.FractionalDerivative) else rate**0.6
+        u = np.ones(int(4 * rate) + 1)
+        u[0] = 0.5
+        parameters = {"output_coefficient_2": gain, "input_coefficient_1": 1.0}
+        y = relaxation(operator).simulate(parameters, u, rate_hz=rate)
+        errors.append(y[int(rate) :: int(rate)] - step_response([1.0, 2.0, 3.0, 4.0], 0.6))
+    assert np.abs(errors[0]).max() < (2e-3 if factor == 2.0 else 1e-4)
+    for coarse, fine in pairwise(errors):
+        assert np.linalg.norm(coarse) / np.linalg.norm(fine) == pytest.approx(factor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "back", [(1.0, -0.5), (1.0, 0.9, 0.5), (1.0, -2.5), (0.2, 1.0), (1.0, 0.1, -3.0, 1.0)]
+)
+def test_growing_modes_are_roots_of_whole_orders(back):
+    """Polynomials in z^-1 as equations of whole orders: their roots inside the circle are counted."""
+    inside = int((np.abs(np.roots(back[::-1])) < 1.0).sum())
+    side = Side(tuple((c, 0.0, lag) for lag, c in enumerate(back)), FractionalDifference(), 1.0)
+    assert side.growing_modes == inside
+
+
+@pytest.mark.parametrize(
+    ("gain", "order", "growing"), [(-1.1, 0.7, 1), (-0.5, 0.7, 0), (5.0, 0.7, 0), (1e6, 0.9, 0)]
+)
+def test_growing_modes_of_a_relaxation(gain, order, growing):
+    """1 + a (1 - z)^order has a root inside where -1/a is (1 - z)^order of some |z| < 1: see its modulus."""
+    assert Side(((1.0, 0.0, 0), (gain, order, 0)), FractionalDifference(), 1.0).growing_modes == growing
+
+
+def test_an_unstable_equation_is_not_simulated():
+    with pytest.raises(ParameterError, match="a stable equation; received one with 1 growing mode"):
+        relaxation().simulate({"output_coefficient_2": -3.0, "input_coefficient_1": 1.0}, np.ones(9))
+
+
+def test_an_equation_without_the_newest_output_is_not_simulated():
+    with pytest.raises(ParameterError, match="solved for the newest output"):
+        relaxation().impulse_response({"output_coefficient_2": -1.0, "input_coefficient_1": 1.0}, 9)
+
+
+def bad(call, error, text):
+    return pytest.param(call, error, text, id=text)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        bad(lambda: ev.FractionalTerm(3.5), ParameterError, "an order between -3 and 3"),
+        bad(lambda: ev.FractionalTerm(float("nan")), ParameterError, "between -3 and 3; received nan"),
+        bad(lambda: ev.FractionalTerm(0.5, -1), UsageError, "a lag of zero or more samples"),
+        bad(lambda: ev.UnknownOrder("a", 0.9, 0.2), ParameterError, "the lower end first"),
+        bad(lambda: ev.UnknownOrder("", 0.1, 0.2), UsageError, "a name for an unknown order"),
+        bad(
+            lambda: ev.FractionalDifferenceModel((0.0, 0.5, 0.5), (0.0,)),
+            ParameterError,
+            "different orders or lags",
+        ),
+        bad(
+            lambda: ev.FractionalDifferenceModel((ORDER, 0.0), (0.0,)),
+            ParameterError,
+            "a known order of the first",
+        ),
+        bad(
+            lambda: ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("order", 0.1, 0.3),)),
+            ParameterError,
+            "one range of the order 'order'",
+        ),
+        bad(
+            lambda: ev.FractionalDifferenceModel(
+                (0.0, ev.UnknownOrder("input_coefficient_1", 0.1, 0.3)), (0.0,)
+            ),
+            ParameterError,
+            "names of their own",
+        ),
+        bad(
+            lambda: LAGGED.simulate({"order": 0.5}, np.ones(9)),
+            ParameterError,
+            "none of output_coefficient_2",
+        ),
+        bad(lambda: LAGGED.simulate(LAGGED_TRUTH, np.ones((9, 2))), ShapeError, "an input of shape"),
+        bad(lambda: LAGGED.simulate(LAGGED_TRUTH, np.array([1.0, np.nan])), NonFiniteError, "a finite input"),
+        bad(lambda: LAGGED.impulse_response(LAGGED_TRUTH, 0), ParameterError, "one sample or more"),
+        bad(lambda: LAGGED.impulse_response(LAGGED_TRUTH, 5, rate_hz=0.0), ParameterError, "a positive rate"),
+        bad(lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array([0.7])), ParameterError, "up to 0.5 Hz"),
+        bad(
+            lambda: LAGGED.frequency_response(LAGGED_TRUTH, np.array(0.1)), ShapeError, "frequencies of shape"
+        ),
+        bad(lambda: LAGGED.problem(ev.Signals(1.0, {"output": np.ones(9)})), MissingChannelError, "'input'"),
+        bad(
+            lambda: LAGGED.problem(
+                ev.Signals(1.0, {"output": np.ones(9), "input": np.ones(9)}, valid=np.arange(9) > 1)
+            ),
+            DataError,
+            "every sample of which is valid",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_bad_input_is_told(call, error, text):
+    with pytest.raises(error, match=text):
+        call()

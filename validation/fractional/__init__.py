@@ -1,0 +1,1 @@
+"""Fractional difference equations against analytic truth: records, and the study of their estimates."""
