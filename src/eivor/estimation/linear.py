@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Assembler, Compensated, Direct
+from eivor.estimation.assembler import Assembler, Compensated
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import bounded_sums
 from eivor.estimation.estimate import Estimate
@@ -29,7 +29,6 @@ from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, 
 from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
 from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
 from eivor.linalg.system import Solution, Solver
-from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 from eivor.models.linearisable import LinearisableProblem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
@@ -86,17 +85,6 @@ class LinearMethod(Method):
             self.equation_weighting.passes == 1 and not self.equation_weighting.needs_instrument_products
         )
         return unweighted and self.assembler.plain_products
-
-    @property
-    def searching(self) -> LinearMethod:
-        """Method whose objective nuisances are searched by: its own, where its equations leave one.
-
-        As many moment equations as unknowns are met at any value of the nuisances; total least squares with
-        the same noises leaves what they do not explain.
-        """
-        if self.needs_instruments or not self.assembler.moment_equations:
-            return self
-        return replace(self, assembler=Direct(), solver=AugmentedTotalLeastSquares())
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
@@ -188,7 +176,7 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
     def solve(linear: LinearProblem) -> Solved:
         return method.determined(method.moments(linear), linear)
 
-    found = settled(problem, solve, nearly(problem, method.searching.solve))
+    found = settled(problem, solve, nearly(problem, method.solve))
     reasons = weak_instruments(found.solved.moments, found.solved.system, found.solved.rows.parameters)
     candidate = Candidate(found.at, found.solved, origin=found.origin)
     return Estimate(method.name, found.solved.rows.parameters, (candidate,), reasons)
