@@ -126,6 +126,11 @@ ACCEPTED = {
     ("FractionalDifferenceModel.simulate", "rate_hz"): NUMBER,
     ("FractionalDifferenceModel.frequency_response", "frequency_hz"): {"list"},
     ("FractionalDifferenceModel.frequency_response", "rate_hz"): NUMBER,
+    ("FractionalNoise", "order"): {"negative"},
+    ("AutoregressiveNoise", "std"): NUMBER,
+    ("HeavyTailedNoise", "degrees"): {"whole"},
+    ("HeavyTailedNoise", "std"): NUMBER,
+    ("RoundingNoise", "std"): NUMBER,
     ("WhiteNoise", "std"): NUMBER,
     ("regression", "names"): {"none", "texts"},
     ("regression", "noise_covariance"): {"none"},
@@ -329,6 +334,9 @@ def doors(folder):
             },
         ),
         "FractionalNoise": (ev.FractionalNoise, {"std": 1.0, "order": 0.2}),
+        "AutoregressiveNoise": (ev.AutoregressiveNoise, {"std": 1.0, "coefficient": 0.9}),
+        "HeavyTailedNoise": (ev.HeavyTailedNoise, {"std": 1.0, "degrees": 3.0}),
+        "RoundingNoise": (ev.RoundingNoise, {"std": 1.0}),
         "Recording": (
             ev.Recording,
             {

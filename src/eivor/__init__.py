@@ -53,6 +53,7 @@ if TYPE_CHECKING:
     from eivor.report.planned import plan
     from eivor.report.saved_fit import SavedFit, load_fit
     from eivor.report.validation import Validation, validate
+    from eivor.signals.further_noises import AutoregressiveNoise, HeavyTailedNoise, RoundingNoise
     from eivor.signals.long_memory import estimate_long_memory
     from eivor.signals.noise import FractionalNoise, WhiteNoise
     from eivor.signals.recording import Recording
@@ -68,6 +69,7 @@ _HOMES = {
     "AndersonRubinSet": "eivor.estimation.weak_identification",
     "AutocorrelatedErrors": "eivor.estimation.error_assumptions",
     "ChangeDetector": "eivor.estimation.recursive.change_detector",
+    "AutoregressiveNoise": "eivor.signals.further_noises",
     "Column": "eivor.models.column",
     "ConfidenceRegion": "eivor.inference.sets.confidence_region",
     "ConfidenceSet": "eivor.inference.sets.confidence_set",
@@ -82,12 +84,14 @@ _HOMES = {
     "FractionalDifferenceModel": "eivor.models.fractional.model",
     "FractionalNoise": "eivor.signals.noise",
     "FractionalTerm": "eivor.models.fractional.terms",
+    "HeavyTailedNoise": "eivor.signals.further_noises",
     "HomoskedasticErrors": "eivor.estimation.error_assumptions",
     "Bounds": "eivor.models.separable",
     "Prior": "eivor.models.separable",
     "Recording": "eivor.signals.recording",
     "RecursiveIdentification": "eivor.estimation.recursive.recursion",
     "Regression": "eivor.models.regression",
+    "RoundingNoise": "eivor.signals.further_noises",
     "SavedFit": "eivor.report.saved_fit",
     "Scenario": "eivor.simulation.records.scenario",
     "SignPerturbedSet": "eivor.estimation.weak_identification",
@@ -135,6 +139,7 @@ _MODULES = frozenset({"bounds", "covariances", "methods"})
 __all__ = [
     "AndersonRubinSet",
     "AutocorrelatedErrors",
+    "AutoregressiveNoise",
     "Bounds",
     "ChangeDetector",
     "Column",
@@ -151,11 +156,13 @@ __all__ = [
     "FractionalDifferenceModel",
     "FractionalNoise",
     "FractionalTerm",
+    "HeavyTailedNoise",
     "HomoskedasticErrors",
     "Prior",
     "Recording",
     "RecursiveIdentification",
     "Regression",
+    "RoundingNoise",
     "SavedFit",
     "Scenario",
     "SignPerturbedSet",

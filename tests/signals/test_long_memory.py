@@ -69,7 +69,7 @@ def test_noise_to_declare():
     record = fractional_difference(np.random.default_rng(3).standard_normal(2000), -0.7)
     found = estimate_long_memory(record)
     assert found.order < -0.5
-    assert found.noise() == FractionalNoise(found.std, -0.5)
+    assert found.noise() == FractionalNoise(found.std, found.order)
 
 
 @pytest.mark.thorough

@@ -25,7 +25,7 @@ import numpy as np
 from eivor import checks
 from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
 from eivor.shapes import Float
-from eivor.signals.noise import LARGEST_ORDER, FractionalNoise
+from eivor.signals.noise import LARGEST_ORDER, LEAST_ORDER, FractionalNoise
 
 #: Fewest frequencies from which an order is estimated.
 LEAST_BANDWIDTH = 8
@@ -76,8 +76,8 @@ class LongMemory:
         return self.order - width, self.order + width
 
     def noise(self) -> FractionalNoise:
-        """Noise to declare of the channel: the estimate, its order at most 1/2 in absolute value."""
-        return FractionalNoise(self.std, float(np.clip(self.order, -LARGEST_ORDER, LARGEST_ORDER)))
+        """Noise to declare of the channel: the estimate, with an order that a noise can have."""
+        return FractionalNoise(self.std, float(np.clip(self.order, LEAST_ORDER, LARGEST_ORDER)))
 
 
 def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | None = None) -> LongMemory:

@@ -18,8 +18,8 @@ from eivor.shapes import Float
 from eivor.signals.fractional import fractional_difference, fractional_weights
 from eivor.signals.fractional_growth import growth_table
 
-#: Largest order, in absolute value, of a fractional measurement noise.
-LARGEST_ORDER = 0.5
+#: Least and largest order of a fractional measurement noise: a random walk, and differences yet invertible.
+LEAST_ORDER, LARGEST_ORDER = -1.0, 0.5
 #: Largest standard deviation: its square is a number yet.
 LARGEST_STD = 1e150
 
@@ -71,7 +71,7 @@ class WhiteNoise(MeasurementNoise):
     std: float
 
     def __post_init__(self) -> None:
-        _check_std(self.std)
+        check_std(self.std)
 
     @property
     def variance(self) -> float:
@@ -106,7 +106,7 @@ class FractionalNoise(MeasurementNoise):
     std : float
         Standard deviation of the white noise before the operator, in the channel's unit.
     order : float
-        Exponent of Delta, from -0.5 (long memory) to 0.5.
+        Exponent of Delta, from -1 (a random walk) over -0.5 (long memory) to 0.5.
 
     Raises
     ------
@@ -119,11 +119,11 @@ class FractionalNoise(MeasurementNoise):
     order: float
 
     def __post_init__(self) -> None:
-        _check_std(self.std)
+        check_std(self.std)
         checks.number("order", self.order)
-        if not abs(self.order) <= LARGEST_ORDER:
+        if not LEAST_ORDER <= self.order <= LARGEST_ORDER:
             raise NonFiniteError(
-                f"an order between -{LARGEST_ORDER} and {LARGEST_ORDER}",
+                f"an order between {LEAST_ORDER} and {LARGEST_ORDER}",
                 f"order={self.order}",
                 "Integrate or differentiate the channel itself by whole orders first.",
             )
@@ -145,7 +145,8 @@ class FractionalNoise(MeasurementNoise):
         return replace(self, std=std)
 
 
-def _check_std(std: float) -> None:
+def check_std(std: float) -> None:
+    """Check a standard deviation: finite, zero or more, and with a square."""
     checks.number("std", std)
     if not (np.isfinite(std) and std >= 0.0):
         raise NonFiniteError(

@@ -118,7 +118,7 @@ def _information(scenario: Scenario, record: SimulatedRecord) -> Float[np.ndarra
     moves = scenario.route is Route.DYNAMICS
     C = noise.spectrum(motion) if moves else _static_spectrum(noise, motion)
     d = motion.directions[:2]
-    weighted = np.stack([C.solved(one) for one in d])
+    weighted = C.solved(d)
     information: Float[np.ndarray, "2 2"] = (
         2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
     )

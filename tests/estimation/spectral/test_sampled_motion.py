@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.estimation.spectral.noise_model import NoiseModel, _Fit, _variances, first_noise
+from eivor.estimation.spectral.noise_fit import _Fit, prior_of
+from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.sampled_motion import SampledMotion, SampledRecord, unitary_bins
 from eivor.shapes import Float
 from eivor.simulation.records.scenario import Intersample
@@ -83,8 +84,8 @@ def test_the_noise_fit_knows_its_gradient() -> None:
     motion = motion_of(Intersample.HOLD, 0.0)
     rng = np.random.default_rng(5)
     residual = rng.standard_normal((2, 400)) + 1j * rng.standard_normal((2, 400))
-    start = first_noise(motion, residual, 1e-2)
-    fit = _Fit(motion, residual, start, np.log(_variances(start)))
+    start = prior_of(motion, residual, 1e-2).centre
+    fit = _Fit(motion, residual, start)
     at = fit.vector(start) + 0.1
     slopes: list[float] = []
     for unit in np.eye(5):

@@ -97,7 +97,7 @@ def test_a_wrong_model_is_corrected_by_the_residuals(solution: SpectralSolution)
     white = (rng.standard_normal((2, C.first.size)) + 1j * rng.standard_normal((2, C.first.size))) / np.sqrt(
         2
     )
-    top, below, bottom = C.root()
+    top, below, bottom = C.root
     residual = 2.0 * np.stack([top * white[0], below * white[0] + bottom * white[1]])
     found = corrected_spectrum(C, residual, np.zeros(C.first.size))
     ratio = np.median(found.first / C.first), np.median(found.second / C.second)

@@ -120,3 +120,30 @@ def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
     assert found.residuals.size == 2000
     assert np.var(found.residuals) == pytest.approx(1.0, abs=0.15)
     assert found.to_frame().height == len(found.names)
+
+
+def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
+    """A declared strength that is far off moves the likelihood; spectral GIV sees the residuals."""
+    problem = problem_of("rich", 1000, 3)
+    bare = replace(problem.signals, noise={"input": problem.signals.noise["input"]})
+    loud = replace(problem.signals, noise={**problem.signals.noise, "velocity_z": ev.WhiteNoise(10.0)})
+    problems = problem, replace(problem, signals=bare), replace(problem, signals=loud)
+    known, fitted, wrong = (ev.identify(one, ev.methods.whittle_ml()).best.values for one in problems)
+    np.testing.assert_allclose(known, fitted, rtol=0.02)
+    assert not np.array_equal(known, fitted)
+    assert np.abs(wrong / known - 1.0).max() > 2.0 * np.abs(fitted / known - 1.0).max()
+    np.testing.assert_allclose(
+        ev.identify(problems[0], ev.methods.spectral_giv()).best.values,
+        ev.identify(problems[2], ev.methods.spectral_giv()).best.values,
+        rtol=1e-12,
+    )
+
+
+def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
+    """Generalized IV's covariance is told by eight averages: the limit is that of Hotelling's T^2."""
+    from eivor.estimation.spectral.spectral_giv import FARTHEST
+
+    ratios = np.random.default_rng(2).standard_normal((4000, 10, 2))
+    spread = np.einsum("ikj,ikl->ijl", ratios[:, :8], ratios[:, :8]) / 8.0
+    apart = np.einsum("ij,ij->i", ratios[:, 9], np.linalg.solve(spread, ratios[:, 9][..., None])[..., 0])
+    assert (apart > FARTHEST).mean() < 0.004 < (apart > 13.8).mean()

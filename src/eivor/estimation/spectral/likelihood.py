@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.estimation.spectral.noise_model import NoiseModel, fitted_noise
+from eivor.estimation.spectral.noise_fit import fitted_noise
+from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.pair_spectrum import Pair
 from eivor.estimation.spectral.pilot import Pilot
 from eivor.estimation.spectral.sampled_motion import SampledMotion

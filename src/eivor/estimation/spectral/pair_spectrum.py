@@ -3,62 +3,68 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from eivor.shapes import Complex, Float
 
 Pair = Complex[np.ndarray, "2 bins"]
+Pairs = Complex[np.ndarray, "*shape 2 bins"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PairSpectrum:
-    """C of each bin, by its entries.
+    """C of each bin, by its entries; of several matrices a bin where these have more axes.
 
     Parameters
     ----------
-    first, second : ndarray, shape (bins,)
+    first, second : ndarray, shape (..., bins)
         On the diagonal.
-    cross : ndarray, shape (bins,)
+    cross : ndarray, shape (..., bins)
         First row, second column; its conjugate is the other.
     """
 
-    first: Float[np.ndarray, " bins"]
-    second: Float[np.ndarray, " bins"]
-    cross: Complex[np.ndarray, " bins"]
+    first: Float[np.ndarray, "*shape bins"]
+    second: Float[np.ndarray, "*shape bins"]
+    cross: Complex[np.ndarray, "*shape bins"]
 
     def __add__(self, other: PairSpectrum) -> PairSpectrum:
         return PairSpectrum(self.first + other.first, self.second + other.second, self.cross + other.cross)
 
-    def __mul__(self, factor: float | Float[np.ndarray, " bins"]) -> PairSpectrum:
+    def __mul__(self, factor: float | Float[np.ndarray, "*shape bins"]) -> PairSpectrum:
         return PairSpectrum(self.first * factor, self.second * factor, self.cross * factor)
 
-    @property
-    def determinant(self) -> Float[np.ndarray, " bins"]:
+    @cached_property
+    def determinant(self) -> Float[np.ndarray, "*shape bins"]:
         """Of each bin."""
-        return self.first * self.second - np.abs(self.cross) ** 2
+        return self.first * self.second - (self.cross.real**2 + self.cross.imag**2)
 
-    def solved(self, pair: Pair) -> Pair:
-        """C^-1 x."""
+    @cached_property
+    def _inverse(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"]
+    ]:
+        """C^-1: both of its diagonal, first row and second column."""
         determinant = self.determinant
-        return np.stack(
-            [
-                (self.second * pair[0] - self.cross * pair[1]) / determinant,
-                (self.first * pair[1] - self.cross.conj() * pair[0]) / determinant,
-            ]
-        )
+        return self.second / determinant, self.first / determinant, self.cross / -determinant
 
-    def traces_over(self, other: PairSpectrum) -> Float[np.ndarray, " bins"]:
-        """tr(other^-1 C), a real number for Hermitian matrices."""
-        cross = (other.cross.conj() * self.cross).real
-        found: Float[np.ndarray, " bins"] = (
-            other.second * self.first + other.first * self.second - 2.0 * cross
-        ) / other.determinant
+    def solved(self, pairs: Pairs) -> Pairs:
+        """C^-1 x, of one pair or of several."""
+        first, second, cross = self._inverse
+        found = np.empty(pairs.shape, dtype=np.complex128)
+        found[..., 0, :] = first * pairs[..., 0, :] + cross * pairs[..., 1, :]
+        found[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
         return found
 
-    def trace_with(self, other: PairSpectrum) -> Float[np.ndarray, " bins"]:
+    def traces_over(self, other: PairSpectrum) -> Float[np.ndarray, "*shape bins"]:
+        """tr(other^-1 C), a real number for Hermitian matrices."""
+        return self.trace_with(PairSpectrum(*other._inverse))
+
+    def trace_with(self, other: PairSpectrum) -> Float[np.ndarray, "*shape bins"]:
         """tr(other C)."""
-        found: Float[np.ndarray, " bins"] = (
+        found: Float[np.ndarray, "*shape bins"] = (
             other.first * self.first
             + other.second * self.second
             + 2.0 * (other.cross.conj() * self.cross).real
@@ -67,29 +73,32 @@ class PairSpectrum:
 
     def between(self, other: PairSpectrum) -> PairSpectrum:
         """other^-1 C other^-1."""
-        a, b, c = other.second, other.first, -other.cross
-        squared = other.determinant**2
-        crossed = c.conj() * self.cross
+        a, b, c = other._inverse
+        twice, size = 2.0 * (c.conj() * self.cross).real, c.real**2 + c.imag**2
         return PairSpectrum(
-            (a * a * self.first + 2.0 * a * crossed.real + np.abs(c) ** 2 * self.second) / squared,
-            (b * b * self.second + 2.0 * b * crossed.real + np.abs(c) ** 2 * self.first) / squared,
-            (a * c * self.first + a * b * self.cross + c * c * self.cross.conj() + b * c * self.second)
-            / squared,
+            a * a * self.first + a * twice + size * self.second,
+            b * b * self.second + b * twice + size * self.first,
+            c * (a * self.first + b * self.second + c * self.cross.conj()) + a * b * self.cross,
         )
 
+    @cached_property
     def root(
         self,
-    ) -> tuple[Float[np.ndarray, " bins"], Complex[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+    ) -> tuple[
+        Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"]
+    ]:
         """Lower Cholesky factor: its first diagonal, what stands below, its second diagonal."""
         top = np.sqrt(self.first)
         below = self.cross.conj() / top
         return top, below, np.sqrt(self.determinant / self.first)
 
-    def whitened(self, pair: Pair) -> Pair:
-        """L^-1 x with C = L L^H."""
-        top, below, bottom = self.root()
-        one = pair[0] / top
-        return np.stack([one, (pair[1] - below * one) / bottom])
+    def whitened(self, pairs: Pairs) -> Pairs:
+        """L^-1 x with C = L L^H, of one pair or of several."""
+        top, below, bottom = self.root
+        found = np.empty(pairs.shape, dtype=np.complex128)
+        found[..., 0, :] = pairs[..., 0, :] / top
+        found[..., 1, :] = (pairs[..., 1, :] - below * found[..., 0, :]) / bottom
+        return found
 
 
 def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:

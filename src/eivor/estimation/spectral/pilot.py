@@ -10,9 +10,11 @@ import numpy as np
 from eivor.errors import WeakInstrumentsWarning
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import generalized_iv
-from eivor.estimation.spectral.noise_model import NoiseModel, first_noise, fitted_noise
+from eivor.estimation.spectral.noise_fit import NoisePrior, fitted_noise, prior_of
+from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem
+from eivor.signals.noise import MeasurementNoise
 
 
 @dataclass(frozen=True)
@@ -25,14 +27,16 @@ class Pilot:
         Parameters.
     transient : float
         t.
-    noise, prior : NoiseModel
-        Noises that fit, and the centres of what is known of them.
+    noise : NoiseModel
+        Noises that fit.
+    prior : NoisePrior
+        What was known of them.
     """
 
     motion: SampledMotion
     transient: float
     noise: NoiseModel
-    prior: NoiseModel
+    prior: NoisePrior
 
 
 def consistent_estimate(sampled: SampledProblem) -> Estimate:
@@ -42,12 +46,16 @@ def consistent_estimate(sampled: SampledProblem) -> Estimate:
         return generalized_iv().estimate(sampled.problem)
 
 
-def pilot_at(motion: SampledMotion, input_variance: float) -> Pilot:
-    """Noises that fit the residuals at some parameters."""
+def pilot_at(
+    motion: SampledMotion,
+    input_variance: float,
+    declared: tuple[MeasurementNoise | None, MeasurementNoise | None] = (None, None),
+) -> Pilot:
+    """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
     transient = first_transient(motion)
     residual = motion.whole(np.array([transient]), motion.nuisance_shapes(ramps=False))
-    prior = first_noise(motion, residual, input_variance)
-    return Pilot(motion, transient, fitted_noise(motion, residual, prior, prior), prior)
+    prior = prior_of(motion, residual, input_variance, declared)
+    return Pilot(motion, transient, fitted_noise(motion, residual, prior.centre, prior), prior)
 
 
 def first_transient(motion: SampledMotion) -> float:

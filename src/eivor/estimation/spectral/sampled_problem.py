@@ -13,7 +13,7 @@ from eivor.models.column import lags
 from eivor.models.equation import Parameter
 from eivor.models.signal_regression import SignalRegression
 from eivor.shapes import Complex, Float
-from eivor.signals.noise import WhiteNoise
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
 
 #: Fewest samples that spectra can be told from.
 FEWEST_SAMPLES = 64
@@ -35,12 +35,15 @@ class SampledProblem:
         Of the noise of the input; zero with instruments of another channel, which do not share it.
     instrument : ndarray, shape (bins,), or None
         What instruments of another channel say of the input; None where it is its own.
+    declared : tuple of MeasurementNoise or None
+        Noises of z' and of z'', where the record declares them.
     """
 
     problem: SignalRegression
     record: SampledRecord
     input_variance: float
     instrument: Complex[np.ndarray, " bins"] | None
+    declared: tuple[MeasurementNoise | None, MeasurementNoise | None]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -98,7 +101,8 @@ def sampled_problem(problem: Problem, method: str) -> SampledProblem:
     )
     own = {column.channel for column in problem.instrument_columns} == {driver}
     instrument = None if own else unitary_bins(_projected(problem, driver, method))
-    return SampledProblem(problem, record, noise.variance, instrument)
+    declared = signals.noise.get(state), signals.noise.get(response)
+    return SampledProblem(problem, record, noise.variance, instrument, declared)
 
 
 def _motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:

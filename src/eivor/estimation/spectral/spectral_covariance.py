@@ -47,16 +47,15 @@ class SpectralCovariance:
 
 def spectral_covariance(solution: SpectralSolution) -> SpectralCovariance:
     """Covariances at a solution."""
-    count = solution.parameters
-    shares = solution.sensitivities()
-    whole = np.linalg.inv(shares.sum(axis=2))
-    inverse = whole[:count]
-    meat = _meat(solution)
-    of_bins = np.einsum("jl,lmb,jm->jb", inverse, meat, inverse)
-    degrees = 2.0 * of_bins.sum(axis=1) ** 2 / (of_bins**2).sum(axis=1)
-    leverage = np.clip(np.einsum("jl,ljb->b", whole, shares), 0.0, LARGEST_LEVERAGE)
-    enlarged = np.sqrt((of_bins / (1.0 - leverage / 4.0)).sum(axis=1) / of_bins.sum(axis=1))
-    model = inverse @ meat.sum(axis=2) @ inverse.T * np.outer(enlarged, enlarged)
+    sensitivity = solution.sensitivity
+    whole = np.linalg.inv(sensitivity.total)
+    inverse = whole[: solution.parameters]
+    of_bins = _meat(solution, inverse)
+    own = np.einsum("jjb->jb", of_bins)
+    degrees = 2.0 * own.sum(axis=1) ** 2 / (own**2).sum(axis=1)
+    leverage = np.clip(sensitivity.leverage(whole), 0.0, LARGEST_LEVERAGE)
+    enlarged = np.sqrt((own / (1.0 - leverage / 4.0)).sum(axis=1) / own.sum(axis=1))
+    model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
     influence = _influence(solution) @ inverse.T * enlarged
     in_time = sum_covariance(influence)
     return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence)
@@ -70,17 +69,16 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     return found
 
 
-def _meat(solution: SpectralSolution) -> Float[np.ndarray, "n n bins"]:
-    """Variance of the equations, bin by bin."""
-    tests = solution.tests
-    weighted = np.stack([solution.spectrum.solved(one) for one in tests])
-    meat = np.einsum("jkb,lkb->jlb", tests.conj(), weighted).real
+def _meat(solution: SpectralSolution, inverse: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n n bins"]:
+    """J^-1 M J^-T, bin by bin."""
+    answered = np.tensordot(inverse, solution.tests, axes=1)
+    meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:
-        own = solution.motion.directions[: solution.parameters]
+        count = solution.parameters
+        own = np.tensordot(inverse[:, :count], solution.motion.directions[:count], axes=1)
         shared = solution.spectrum.solved(solution.motion.input_noise)
         phi = np.einsum("jkb,kb->jb", own.conj(), shared) * (solution.weights * solution.factors)
-        count = solution.parameters
-        meat[:count, :count] += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
+        meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
     return 0.5 * meat
 
 
@@ -88,8 +86,6 @@ def _influence(solution: SpectralSolution) -> Float[np.ndarray, "samples n"]:
     """Products of whitened test functions and residuals in time; each column's sum is its equation."""
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
-    tests = [series_of(solution.spectrum.whitened(one), record.count) for one in solution.tests]
-    found: Float[np.ndarray, "samples n"] = 0.5 * np.stack(
-        [(test * residual).sum(axis=0) for test in tests], axis=1
-    )
+    tests = series_of(solution.spectrum.whitened(solution.tests), record.count)
+    found: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", tests, residual)
     return found

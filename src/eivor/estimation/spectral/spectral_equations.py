@@ -10,11 +10,12 @@ term s sigma_u^2 takes off what the input's noise adds, the compensation of (28)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from eivor.errors import EstimationError
-from eivor.estimation.spectral.noise_model import fitted_noise
+from eivor.estimation.spectral.noise_fit import fitted_noise
 from eivor.estimation.spectral.pair_spectrum import Pair, PairSpectrum
 from eivor.estimation.spectral.pilot import Pilot
 from eivor.estimation.spectral.sampled_motion import SampledMotion
@@ -75,17 +76,17 @@ class SpectralSolution:
         """How many: K, b, and rho where it is free."""
         return 3 if self.free_blend else 2
 
-    @property
+    @cached_property
     def residual(self) -> Pair:
         """r, without the nuisances' part."""
         return self.motion.whole(self.nuisances, self.nuisance_shapes)
 
-    @property
+    @cached_property
     def nuisance_shapes(self) -> Complex[np.ndarray, "q 2 bins"]:
         """What nuisances do to the residuals: psi."""
         return self.motion.nuisance_shapes(self.nuisances.size > 1)
 
-    @property
+    @cached_property
     def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
         """Test functions before C^-1: w c U d_j, and c psi."""
         own = self.motion.directions[: self.parameters] * (self.weights * self.factors * self.instrument)
@@ -93,31 +94,75 @@ class SpectralSolution:
 
     def scores(self) -> Float[np.ndarray, " n"]:
         """Left sides of the equations."""
-        weighted = self.spectrum.solved(self.residual)
-        found = np.einsum("jkb,kb->j", self.tests.conj(), weighted).real
+        found = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
         if self.input_variance:
-            shared = self.spectrum.solved(self.motion.input_noise) * (self.weights * self.factors)
-            own = self.motion.directions[: self.parameters]
-            found[: self.parameters] += self.input_variance * np.einsum("jkb,kb->j", own.conj(), shared).real
+            own, taken = self.motion.directions[: self.parameters], self.weights * self.factors
+            shared = self.spectrum.solved(self.motion.input_noise * (self.input_variance * taken))
+            found[: self.parameters] += _products(own, shared[None])[:, 0]
         return found
 
     def stepped(self) -> SampledMotion:
         """Parameters after one of Newton's steps."""
-        step = -np.linalg.solve(self.sensitivities().sum(axis=2), self.scores())
+        step = -np.linalg.solve(self.sensitivity.total, self.scores())
         return moved_by(self.motion, step[: self.parameters])
 
-    def sensitivities(self) -> Float[np.ndarray, "n n bins"]:
-        """Share of each bin in the derivative of the equations by parameters and nuisances."""
-        count = self.parameters
-        own, nuisances = self.motion.directions[:count], self.nuisance_shapes
-        moved = np.concatenate([own * self.motion.record.input, nuisances])
-        weighted = np.stack([self.spectrum.solved(one) for one in moved])
-        found = np.einsum("jkb,lkb->jlb", self.tests.conj(), weighted).real
-        if self.input_variance:
-            plain = np.stack([self.spectrum.solved(one) for one in own])
-            taken = np.einsum("jkb,lkb->jlb", own.conj(), plain).real * (self.weights * self.factors)
-            found[:count, :count] -= self.input_variance * taken
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Derivative of the equations by parameters and nuisances."""
+        own = self.motion.directions[: self.parameters]
+        moved = np.concatenate([own * self.motion.record.input, self.nuisance_shapes])
+        taken = self.input_variance * (self.weights * self.factors)
+        return Sensitivity(self.tests, self.spectrum.solved(moved), own, self.spectrum.solved(own * taken))
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivative J of equations by what they are solved for, a sum over bins.
+
+    Parameters
+    ----------
+    tests, moved : ndarray, shape (n, 2, bins)
+        Test function of each equation; what each unknown does to the residuals, whitened twice.
+    own, taken : ndarray, shape (parameters, 2, bins)
+        Of the compensation, alike: it is taken off.
+    """
+
+    tests: Complex[np.ndarray, "n 2 bins"]
+    moved: Complex[np.ndarray, "n 2 bins"]
+    own: Complex[np.ndarray, "m 2 bins"]
+    taken: Complex[np.ndarray, "m 2 bins"]
+
+    @cached_property
+    def total(self) -> Float[np.ndarray, "n n"]:
+        """J."""
+        count = self.own.shape[0]
+        found = _products(self.tests, self.moved)
+        found[:count, :count] -= _products(self.own, self.taken)
         return found
+
+    def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
+        """Share of each bin in J, as the trace of J^-1 times it."""
+        count = self.own.shape[0]
+        found: Float[np.ndarray, " bins"] = _shares(self.tests, np.tensordot(inverse.T, self.moved, 1))
+        return found - _shares(self.own, np.tensordot(inverse[:count, :count].T, self.taken, 1))
+
+
+def _products(
+    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
+) -> Float[np.ndarray, "n m"]:
+    """Re of x^H y, summed over bins."""
+    found: Float[np.ndarray, "n m"] = (
+        left.conj().reshape(left.shape[0], -1) @ right.reshape(right.shape[0], -1).T
+    ).real
+    return found
+
+
+def _shares(
+    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
+) -> Float[np.ndarray, " bins"]:
+    """Re of x^H y of each bin, summed over what stands first."""
+    found: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
+    return found
 
 
 def solved_equations(
@@ -166,10 +211,9 @@ def solved_equations(
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
     """Newton's steps at fixed weights; the leverage of each bin at their beginning."""
-    shares = now.sensitivities()
-    total = shares.sum(axis=2)
+    sensitivity = now.sensitivity
     try:
-        inverse = np.linalg.inv(total)
+        inverse = np.linalg.inv(sensitivity.total)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             "an input that moves the vehicle", "equations without a unique solution", "Excite it more."
@@ -183,7 +227,7 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
         now = replace(now, motion=motion, nuisances=now.nuisances + step[now.parameters :])
         if largest < STILL:
             break
-    return now, np.clip(np.einsum("jl,ljb->b", inverse, shares), 0.0, None)
+    return now, np.maximum(sensitivity.leverage(inverse), 0.0)
 
 
 def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMotion:

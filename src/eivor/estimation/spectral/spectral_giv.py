@@ -27,19 +27,24 @@ from eivor.estimation.spectral.spectral_covariance import (
 from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
 from eivor.estimation.spectral.whitened_rows import solved_rows
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
 from eivor.inference.covariances.estimators import EqualWeightedCosines
+from eivor.inference.sets.ellipse import hotelling_quantile
 from eivor.inference.verdict import Reason
 from eivor.models.equation import Parameter
 from eivor.shapes import Float
 
-#: Distance of the two answers, of 2 degrees of freedom, that chance reaches once in a thousand times.
-FARTHEST = 13.8
+#: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
+#: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
+#: are three good answers in a hundred.
+FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
 #: Records shorter than this are combined with generalized IV: alone, spectra are not told well enough.
 SHORT_RECORD = 400
 #: Relative change of the parameters in the last pass beyond which they are no answer.
 MOVING = 0.05
-#: What the input may do between samples, and how near, in standard errors, counts as that.
-USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 2.0
+#: What the input may do between samples, and how near, in standard errors, counts as that: chance is farther
+#: once in 370 times, and where it is, a free rho may double the error of the gain.
+USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 3.0
 BLEND = Parameter("intersample_share", "")
 
 
@@ -177,7 +182,7 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
 
 
 def _usual(found: _Found) -> float | None:
-    """The usual rho that a free one is within two standard errors of; None where it is near none."""
+    """The usual rho that a free one is within three standard errors of; None where it is near none."""
     blend = found.solution.motion.blend
     error = float(np.sqrt(max(found.covariance.model[2, 2], found.covariance.in_time[2, 2])))
     usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))

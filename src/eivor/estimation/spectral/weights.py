@@ -70,7 +70,7 @@ def corrected_spectrum(
     one = share * averaged(np.abs(white[0]) ** 2) + 1.0 - share
     two = share * averaged(np.abs(white[1]) ** 2) + 1.0 - share
     across = share * averaged(white[0] * white[1].conj())
-    top, below, bottom = model.root()
+    top, below, bottom = model.root
     # L P L^H with L = [top 0; below bottom]
     return PairSpectrum(
         top**2 * one,

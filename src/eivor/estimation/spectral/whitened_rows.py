@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor.estimation.assembler import Compensated
 from eivor.estimation.solved import Solved
-from eivor.estimation.spectral.pair_spectrum import Pair
+from eivor.estimation.spectral.pair_spectrum import Pairs
 from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.linalg import LeastSquares
 from eivor.models.equation import Parameter
@@ -36,15 +36,15 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     own = motion.directions[: solution.parameters]
     theta = np.array([motion.friction, motion.gain, motion.blend])[: solution.parameters]
     tests = solution.tests
-    moved = np.stack([C.solved(one) for one in solution.nuisance_shapes])
+    moved = C.solved(solution.nuisance_shapes)
     nuisance_tests = tests[solution.parameters :]
     by_nuisance = np.einsum("jkb,lkb->jl", moved.conj(), tests[: solution.parameters]).real
     among = np.einsum("jkb,lkb->jl", moved.conj(), nuisance_tests).real
     freed = tests[: solution.parameters] - np.tensordot(
         np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1
     )
-    X = np.stack([-series_of(C.whitened(one * motion.record.input), count).ravel() for one in own], axis=1)
-    Psi = np.stack([-series_of(C.whitened(one), count).ravel() for one in freed], axis=1)
+    X = -series_of(C.whitened(own * motion.record.input), count).reshape(own.shape[0], -1).T
+    Psi = -series_of(C.whitened(freed), count).reshape(own.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
     shared = _shared_noise(solution, theta) / (2 * count)
     samples = np.tile(np.arange(count), 2)
@@ -61,18 +61,16 @@ def _shared_noise(
         return np.zeros((count, count + 1))
     own = solution.motion.directions[:count]
     whole = np.concatenate([own, (solution.motion.input_noise + np.tensordot(theta, own, 1))[None]])
-    weighted = np.stack([solution.spectrum.solved(one) for one in whole]) * (
-        solution.weights * solution.factors
-    )
+    weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
     found: Float[np.ndarray, "n n_plus_1"] = (
         2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", own.conj(), weighted).real
     )
     return found
 
 
-def series_of(pair: Pair, count: int) -> Float[np.ndarray, "2 samples"]:
-    """Series of a pair of unitary spectra without means."""
-    bins = np.zeros((2, count // 2 + 1), dtype=complex)
-    bins[:, 1 : pair.shape[1] + 1] = pair
-    series: Float[np.ndarray, "2 samples"] = np.fft.irfft(bins, count, axis=1) * np.sqrt(count)
+def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
+    """Series of pairs of unitary spectra without means."""
+    bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
+    bins[..., 1 : pairs.shape[-1] + 1] = pairs
+    series: Float[np.ndarray, "*shape 2 samples"] = np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
     return series

@@ -24,19 +24,21 @@ from eivor.inference.verdict import Reason
 
 @dataclass(frozen=True, slots=True)
 class WhittleLikelihood(Method):
-    """Maximum likelihood in frequency, with the noise of the input declared and all others fitted.
+    """Maximum likelihood in frequency, with noises as they are declared and all others fitted.
+
+    That of the input must be declared, those of velocity and acceleration may be; a disturbance is fitted.
 
     Parameters
     ----------
     noise : NoiseModel, optional
-        Spectra that are known; fitted, but for the input's, when left out.
+        Spectra that are known, the disturbance's among them.
     name : str
         The word that results and the command line use.
 
     Notes
     -----
-    Efficient where the noises are what the model takes them for, and biased where they are not: orders that
-    are wrong bias it by up to 41 %, `SpectralGeneralizedIV` by less than one.
+    Efficient where the noises are what the model takes them for, and biased where they are not; an input is
+    taken as held between samples. `SpectralGeneralizedIV` asks for neither.
     """
 
     noise: NoiseModel | None = None
@@ -81,7 +83,7 @@ class WhittleLikelihood(Method):
             return start
         try:
             with np.errstate(all="ignore"):
-                pilot = pilot_at(start, sampled.input_variance)
+                pilot = pilot_at(start, sampled.input_variance, sampled.declared)
                 if self.noise is not None:
                     pilot = replace(pilot, noise=self.noise)
                 found = maximum_likelihood(pilot, noise_is_known=self.noise is not None)

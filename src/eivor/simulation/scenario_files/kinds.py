@@ -16,6 +16,7 @@ from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from eivor.errors import EivorError, did_you_mean
+from eivor.signals.further_noises import AutoregressiveNoise, HeavyTailedNoise, RoundingNoise
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.simulation.records.control import AltitudeControl, Control, VelocityControl
 from eivor.simulation.rigid_body.integrators import AdaptiveSteps, Integrator, RungeKutta4
@@ -59,7 +60,13 @@ from eivor.toml_table import TomlTable
 
 Maker = Callable[..., Any]
 
-NOISES: Mapping[str, Maker] = {"white": WhiteNoise, "fractional": FractionalNoise}
+NOISES: Mapping[str, Maker] = {
+    "white": WhiteNoise,
+    "fractional": FractionalNoise,
+    "autoregressive": AutoregressiveNoise,
+    "heavy_tailed": HeavyTailedNoise,
+    "rounding": RoundingNoise,
+}
 DISTURBANCES: Mapping[str, Maker] = {
     "paper": paper_disturbance,
     "white": WhiteDisturbance,
