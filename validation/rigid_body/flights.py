@@ -18,6 +18,7 @@ from eivor.shapes import Float
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
 from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.rigid_body.controller import FlightController
 from eivor.simulation.rigid_body.sensors import Sensor
 from eivor.simulation.rigid_body.spec import (
     AxisExcitations,
@@ -73,6 +74,7 @@ def flight_of(vehicle: Vehicle, scenario: Scenario, seconds: float, number: int)
         rate_hz=FINE_HZ if scenario.jitter_s else CONTROLLER_HZ,
         duration=seconds,
         trajectory=TrajectoryKind.MULTISINE,
+        controller=FlightController(quickness=scenario.quickness, derivative_share=scenario.derivative_share),
         attitude=AxisExcitations(RandomSteps(0.25), RandomSteps(0.25), FilteredWhite(0.5, 0.05, 0.6)),
         injection=AxisExcitations(added, added, added),
         torque_disturbance=TorqueDisturbance(air, air, air),

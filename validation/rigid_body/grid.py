@@ -89,6 +89,8 @@ def _scenario(table: TomlTable) -> Scenario:
         table.flag("filtered", default=False),
         table.number("torque", 0.0),
         table.number("injected", 0.0),
+        table.number("quickness", 0.6),
+        table.number("derivative_share", 0.0),
     )
     table.finish()
     return scenario

@@ -69,6 +69,8 @@ class Scenario:
         Standard deviation of what the air does about each axis [rad/s^2].
     injected : float
         Standard deviation of what is added to the normalised torque setpoints.
+    quickness, derivative_share : float
+        Of the controller, see `FlightController`.
     """
 
     name: str
@@ -86,3 +88,5 @@ class Scenario:
     filtered: bool = False
     torque: float = 0.0
     injected: float = 0.0
+    quickness: float = 0.6
+    derivative_share: float = 0.0
