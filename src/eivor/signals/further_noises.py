@@ -9,17 +9,17 @@ import numpy as np
 from eivor import checks
 from eivor.errors import ParameterError
 from eivor.shapes import Float
-from eivor.signals.noise import MeasurementNoise, check_std
+from eivor.signals.noise import MeasurementNoise, UncorrelatedNoise, check_std
 
 
 @dataclass(frozen=True, slots=True)
 class AutoregressiveNoise(MeasurementNoise):
-    """x(k) = coefficient x(k-1) + e(k), stationary from its first sample on.
+    """x(k) = coefficient x(k-1) + e(k), started at zero with the record.
 
     Parameters
     ----------
     std : float
-        Standard deviation of x, in the channel's unit.
+        Standard deviation that x settles to, in the channel's unit.
     coefficient : float
         Between -1 and 1, both left out.
 
@@ -44,17 +44,29 @@ class AutoregressiveNoise(MeasurementNoise):
                 "Give FractionalNoise(std, -1) for a random walk.",
             )
 
-    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """std^2 coefficient^lag."""
-        return np.full(count, self.std**2 * self.coefficient**lag)
+    @property
+    def innovation_std(self) -> float:
+        """Standard deviation of e."""
+        return float(self.std * np.sqrt(1.0 - self.coefficient**2))
+
+    def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
+        """std^2 coefficient^lag (1 - coefficient^(2 m + 2)) at the m-th sample."""
+        ages = np.arange(start + 1.0, start + count + 1.0)
+        grown: Float[np.ndarray, " count"] = 1.0 - (self.coefficient**2) ** ages
+        return self.std**2 * self.coefficient**lag * grown
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """Powers of the coefficient, times the standard deviation of e."""
+        weights: Float[np.ndarray, " count"] = self.innovation_std * self.coefficient ** np.arange(count)
+        return weights
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Normal innovations, filtered."""
         from scipy.signal import lfilter
 
-        innovations = rng.standard_normal(count)
-        innovations[1:] *= np.sqrt(1.0 - self.coefficient**2)
-        series: Float[np.ndarray, " count"] = lfilter([self.std], [1.0, -self.coefficient], innovations)
+        series: Float[np.ndarray, " count"] = lfilter(
+            [self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count)
+        )
         return series
 
     def with_std(self, std: float) -> AutoregressiveNoise:
@@ -63,7 +75,7 @@ class AutoregressiveNoise(MeasurementNoise):
 
 
 @dataclass(frozen=True, slots=True)
-class HeavyTailedNoise(MeasurementNoise):
+class HeavyTailedNoise(UncorrelatedNoise):
     """Uncorrelated noise with the tails of Student's t.
 
     Parameters
@@ -94,10 +106,6 @@ class HeavyTailedNoise(MeasurementNoise):
                 "Give 3 for heavy tails, WhiteNoise for normal noise.",
             )
 
-    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """std^2 at lag zero, nothing else."""
-        return np.full(count, self.std**2 if lag == 0 else 0.0)
-
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent values of Student's t, scaled."""
         scale = self.std * np.sqrt((self.degrees - 2.0) / self.degrees)
@@ -109,7 +117,7 @@ class HeavyTailedNoise(MeasurementNoise):
 
 
 @dataclass(frozen=True, slots=True)
-class RoundingNoise(MeasurementNoise):
+class RoundingNoise(UncorrelatedNoise):
     """What rounding to multiples of a step adds, as uncorrelated values between half a step down and up.
 
     The usual model of a converter's quantisation: it holds where the channel moves by more than a step from
@@ -135,10 +143,6 @@ class RoundingNoise(MeasurementNoise):
     def step(self) -> float:
         """Of the rounding, in the channel's unit."""
         return float(self.std * np.sqrt(12.0))
-
-    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """step^2/12 at lag zero, nothing else."""
-        return np.full(count, self.std**2 if lag == 0 else 0.0)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent values, uniform over a step."""

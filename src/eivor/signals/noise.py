@@ -53,8 +53,24 @@ class MeasurementNoise(ABC):
         """Noise of the same shape with another `std`, see the class for what that is the std of."""
 
 
+class UncorrelatedNoise(MeasurementNoise):
+    """Noise without memory, whatever its distribution."""
+
+    __slots__ = ()
+
+    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
+        """std^2 at lag zero, nothing else."""
+        return np.full(count, self.std**2 if lag == 0 else 0.0)
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """`std`, and zeros."""
+        weights: Float[np.ndarray, " count"] = np.zeros(count)
+        weights[0] = self.std
+        return weights
+
+
 @dataclass(frozen=True, slots=True)
-class WhiteNoise(MeasurementNoise):
+class WhiteNoise(UncorrelatedNoise):
     """Uncorrelated noise of constant variance.
 
     Parameters
@@ -77,16 +93,6 @@ class WhiteNoise(MeasurementNoise):
     def variance(self) -> float:
         """Square of `std`."""
         return self.std**2
-
-    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """`variance` at lag zero, nothing else."""
-        return np.full(count, self.variance if lag == 0 else 0.0)
-
-    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """`std`, and zeros."""
-        weights: Float[np.ndarray, " count"] = np.zeros(count)
-        weights[0] = self.std
-        return weights
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent normal values."""
