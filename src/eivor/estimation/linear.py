@@ -27,6 +27,7 @@ from eivor.estimation.solved import Solved
 from eivor.estimation.strength import weak_instruments
 from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, UnweightedEquations
 from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
+from eivor.inference.covariances.by_row import FEW_ROWS_DEFAULT
 from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
 from eivor.linalg.system import Solution, Solver
 from eivor.models.linearisable import LinearisableProblem
@@ -239,7 +240,8 @@ def _candidate(
         misfits=tuple(nuisance.misfit(found.at) for nuisance in known),
     )
     at = {nuisance.name: found.at[nuisance.name] for nuisance in problem.nuisances}
-    return Candidate(at, solved, found.profiles, FLIGHT_DEFAULT)
+    covariance = FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT
+    return Candidate(at, solved, found.profiles, covariance)
 
 
 def _minimum(

@@ -272,6 +272,11 @@ class SeparableProblem(ABC):
         """Rows in frequency, one block for each run."""
 
     @property
+    def few_rows(self) -> bool:
+        """Whether some column lives in few bins, so that its variance has to be told row by row."""
+        return False
+
+    @property
     def first_values(self) -> dict[str, float]:
         """Every nuisance at the least value of its grid."""
         return {nuisance.name: nuisance.first for nuisance in self.nuisances}

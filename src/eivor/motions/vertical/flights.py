@@ -193,6 +193,11 @@ class VerticalFlights(SeparableProblem):
         object.__setattr__(self, "runs", runs)
 
     @property
+    def few_rows(self) -> bool:
+        """Whether there are terms: voltage and height change slowly."""
+        return bool(self.terms)
+
+    @property
     def lag(self) -> Nuisance:
         """The actuators' lag."""
         return self._nuisance(ACTUATOR_LAG)
