@@ -178,9 +178,12 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
         return method.determined(method.moments(linear), linear)
 
     found = settled(problem, solve, nearly(problem, method.solve))
-    reasons = weak_instruments(found.solved.moments, found.solved.system, found.solved.rows.parameters)
-    candidate = Candidate(found.at, found.solved, origin=found.origin)
-    return Estimate(method.name, found.solved.rows.parameters, (candidate,), reasons)
+    solved = found.solved
+    parameters = solved.rows.parameters
+    reasons = weak_instruments(solved.moments, solved.system, parameters) + pulled(
+        solved.solution, parameters
+    )
+    return Estimate(method.name, parameters, (Candidate(found.at, solved, origin=found.origin),), reasons)
 
 
 # -- problems with nuisances ------------------------------------------------------------------------------

@@ -137,6 +137,16 @@ def bad(call, error, text):
             "a known order of the first",
         ),
         bad(
+            lambda: ev.FractionalDifferenceModel((0.0, ev.UnknownOrder("order", -0.2, 0.6)), (0.0,)),
+            ParameterError,
+            "orders 0 and -0.2 to 0.6 at lag 0",
+        ),
+        bad(
+            lambda: ev.FractionalDifferenceModel((0.0, ORDER, ev.UnknownOrder("second", 1.1, 1.9)), (0.0,)),
+            ParameterError,
+            "orders 0.2 to 1.2 and 1.1 to 1.9",
+        ),
+        bad(
             lambda: ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("order", 0.1, 0.3),)),
             ParameterError,
             "one range of the order 'order'",

@@ -48,8 +48,8 @@ class FractionalDifferenceModel:
     Raises
     ------
     ParameterError
-        When an order is out of range, two terms of a side are alike, the first order of the output is
-        unknown, or one name has two ranges.
+        When an order is out of range, two terms of a side and lag are of one order or might be, the first
+        order of the output is unknown, or one name has two ranges.
     UsageError
         When an argument is of another type.
     """

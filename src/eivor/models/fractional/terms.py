@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -95,6 +96,19 @@ class FractionalTerm:
         """Order, which a mapping has where it is sought."""
         return orders[self.order.name] if isinstance(self.order, UnknownOrder) else float(self.order)
 
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and largest order that it may have."""
+        order = self.order
+        return (order.low, order.high) if isinstance(order, UnknownOrder) else (float(order), float(order))
+
+    def may_be(self, other: FractionalTerm) -> bool:
+        """Whether the two could be one column: of one lag, with an order in common inside their ranges."""
+        (low, high), (least, largest) = self.range, other.range
+        if low < high and least < largest:  # two ranges may touch
+            return self.lag == other.lag and low < largest and least < high
+        return self.lag == other.lag and low <= largest and least <= high
+
 
 def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both.
@@ -104,7 +118,7 @@ def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     UsageError
         When it is no sequence of these, or empty.
     ParameterError
-        When two terms are of one order and lag, which no data can tell apart.
+        When two terms of one lag are of one order, or might be, which no data can tell apart.
     """
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
     if not isinstance(given, tuple | list) or not given or not all(isinstance(one, kinds) for one in given):
@@ -114,10 +128,16 @@ def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
             "Give (0.0, 0.5), for example.",
         )
     terms = tuple(one if isinstance(one, FractionalTerm) else FractionalTerm(one) for one in given)
-    if len(set(terms)) < len(terms):
-        raise ParameterError(
-            f"terms of different orders or lags for {name}",
-            "two that are alike",
-            "Their columns are one: leave one out.",
-        )
+    for one, other in combinations(terms, 2):
+        if one.may_be(other):
+            raise ParameterError(
+                f"terms of different orders or lags for {name}, in ranges that do not meet",
+                f"orders {_span(one)} and {_span(other)} at lag {one.lag}",
+                "Where orders are equal their columns are one: leave a term out, or narrow the range.",
+            )
     return terms
+
+
+def _span(term: FractionalTerm) -> str:
+    low, high = term.range
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

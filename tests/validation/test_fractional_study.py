@@ -1,0 +1,50 @@
+"""The study of fractional difference equations: reduced, and at a size that tells coverage."""
+
+import numpy as np
+import pytest
+
+from eivor.studies.generated_page import marks
+from validation.fractional.records import Cell, Relaxation, ways
+from validation.fractional.study import PART, answers, main
+
+COMPENSATED = ("total_least_squares", "bias_compensated_least_squares", "generalized_iv")
+ORDER_PLACE = -1
+
+
+@pytest.mark.parametrize("scenario", [Relaxation(), Cell()], ids=lambda scenario: scenario.name)
+def test_orders_are_within_a_hundredth_at_40_db(scenario):
+    errors = answers(scenario, ways()["total_least_squares"], range(3))[:, ORDER_PLACE, 0]
+    assert errors.size == 3
+    assert np.abs(errors).max() < 0.01
+
+
+def test_the_cells_order_by_least_squares_is_wrong_and_its_interval_does_not_say_so():
+    found = answers(Cell(), ways()["least_squares"], range(3))[:, ORDER_PLACE]
+    assert (found[:, 0] < -0.03).all()
+    assert not found[:, 1].any()
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("name", COMPENSATED)
+@pytest.mark.parametrize("scenario", [Relaxation(), Cell()], ids=lambda scenario: scenario.name)
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_intervals_cover(scenario, name):
+    """60 runs: of 95 % intervals fewer than 51 cover once in ten thousand times."""
+    found = answers(scenario, ways()[name], range(60))
+    assert len(found) == 60
+    assert found[:, :, 1].sum(axis=0).min() >= 51
+
+
+def test_a_page_has_the_tables(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("validation.fractional.study.SCENARIOS", (Relaxation(),))
+    monkeypatch.setattr(
+        "validation.fractional.study.ways", lambda: {"total_least_squares": ways()["total_least_squares"]}
+    )
+    page = tmp_path / "page.md"
+    begin, end = marks(PART)
+    page.write_text(f"# Before\n\n{begin}\n{end}\n\nAfter.\n", encoding="utf-8")
+    assert main(["--runs", "1", "--page", str(page)]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "| `total_least_squares` | 1 | `output_coefficient_2` | 8 |" in text
+    assert text.startswith("# Before")
+    assert "relaxation" in capsys.readouterr().out
