@@ -2,7 +2,8 @@
 
 The rate loop runs at 400 Hz and differentiates a noisy gyroscope; the logger keeps every eighth setpoint, or
 as many as 250 Hz are. The gyroscope has no filter, so that the lag from setpoint to rate is lag and delay
-of the rotors, and is logged at 200 Hz. Gusts turn the vehicle, three rad/s^2 about each axis.
+of the rotors, and is logged at 200 Hz. Gusts turn the vehicle, three rad/s^2 about roll and pitch; of yaw
+one, since the heavy vehicle has but four there, and is lost under three.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from eivor.simulation.sources.excitation import RandomSteps
 from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0
-#: Of the gyroscope [rad/s], and of the gusts' angular acceleration [rad/s^2], with its correlation [s].
-NOISE, GUST, GUST_S = 0.05, 3.0, 0.3
+#: Of the gyroscope [rad/s], and of the gusts' angular acceleration about each axis [rad/s^2], correlated [s].
+NOISE, GUSTS, GUST_S = 0.05, (3.0, 3.0, 1.0), 0.3
 
 
 def _vehicle(mass: float, arm: float, inertia: tuple[float, float, float], lag: float) -> Vehicle:
@@ -88,7 +89,7 @@ def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> 
         controller=FlightController(
             rate_hz=CONTROLLER_HZ, attitude_hz=CONTROLLER_HZ, derivative_share=0.5, hold=0.2
         ),
-        torque_disturbance=TorqueDisturbance(*(OrnsteinUhlenbeck(GUST, GUST_S) for _ in range(3))),
+        torque_disturbance=TorqueDisturbance(*(OrnsteinUhlenbeck(gust, GUST_S) for gust in GUSTS)),
         sensors=Sensors(angular_rate=Sensor(WhiteNoise(NOISE), rate_hz=GYROSCOPE_HZ)),
         logged=Logged(setpoint_hz=condition.setpoint_hz, reference_hz=50.0),
         seed=seed,

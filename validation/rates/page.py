@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -26,7 +26,9 @@ def requirements(grid: Grid, found: Sequence[Told]) -> Iterator[Requirement]:
     for judged, (share, seconds) in LARGEST.items():
         names = {one.name for one in grid.conditions if one.judged == judged}
         own = [one for one in found if one.condition in names and one.method == INSTRUMENTS]
-        effect, lag = _sizes(own, EFFECTIVENESS), _sizes(own, (LAG,))
+        effect, lag = (
+            float(np.median(np.abs(_errors(own, one) or [np.nan]))) for one in (EFFECTIVENESS, (LAG,))
+        )
         yield Requirement(f"effectiveness, {judged}", f"<= {share:.0%}", f"{effect:.1%}", effect <= share)
         yield Requirement(
             f"lag, {judged}", f"<= {1e3 * seconds:.0f} ms", f"{1e3 * lag:.1f} ms", lag <= seconds
@@ -72,24 +74,28 @@ def _cells(own: Sequence[Told]) -> tuple[str, ...]:
     told = [one for one in own if one.method == INSTRUMENTS]
     plain = [one for one in own if one.method == LEAST_SQUARES]
     accepted = [one for one in told if one.accepted]
-    beside = f"{_bias(plain, EFFECTIVENESS):+.0%}, {1e3 * _bias(plain, (LAG,)):+.0f} ms" if plain else "-"
     return (
-        f"{_bias(told, EFFECTIVENESS):+.1%} ({_sizes(told, EFFECTIVENESS):.1%})",
-        f"{1e3 * _bias(told, (LAG,)):+.1f} ({1e3 * _sizes(told, (LAG,)):.1f}) ms",
+        _of(told, EFFECTIVENESS, lambda bias, size: f"{bias:+.1%} ({size:.1%})"),
+        _of(told, (LAG,), lambda bias, size: f"{1e3 * bias:+.1f} ({1e3 * size:.1f}) ms"),
         f"{len(accepted)} of {len(told)}",
         _share(Share(sum(one.held for one in accepted), len(accepted))) if accepted else "-",
-        beside,
+        ", ".join(
+            (
+                _of(plain, EFFECTIVENESS, lambda bias, _: f"{bias:+.0%}"),
+                _of(plain, (LAG,), lambda bias, _: f"{1e3 * bias:+.0f} ms"),
+            )
+        ),
     )
 
 
-def _bias(own: Sequence[Told], names: Sequence[str]) -> float:
-    """Median error."""
-    return float(np.nanmedian([one.error for one in own if one.quantity in names]))
+def _of(own: Sequence[Told], names: Sequence[str], words: Callable[[float, float], str]) -> str:
+    """Median error, and median size of it, of what was told at all."""
+    errors = _errors(own, names)
+    return words(float(np.median(errors)), float(np.median(np.abs(errors)))) if errors else "-"
 
 
-def _sizes(own: Sequence[Told], names: Sequence[str]) -> float:
-    """Median size of the error."""
-    return float(np.nanmedian(np.abs([one.error for one in own if one.quantity in names])))
+def _errors(own: Sequence[Told], names: Sequence[str]) -> list[float]:
+    return [one.error for one in own if one.quantity in names and np.isfinite(one.error)]
 
 
 def _share(share: Share) -> str:
