@@ -4,7 +4,7 @@
 
 runs the grid beside this file, keeps every trial in the file, and prints its table: false alarms and
 coverage of records without a change, delays after a parameter drops by a fifth. A run that was interrupted
-goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input that cannot be used.
+goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ SIGNS = {
     **dict.fromkeys("‘’", "'"),
     **dict.fromkeys("“”", '"'),
     **dict(zip("±×·√°µ²³", ("+-", "x", "*", "sqrt", "deg", "u", "^2", "^3"), strict=True)),
+    **dict(zip("▁▂▃▄▅▆▇█", "_.,-=+*#", strict=True)),
     **dict(zip("≤≥≈→∞•", ("<=", ">=", "~", "->", "inf", "*"), strict=True)),
 }
 _TWO_BLANKS = re.compile(" {2,}")

@@ -28,6 +28,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged, Wording
 from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Selection
+from eivor.flights.tracked import Followed
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status
 from eivor.models.instruments import InstrumentRule
@@ -552,6 +553,12 @@ class Motion(ABC, Generic[P]):
     def checks(self, _numbers: Mapping[str, float], /) -> tuple[tuple[str, str], ...]:
         """What they say: a title and a sentence each, for those that reports show."""
         return ()
+
+    def followed(
+        self, _problem: P, _quantities: Mapping[str, Quantity], _options: FlightOptions, /
+    ) -> Followed | None:
+        """What can be followed over a flight, and what is known beside it; by default nothing can."""
+        return None
 
     def implications(self, _estimate: Estimate, /) -> Implications:
         """What follows from an estimate and from what a user supplied; by default nothing."""

@@ -18,6 +18,8 @@ from eivor.shapes import Float
 
 #: Median magnitude of normal numbers over their standard deviation, inverted.
 NORMAL_MEDIAN = 1.4826
+#: Looks after a change that are listened to only: one memory, until what was kept of before has faded.
+REST = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +98,14 @@ class Watch:
         Last changes that looks showed.
     up, down : ndarray, shape (n,)
         Sums to both sides.
+    resting : int
+        Looks that are not summed any more, after a change.
     """
 
     before: Float[np.ndarray, "looks n"] = field(default_factory=lambda: np.zeros((0, 0)))
     up: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
     down: Float[np.ndarray, " n"] = field(default_factory=lambda: np.zeros(0))
+    resting: int = 0
 
     def after(self, shown: Float[np.ndarray, " n"], detector: ChangeDetector) -> Watch:
         """With one more look."""
@@ -110,11 +115,14 @@ class Watch:
             scale = NORMAL_MEDIAN * np.median(np.abs(before), axis=0)
             np.divide(shown, scale, out=units, where=scale > 0.0)
             units = np.clip(units, -detector.limit, detector.limit)
+        if self.resting:
+            units = np.zeros_like(shown)
         up, down = (self.up, self.down) if self.up.size else (np.zeros_like(shown), np.zeros_like(shown))
         return Watch(
             np.concatenate([before, shown[None, :]])[-detector.scale_looks :],
             np.maximum(up + units - detector.drift, 0.0),
             np.maximum(down - units - detector.drift, 0.0),
+            max(self.resting - 1, 0),
         )
 
     def told(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
@@ -125,5 +133,5 @@ class Watch:
         )
 
     def reset(self) -> Watch:
-        """After a change: sums of zero; the scale is kept."""
-        return replace(self, up=np.zeros_like(self.up), down=np.zeros_like(self.down))
+        """After a change: sums of zero, for a while; the scale is kept."""
+        return replace(self, up=np.zeros_like(self.up), down=np.zeros_like(self.down), resting=REST)

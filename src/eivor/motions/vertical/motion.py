@@ -29,6 +29,7 @@ from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
+from eivor.flights.tracked import Followed
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
@@ -36,6 +37,7 @@ from eivor.motions.vertical.allowances import all_allowances
 from eivor.motions.vertical.balance import apparent_gravity, balance_sums
 from eivor.motions.vertical.curve_told import curve_findings
 from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.motions.vertical.followed import followed_gain
 from eivor.motions.vertical.height import near_ground
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
@@ -204,6 +206,12 @@ class Vertical(Motion[VerticalFlights]):
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
         return all_quantities(problem, estimate)
+
+    def followed(
+        self, problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
+    ) -> Followed:
+        """The input's gain, see `eivor.motions.vertical.followed`."""
+        return followed_gain(problem, quantities, options)
 
     def allowances(
         self,

@@ -1,0 +1,170 @@
+"""A parameter of a flight over its time: what recursive identification says at each moment, and changes.
+
+The flight is identified as a whole first, which tells the lag. Then rows in time, at that lag, are followed
+with forgetting by the flight's own instruments and one of ones: the level of the response tells a gain even
+where the flight hardly moves, as far as the intercept is known.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.estimation.recursive.change_detector import ChangeDetector
+from eivor.estimation.recursive.forgetting import MEMORIES, Forgetting
+from eivor.estimation.recursive.timed_rows import TimedRows, counted_rows
+from eivor.estimation.recursive.tracking import Follower
+from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.tracked import Followed
+from eivor.models.lagged_runs import AxisColumns
+from eivor.models.separable import Values
+
+#: Memory [s] when none is chosen.
+MEMORY_S = 5.0
+#: Largest half-width over the value with which a parameter counts as told.
+TOLD = 0.2
+#: Least part of the memory that holds samples that count.
+HELD = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """What is said of the parameter at one time.
+
+    Parameters
+    ----------
+    time_s : float
+        On the log's clock [s].
+    value, half_width : float
+        With 95 %.
+    share : float
+        Part of the memory that holds samples that count.
+    change : int
+        1 where it grew all at once, -1 where it fell, 0 for neither.
+    """
+
+    time_s: float
+    value: float
+    half_width: float
+    share: float
+    change: int = 0
+
+    @property
+    def told(self) -> bool:
+        """Whether the half-width is a fifth of the value at most, of a fourth of the memory or more."""
+        return self.share >= HELD and self.half_width <= TOLD * abs(self.value)
+
+
+@dataclass(frozen=True)
+class Track:
+    """A parameter over a flight.
+
+    Parameters
+    ----------
+    result : FlightEstimate
+        Of the flight as a whole, which tells the lag.
+    name, unit : str
+        The parameter.
+    memory_s : float
+        Sum of the weights of the time before [s].
+    at : mapping of str to float
+        Nuisances, such as the lag, at which it was followed.
+    moments : tuple of Moment
+        An eighth of the memory apart, in order.
+    known : tuple of str
+        Sentences about what was taken as known.
+    """
+
+    result: FlightEstimate
+    name: str
+    unit: str
+    memory_s: float
+    at: Values
+    moments: tuple[Moment, ...]
+    known: tuple[str, ...]
+
+    @property
+    def told(self) -> tuple[Moment, ...]:
+        """Those at which the parameter is told."""
+        return tuple(one for one in self.moments if one.told)
+
+    @property
+    def changes(self) -> tuple[Moment, ...]:
+        """Those after which it was another one."""
+        return tuple(one for one in self.moments if one.change)
+
+
+def track(result: FlightEstimate, memory_s: float = MEMORY_S) -> Track:
+    """Follow a parameter over a flight that was identified.
+
+    Parameters
+    ----------
+    result : FlightEstimate
+        Of one flight, identified or not.
+    memory_s : float
+        Sum of the weights of the time before [s].
+
+    Raises
+    ------
+    UsageError
+        When the motion has nothing to follow, there are several flights, or the memory does not fit.
+    """
+    checks.kind("result", result, FlightEstimate, "a FlightEstimate", "Identify the flight first.")
+    checks.number("memory_s", memory_s)
+    if len(result.prepared) != 1:
+        raise UsageError("one flight to follow", f"{len(result.prepared)}", "Track the logs one by one.")
+    if result.fit is None:
+        return Track(result, "", "", memory_s, {}, (), ())
+    followed = result.motion.followed(result.fit.problem, result.quantities, result.options)
+    if followed is None:
+        raise UsageError(
+            "a motion with a parameter to follow", f"{result.motion.name}", "The vertical motion has one."
+        )
+    (columns,) = followed.runs.columns
+    memory = memory_s / columns.step_s
+    if not MEMORIES[0] <= memory <= columns.fixed.shape[0]:
+        raise UsageError(
+            f"a memory of {MEMORIES[0] * columns.step_s:g} s up to the length of the flight, "
+            f"{columns.fixed.shape[0] * columns.step_s:.3g} s",
+            f"{memory_s:g} s",
+            f"The default is {MEMORY_S:g} s.",
+        )
+    return _tracked(result, result.fit, followed, columns, memory_s)
+
+
+def _tracked(
+    result: FlightEstimate, fit: Fit, followed: Followed, columns: AxisColumns, memory_s: float
+) -> Track:
+    at = fit.estimate.best.at
+    names = [parameter.name for parameter in followed.runs.parameters]
+    (unit,) = (one.unit for one in followed.runs.parameters if one.name == followed.name)
+    level = 0.0 if followed.intercept is None else followed.intercept.mean
+    start = np.array([*(fit.estimate.parameters[name] for name in names), level])
+    priors = (*(followed.known.get(name) for name in names), followed.intercept)
+    forgetting = Forgetting(memory_s / columns.step_s)
+    follower = Follower(names.index(followed.name), priors, start)
+    time_s = result.prepared[0].grid.time_s
+    points = follower.points(rows_of(columns, at), forgetting, ChangeDetector())
+    moments = tuple(
+        Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
+        for point in points
+        if math.isfinite(point.value)
+    )
+    return Track(result, followed.name, unit, memory_s, at, moments, followed.told)
+
+
+def rows_of(columns: AxisColumns, at: Values) -> TimedRows:
+    """Rows of every sample of a flight, with an intercept that is its own instrument."""
+    count = columns.fixed.shape[0]
+    used = np.zeros(count, dtype=np.bool_)
+    for run in columns.runs:
+        counted = columns.counted(run)
+        used[run] = True if counted is None else counted
+    ones = np.ones((count, 1))
+    away = columns.instruments - columns.instruments[used].mean(axis=0)
+    right = np.column_stack([columns.fixed, columns.moving(at), ones, columns.responses[:, :1]])
+    return counted_rows(np.column_stack([away, ones]), right, np.zeros((count, 0)), used)
