@@ -22,6 +22,7 @@ from eivor.flights.pool import LARGEST_INPUT_RATIO
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate
+from eivor.flights.terms import check_options
 from eivor.models.instruments import NoInstruments
 from eivor.motions import motion_of_model
 from eivor.notebook import html_table
@@ -251,16 +252,9 @@ def validate(
             f"one without: {' '.join(result.reasons)}",
             "Validate a flight that tells something.",
         )
-    terms = result.document["provenance"]["options"].get("terms", [])
-    if terms:
-        raise UsageError(
-            "a result of the equation without optional terms",
-            f"one with {', '.join(terms)}",
-            "Identify the first flight again without --term; predictions have none.",
-        )
     motion = motion_of_model(str(result.document["model"]["name"]))
     motion = motion.of_told_vehicle(result.prediction.get("vehicle"))
-    flight = _prepared(result, motion, recording, window, max_tilt_deg)
+    motion, flight = _prepared(result, motion, recording, window, max_tilt_deg)
     _check_scale(result, motion, flight)
     ahead = motion.ahead((flight.shortened,), _models(result), result.refused)
     if ahead is not None:
@@ -296,14 +290,17 @@ def _prepared(
     recording: Recording,
     window: tuple[float, float] | None,
     max_tilt_deg: float | None,
-) -> PreparedFlight:
+) -> tuple[Motion[Any], PreparedFlight]:
+    """The motion with the terms of the fit, and the flight."""
     told = fit.prediction
     options = FlightOptions(
         window=window,
         max_tilt_deg=told["limits"]["max_tilt_deg"] if max_tilt_deg is None else max_tilt_deg,
         input=told["input"],
         input_map=told["input_map"],
+        terms=tuple(fit.document["provenance"]["options"].get("terms", ())),
     )
+    check_options(motion, options)
     flight = prepare(recording, motion, options)
     if not flight.runs:
         raise InputError(
@@ -311,7 +308,7 @@ def _prepared(
             f"none in {recording.name}",
             motion.words.loosen,
         )
-    return flight
+    return motion.for_flights((flight,), options), flight
 
 
 def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> None:

@@ -157,6 +157,8 @@ def test_the_crazyflie_is_as_published():
     assert vehicle.mass.value == 0.027
     np.testing.assert_allclose(np.abs(vehicle.positions), 0.028, atol=1e-4)
     assert (vehicle.gyro_cutoff_hz, vehicle.accelerometer_cutoff_hz) == (80.0, 30.0)
+    assert vehicle.rotor_radius == 0.0225
+    assert load_vehicle("crazyflie-2.1-brushless").rotor_radius == 0.0275
     assert vehicle.torque_ratio is None, "Izz is not to rest on what the user has not said"
 
 

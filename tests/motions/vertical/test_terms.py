@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,16 @@ import pytest
 
 from eivor.cli.recordings import flight_options
 from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.flights.motion import Horizon
 from eivor.flights.options import FlightOptions
 from eivor.flights.terms import check_options
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.dragged import dragged_run
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.json_document import json_document
+from eivor.motions.vertical.predict import _run
+from eivor.report.json_document import json_document, json_text
+from eivor.report.saved_fit import saved_fit
 from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
@@ -75,6 +80,23 @@ def test_quadratic_drag_is_told_apart_from_friction(log):
     assert found["quadratic_drag"].unit == "1/m"
 
 
+def test_climbs_with_drag_are_predicted_of_the_input_alone():
+    """Against the equation itself, in steps a twenty-fifth as long; without drag as the linear answer is."""
+    step, fine, K, K_2 = 0.02, 25, 0.3, 0.2
+    times = step / fine * np.arange(12 * 50 * fine)
+    force = 1.5 * np.sin(1.1 * times) + 0.8 * np.sin(2.3 * times + 1.0)
+    force -= force[::fine].mean()
+    v = np.empty(times.size)
+    v[0] = 0.7
+    for k in range(times.size - 1):
+        v[k + 1] = v[k] + step / fine * (force[k] - K * v[k] - K_2 * v[k] * abs(v[k]) + 0.1)
+    told = dragged_run(force[::fine], v[::fine], slice(None), K, K_2, step)
+    np.testing.assert_allclose(told, v[::fine], atol=0.01)
+    linear = dragged_run(force[::fine], v[::fine], slice(None), K, 0.0, step)
+    np.testing.assert_allclose(linear, _run(force[::fine], v[::fine], slice(None), K, step), atol=1e-6)
+    assert np.sqrt(np.mean((linear - v[::fine]) ** 2)) > 0.05
+
+
 @pytest.mark.thorough
 def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     over, near_ground = with_height(log, 0.5)
@@ -102,6 +124,16 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     assert near(fit.quantities["input_gain"], GAIN)
     # at the mean voltage
     assert near(fit.quantities["hover_input"], HOVER)
+    # another part of the flight is predicted with the voltage that the gain belongs to, not with its own
+    found = validate(fit, sags, window=(0.0, 12.0))
+    assert found.motion.mean_voltage == fit.motion.mean_voltage
+    assert found.predicts
+    told = next(one for one in found.predictions if one.model == "fit" and one.horizon is Horizon.OPEN_LOOP)
+    saved = saved_fit(fit)
+    values = [0.0 if name == "voltage_exponent" else one for name, one in fit.estimate.parameters.items()]
+    blind = [replace(one, values=np.array(values)) for one in saved.candidates if one.best]
+    worse = validate(replace(saved, candidates=tuple(blind)), sags, window=(0.0, 12.0)).predictions
+    assert told.error.rms < next(one for one in worse if one.horizon is Horizon.OPEN_LOOP).error.rms
 
 
 def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(log):
@@ -119,8 +151,16 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
     assert model["equation"].startswith(
         "z'' + g = K_u U - K z' + b - K_2 z'|z'| + k g (U/mean U) (R/h)² + n g (U/mean U) (V/V_0 - 1); "
     )
-    with pytest.raises(UsageError, match="without optional terms; received one with quadratic-drag, ground"):
+    with pytest.raises(InputError, match="begins or ends on the ground"):
         validate(fit, log)
+    told = json.loads(json_text(json_document(fit)))
+    assert told["prediction"]["vehicle"] == {"rotor_radius": RADIUS, "mean_voltage": fit.motion.mean_voltage}
+    told["prediction"]["vehicle"] = None  # as it was written before terms were predicted with
+    with pytest.raises(UsageError, match="radius of a rotor"):
+        validate(replace(saved_fit(fit), prediction=told["prediction"]), high_up)
+    told["prediction"]["vehicle"] = {"rotor_radius": "wide"}
+    with pytest.raises(InputError, match="with rotor_radius and mean_voltage of its terms"):
+        validate(replace(saved_fit(fit), prediction=told["prediction"]), high_up)
 
 
 @pytest.mark.thorough

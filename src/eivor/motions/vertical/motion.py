@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from eivor.errors import UsageError
+from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement, sensor_agreement
 from eivor.flights.allowance import Allowance
@@ -150,7 +150,32 @@ class Vertical(Motion[VerticalFlights]):
         check_flights(flights, options)
         added = tuple(TERMS[word] for word in options.terms)
         radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
-        return replace(self, added=added, rotor_radius=radius, mean_voltage=mean_voltage(flights))
+        known = mean_voltage(flights) if self.mean_voltage is None else self.mean_voltage
+        return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
+
+    def told_vehicle(self) -> Mapping[str, object] | None:
+        """What terms count in, see `Motion.told_vehicle`; nothing without terms."""
+        if not self.added:
+            return None
+        return {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
+
+    def of_told_vehicle(self, told: object) -> Vertical:
+        """Return the same motion with what the terms of a result count in, see `Motion.of_told_vehicle`."""
+        if told is None:
+            return self
+        known = told if isinstance(told, Mapping) else {}
+        radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
+        if (
+            not known
+            or not isinstance(radius, int | float | None)
+            or not isinstance(volts, int | float | None)
+        ):
+            raise InputError(
+                "a result with rotor_radius and mean_voltage of its terms",
+                f"{told!r}",
+                "Identify the flight again with eivor identify --json.",
+            )
+        return replace(self, rotor_radius=radius, mean_voltage=volts)
 
     @property
     def written(self) -> tuple[str, str]:

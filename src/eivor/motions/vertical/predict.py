@@ -1,8 +1,8 @@
 """What numbers say of a flight: its vertical acceleration one step ahead, its climb rate in open loop.
 
 One step ahead, z'' is predicted of the measured velocity and of the input up to now. In open loop the climb
-rate of a run is the answer of v' = K_u U - K v + c to its input alone; trim c and start v(0) belong to the
-run and are fitted, for every model alike.
+rate of a run is the answer of v' = K_u U - K v + c, and of what terms add, to its input alone; trim c
+and start v(0) belong to the run and are fitted, for every model alike.
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ from eivor.flights.motion import Horizon, Predicted, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.vertical.balance import balance_sums, hover_of_sums
+from eivor.motions.vertical.dragged import dragged_run
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
+from eivor.motions.vertical.terms import QuadraticDrag
 from eivor.shapes import Bool, Float
 
 
@@ -49,15 +51,19 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[Predicted, ..
 
 
 def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " samples"]:
-    """Climb rates of every run, of the input alone."""
-    friction, gain = values[VISCOUS_FRICTION.name], values[INPUT_GAIN.name]
+    """Climb rates of every run, of the input alone; height and voltage, where terms have them, as logged."""
+    friction, drag = values[VISCOUS_FRICTION.name], values.get(QuadraticDrag.parameter.name, 0.0)
+    names = [INPUT_GAIN.name, *(term.parameter.name for term in problem.terms)]
+    # drag acts on the climb rate that is predicted, and not on the one that was measured
+    weights = np.array([0.0 if name == QuadraticDrag.parameter.name else values[name] for name in names])
     found: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
-        driven = gain * flight.mapped_input(problem.motion, values[ACTUATOR_LAG.name], values[DELAY.name])
+        driven = problem.moving(flight)(values) @ weights
         step_s = flight.signals.step_s
         for run in flight.runs:
             counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]
-            found.append(_run(driven[run], flight.velocity[run], counted, friction, step_s))
+            told = driven[run], flight.velocity[run], counted, friction
+            found.append(dragged_run(*told, drag, step_s) if drag else _run(*told, step_s))
     return np.concatenate(found)
 
 
