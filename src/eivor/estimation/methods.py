@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -39,13 +39,16 @@ __all__ = [
     "TwoStepRobust",
     "Unweighted",
     "bias_compensated_least_squares",
+    "bias_eliminating_least_squares",
     "by_name",
     "extended_iv",
     "extended_iv_tls",
+    "frisch_scheme",
     "fuller",
     "generalized_fuller",
     "generalized_iv",
     "generalized_iv_tls",
+    "generalized_iv_unknown_noise",
     "generalized_liml",
     "least_squares",
     "liml",
@@ -162,6 +165,44 @@ def generalized_fuller(strength: float = 1.0) -> LinearMethod:
         As of `fuller`.
     """
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
+
+
+def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[str] = ()) -> Method:
+    """Generalized IV that estimates the noises that nothing is declared of, with optimal weights.
+
+    Parameters
+    ----------
+    lags : int, optional
+        Lags at which each noisy regressor is a test function as well. Default: two, and six for a noise whose
+        order is unknown.
+    orders : sequence of str
+        Channels whose noise is fractional, of unknown order; that of all others is white.
+
+    Notes
+    -----
+    Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
+    beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
+    """
+    from eivor.estimation.unknown_noise.choices import GeneralizedEquations
+    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+
+    return NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(lags), tuple(orders))
+
+
+def bias_eliminating_least_squares() -> Method:
+    """Least squares whose bias by white noises of unknown strength is told by instruments, and taken out."""
+    from eivor.estimation.unknown_noise.choices import BiasEliminating
+    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+
+    return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
+
+
+def frisch_scheme() -> Method:
+    """The Frisch scheme with instruments: white noises of regressors and response are told."""
+    from eivor.estimation.unknown_noise.choices import FrischScheme
+    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+
+    return NoiseEstimatingIV("frisch_scheme", FrischScheme())
 
 
 def spectral_giv() -> Method:

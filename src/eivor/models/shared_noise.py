@@ -136,6 +136,7 @@ def _declared(column: Column, signals: Signals) -> MeasurementNoise:
         raise MissingNoiseError(
             f"a declared noise of channel '{column.channel}', which instruments and regressors share",
             f"noise of {', '.join(sorted(signals.noise)) or 'no channel'}",
-            "Declare it in Signals(noise=...), with std 0 if the channel is exact, or use other instruments.",
+            "Declare it in Signals(noise=...), with std 0 if the channel is exact, use other instruments, or "
+            "have it estimated: ev.methods.generalized_iv_unknown_noise().",
         )
     return noise

@@ -47,6 +47,9 @@ UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
     "spectral_giv": methods.spectral_giv,
     "spectral_giv_combined": methods.spectral_giv_combined,
     "whittle_ml": methods.whittle_ml,
+    "generalized_iv_unknown_noise": methods.generalized_iv_unknown_noise,
+    "bias_eliminating_least_squares": methods.bias_eliminating_least_squares,
+    "frisch_scheme": methods.frisch_scheme,
 }
 #: Methods with instruments and a strength.
 STRENGTHS: Mapping[str, Callable[[float], Method]] = {

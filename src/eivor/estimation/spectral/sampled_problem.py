@@ -86,7 +86,8 @@ def sampled_problem(problem: Problem, method: str) -> SampledProblem:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off",
             "none that is declared",
-            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact.",
+            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact. Or "
+            "have it estimated: ev.methods.generalized_iv_unknown_noise().",
         )
     if not isinstance(noise, WhiteNoise):
         raise UsageError(

@@ -1,0 +1,1 @@
+"""Parameters together with the strengths, and orders, of measurement noises that nobody declared."""

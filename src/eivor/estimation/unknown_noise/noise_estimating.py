@@ -1,0 +1,316 @@
+"""Generalized IV with unknown noises: parameters and noises by optimally weighted moments.
+
+    f(beta) = mean(psi (y - phi' theta)) + C(rho) theta - c(rho),   beta = (theta, rho)
+
+is made small in the metric of its own long-run covariance (Soderstrom 2011). At the solution the equations
+are linear: slopes by rho stand beside those by theta, so that the covariance is that of any other method.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.linalg
+
+from eivor.errors import InstrumentError, UsageError
+from eivor.estimation.assembler import Compensated
+from eivor.estimation.candidate import Candidate
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.method import Method, Problem
+from eivor.estimation.refusals import check_freedom
+from eivor.estimation.solved import Solved
+from eivor.estimation.unknown_noise.choices import EquationChoice, GeneralizedEquations
+from eivor.estimation.unknown_noise.shared_moments import FIRST_ORDER, SharedMoments, UnknownNoise
+from eivor.estimation.weighting.equations import weighted
+from eivor.inference.covariances.bandwidth import newey_west_bandwidth
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.diagnostics.instrument_tests import conditional_first_stage, orthonormal_basis
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.inference.quantiles import chi_square_tail
+from eivor.inference.verdict import Reason, Status
+from eivor.linalg import LeastSquares, LinearSystem
+from eivor.models.regression import Regression
+from eivor.models.signal_regression import SignalRegression
+from eivor.shapes import Float
+from eivor.signals.noise import LARGEST_ORDER
+
+#: Weights of the equations are renewed so often.
+PASSES = 3
+#: Condition number, columns scaled, beyond which equations do not tell the unknowns apart.
+LARGEST_CONDITION = 1e8
+#: Least share of its channel's variance that a fractional noise begins at.
+NOTHING = 1e-8
+#: Chance below which equations contradict each other.
+CONTRADICTION = 1e-3
+
+
+@dataclass(frozen=True)
+class NoiseEstimatingIV(Method):
+    """Generalized instrumental variables that estimate the noises that nothing is declared of.
+
+    Parameters
+    ----------
+    name : str
+        The word that results use.
+    choice : EquationChoice
+        Which equations.
+    orders : tuple of str
+        Channels whose noise is fractional, of unknown order; that of all others is white.
+    """
+
+    name: str
+    choice: EquationChoice = field(default_factory=GeneralizedEquations)
+    orders: tuple[str, ...] = ()
+
+    @property
+    def needs_instruments(self) -> bool:
+        """Yes."""
+        return True
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate parameters and noises.
+
+        Raises
+        ------
+        UsageError
+            For another problem than one of signals, or an order of a channel that is not in the equations.
+        InstrumentError
+            When there are fewer equations than unknowns, or they do not tell them apart.
+        """
+        if not isinstance(problem, SignalRegression):
+            raise UsageError(
+                "a regression of signals, whose columns say what noises they share",
+                type(problem).__name__,
+                "Make one with VerticalMotion().regression(signals, instruments).",
+            )
+        search = _Search(self._moments(problem))
+        return search.estimate(self.name, search.minimum())
+
+    def _moments(self, problem: SignalRegression) -> SharedMoments:
+        psi = self.choice.columns(problem, self.orders)
+        whole = SignalRegression(problem.signals, problem.equation, psi)
+        right = (*whole.regressor_columns, whole.equation.response)
+        both = {one.channel for one in right} & {one.channel for one in psi}
+        declared = set(problem.signals.noise)
+        channels = dict.fromkeys(one.channel for one in right if one.channel in both - {""})
+        strange = [name for name in self.orders if name not in channels or name in declared]
+        if strange:
+            raise UsageError(
+                f"orders of noises that are unknown: {', '.join(set(channels) - declared) or 'none is'}",
+                ", ".join(f"'{name}'" for name in strange),
+                "Leave it out, or do not declare its noise.",
+            )
+        unknown = tuple(UnknownNoise(name, name in self.orders) for name in channels if name not in declared)
+        return SharedMoments(whole, unknown)
+
+
+@dataclass
+class _Search:
+    """The weighted moments of one problem, and their least.
+
+    Parameters
+    ----------
+    shared : SharedMoments
+        With the unknown noises.
+    """
+
+    shared: SharedMoments
+
+    def __post_init__(self) -> None:
+        self.rows = self.shared.problem.rows()
+        psi, count = self.rows.instruments, self.rows.response.size
+        unknowns = len(self.shared.parameters)
+        check_freedom(count, unknowns)
+        if psi.shape[1] < unknowns:
+            raise InstrumentError(
+                f"at least {unknowns} equations for {unknowns} unknowns, the noises among them",
+                f"{psi.shape[1]}",
+                "Give more lags as instruments, or declare the noise of a channel.",
+            )
+        self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
+        self.known = self.shared.known()
+        self.factor = weighted(self._system(), psi.T @ psi / count).factor
+
+    def _system(self) -> LinearSystem:
+        return LinearSystem(self.cross[:, :-1], self.cross[:, -1])
+
+    @property
+    def _count(self) -> int:
+        return self.rows.response.size
+
+    def _residual(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " p"]:
+        direction = np.append(beta[: self.cross.shape[1] - 1], -1.0)
+        return self.shared.added(beta, self.known)[0] - self.cross @ direction
+
+    def _slopes(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p k"]:
+        slopes = self.shared.added(beta, self.known)[1]
+        slopes[:, : self.cross.shape[1] - 1] -= self.cross[:, :-1]
+        return slopes
+
+    def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
+        found: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
+        return found
+
+    def _start(self) -> Float[np.ndarray, " k"]:
+        """Parameters and, times them, variances by linear equations; orders at a first guess.
+
+        Of a channel that is in one column the noise adds D times one number, which is linear.
+        """
+        n = self.cross.shape[1] - 1
+        units = [self.shared.unit(one, FIRST_ORDER if one.fractional else 0.0) for one in self.shared.unknown]
+        linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
+        extra = [units[number][:, j] for number, j in linear]
+        right = self.cross[:, -1] - self.known[:, -1]
+        left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-one for one in extra)])
+        found = np.linalg.lstsq(self._divided(left), self._divided(right), rcond=None)[0]
+        direction = np.append(found[:n], -1.0)
+        beta = list(found[:n])
+        for number, noise in enumerate(self.shared.unknown):
+            own = [(found[n + place], direction[j]) for place, (of, j) in enumerate(linear) if of == number]
+            power = sum(factor**2 for _, factor in own)
+            variance = sum(value * factor for value, factor in own) / power
+            beta.append(max(variance, self._floor(noise.channel)) if noise.fractional else variance)
+            beta += [FIRST_ORDER] if noise.fractional else []
+        return np.array(beta)
+
+    def _floor(self, channel: str) -> float:
+        """A variance that is as good as none."""
+        return NOTHING * float(np.var(self.shared.problem.signals.channel(channel)))
+
+    def minimum(self) -> Float[np.ndarray, " k"]:
+        """Least of the weighted moments, weights renewed at each."""
+        from scipy.optimize import least_squares
+
+        beta, low, high = (
+            self._start(),
+            [-np.inf] * (self.cross.shape[1] - 1),
+            [np.inf] * (self.cross.shape[1] - 1),
+        )
+        for noise in self.shared.unknown:
+            low += [0.0, -LARGEST_ORDER] if noise.fractional else [-np.inf]
+            high += [np.inf, LARGEST_ORDER] if noise.fractional else [np.inf]
+        for _ in range(PASSES):
+            found = least_squares(
+                lambda x: self._divided(self._residual(x)),
+                beta,
+                lambda x: self._divided(self._slopes(x)),
+                bounds=(low, high),
+                x_scale="jac",
+                xtol=1e-12,
+                ftol=1e-12,
+                gtol=1e-12,
+            )
+            beta = found.x
+            self.factor = weighted(self._system(), self._covariance(beta)).factor
+        return beta
+
+    def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
+        """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011).
+
+        sum over tau of r_psi(tau) r_e(tau) + r_psi_e(tau) r_psi_e(-tau)', with Bartlett's weights. Fourth
+        moments of the data are not in it, so that weights hardly depend on the moments that they weight.
+        """
+        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
+        error = self.rows.response - self.rows.regressors @ beta[:n]
+        lags = newey_west_bandwidth(count)
+        found = (
+            psi.T @ psi * float(error @ error) / count**2 + np.outer(psi.T @ error, psi.T @ error) / count**2
+        )
+        for lag in range(1, lags + 1):
+            share = (1.0 - lag / (lags + 1.0)) / count**2
+            own = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
+            ahead, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
+            both = own + np.outer(ahead, behind)
+            found += share * (both + both.T)
+        return found
+
+    def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
+        """Estimate at the least."""
+        alone = Candidate({}, self._solved(beta))
+        both = JointCovariance((*alone.covariance.parts, self._of_normal_series(beta)))
+        estimate = Estimate(name, self.shared.parameters, (replace(alone, streamed_covariance=both),))
+        return replace(estimate, reasons=tuple(self._grounds(estimate, beta)))
+
+    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
+        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows."""
+        root = np.linalg.qr(self._divided(self._slopes(beta)), mode="r")
+        inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
+        return CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
+
+    def _solved(self, beta: Float[np.ndarray, " k"]) -> Solved:
+        """Linear equations at the least: slopes by the noises stand among what is compensated."""
+        added, slopes = self.shared.added(beta, self.known)
+        more = beta.size - self.rows.regressors.shape[1]
+        rows = Regression(
+            self.rows.response,
+            np.pad(self.rows.regressors, ((0, 0), (0, more))),
+            self.rows.instruments,
+            self.shared.parameters,
+            instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
+        )
+        assembler, solver = Compensated(), LeastSquares()
+        moments = assembler.full_moments(rows)
+        system = assembler.system(moments)
+        solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
+        if solution.condition > LARGEST_CONDITION:
+            raise InstrumentError(
+                "equations that tell parameters and noises apart",
+                f"equations with the condition number {solution.condition:.2g}",
+                "Give an input that is not white, more lags as instruments, or declare a noise.",
+            )
+        return Solved(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
+
+    def _first_stage(self) -> dict[str, float]:
+        """How well each regressor is told by test functions that share no unknown noise with any."""
+        own = [noise.channel for noise in self.shared.unknown]
+        lags = {(one.channel, one.lag) for one in self.shared.problem.regressor_columns}
+        fractional = {noise.channel for noise in self.shared.unknown if noise.fractional}
+        free = [
+            number
+            for number, one in enumerate(self.shared.problem.instrument_columns)
+            if one.channel not in own
+            or (one.channel not in fractional and (one.channel, one.lag) not in lags)
+        ]
+        strengths = conditional_first_stage(
+            orthonormal_basis(self.rows.instruments[:, free]), self.rows.regressors
+        )
+        noisy = [column.channel in own for column in self.shared.problem.regressor_columns]
+        names = self.shared.problem.names
+        return {name: float(f) for name, f, at in zip(names, strengths, noisy, strict=True) if at}
+
+    def _grounds(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
+        reasons = []
+        for noise in self.shared.unknown:
+            variance = noise.parameters[0]
+            low, high = estimate.interval(variance.name)
+            if low <= 0.0:
+                sentence = (
+                    f"The noise of {noise.channel} cannot be told from none: the interval of its variance is "
+                    f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
+                    + "."
+                )
+                reasons.append(
+                    Reason(Status.WEAK, sentence, "Declare it, where it is known, or record longer.")
+                )
+        for name, strength in self._first_stage().items():
+            if strength < STRONG_FIRST_STAGE:
+                sentence = (
+                    f"The input does not tell the {name.replace('_', ' ')} from the noises: what shares no "
+                    f"noise with its column has a first-stage F of {strength:.1f}, and "
+                    f"{STRONG_FIRST_STAGE:.0f} is needed."
+                )
+                remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
+                reasons.append(Reason(Status.REFUSED, sentence, remedy))
+        left = self._divided(self._residual(beta))
+        degrees = left.size - beta.size
+        J = self._count * float(left @ left)
+        if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:
+            sentence = (
+                f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "
+                "disturbance moves the vehicle, or a noise has another memory."
+            )
+            reasons.append(
+                Reason(Status.WEAK, sentence, "Leave out the velocity's equations, or give orders.")
+            )
+        return reasons

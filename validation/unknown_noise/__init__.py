@@ -1,0 +1,1 @@
+"""Parameters and noises estimated together, and whether intervals hold both."""

@@ -1,0 +1,212 @@
+"""Records whose noises are not declared, and what is told of parameters and noises.
+
+    python -m validation.unknown_noise.study [SUITE.toml] [--runs N] [--page FILE.md]
+
+The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input that cannot be used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import eivor as ev
+from eivor.errors import EivorError
+from eivor.estimation.method import Method
+from eivor.inference.verdict import Status
+from eivor.shapes import Float
+from eivor.signals.noise import FractionalNoise
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.studies.generated_page import markdown, page_text, page_with
+from eivor.toml_table import TomlTable, read_toml
+from eivor.whole_file import write_whole
+from validation.requirement import Requirement
+from validation.suites import versions
+
+PART = "unknown-noise"
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+VELOCITY = "velocity_z"
+METHODS = ("generalized_iv_unknown_noise", "bias_eliminating_least_squares", "frisch_scheme")
+#: The coverage that is asked of parameters, and of what is told of noises.
+OF_PARAMETERS, OF_NOISES = (0.91, 0.99), (0.90, 0.99)
+SUITE = Path(__file__).with_name("unknown_noise.toml")
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Records of one scenario, with the velocity's noise of one order; white noise has the order zero."""
+
+    name: str
+    scenario: str
+    samples: int
+    order: float
+    methods: tuple[str, ...]
+
+    def scene(self) -> ev.Scenario:
+        """The scenario."""
+        scenario = replace(shipped_scenario(self.scenario), samples=self.samples)
+        noise = FractionalNoise(1.0, self.order) if self.order else ev.WhiteNoise(1.0)
+        return replace(scenario, noise={**scenario.noise, VELOCITY: noise})
+
+    def method(self, name: str) -> Method:
+        """One of its methods; the generalized one is to find the order out where there is one."""
+        if name == METHODS[0]:
+            return ev.methods.generalized_iv_unknown_noise(orders=(VELOCITY,) if self.order else ())
+        made = {METHODS[1]: ev.methods.bias_eliminating_least_squares, METHODS[2]: ev.methods.frisch_scheme}
+        return made[name]()
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one method says of one parameter over all records.
+
+    Parameters
+    ----------
+    case, method, parameter : str
+        Of what.
+    errors : ndarray, shape (records,)
+        Over the truth; an order's are plain.
+    held : ndarray of bool, shape (records,)
+        Whether the interval holds the truth.
+    refused : int
+        Records whose estimate is refused.
+    """
+
+    case: str
+    method: str
+    parameter: str
+    errors: Float[np.ndarray, " records"]
+    held: np.ndarray
+    refused: int
+
+
+def read_suite(path: Path) -> tuple[int, int, tuple[Case, ...]]:
+    """Runs, seed and cases of a suite file."""
+    top = read_toml(path, "a suite of unknown noises")
+    top.text("name")
+    runs, seed = top.whole("runs"), top.whole("seed")
+    cases = tuple(_case(name, table) for name, table in top.named_sections("cases").items())
+    top.finish()
+    return runs, seed, cases
+
+
+def _case(name: str, table: TomlTable) -> Case:
+    case = Case(
+        name, table.text("scenario"), table.whole("samples"), table.number("order"), table.texts("methods")
+    )
+    table.finish()
+    return case
+
+
+def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
+    """Every method of a case on its records."""
+    scene, columns = case.scene(), ev.lags("input", 0, 10)
+    found: dict[tuple[str, str], list[tuple[float, bool]]] = {}
+    refused = dict.fromkeys(case.methods, 0)
+    for number in range(runs):
+        signals = ev.simulate(scene, np.random.default_rng([seed, number])).signals
+        truth = {"viscous_friction": scene.viscous_friction, "input_gain": scene.input_gain}
+        for channel in ("input", VELOCITY):
+            truth[f"noise_variance_{channel}"] = signals.noise[channel].std ** 2
+        truth[f"noise_order_{VELOCITY}"] = case.order
+        problem = ev.VerticalMotion(intercept=False).regression(replace(signals, noise={}), columns)
+        for method in case.methods:
+            estimate = ev.identify(problem, case.method(method))
+            refused[method] += estimate.status is Status.REFUSED
+            for name in estimate.names:
+                if name in truth:
+                    low, high = estimate.interval(name)
+                    error = (estimate.parameters[name] - truth[name]) / (
+                        1.0 if "order" in name else truth[name]
+                    )
+                    found.setdefault((method, name), []).append((error, low <= truth[name] <= high))
+    for (method, name), pairs in found.items():
+        errors, held = zip(*pairs, strict=True)
+        yield Told(case.name, method, name, np.array(errors), np.array(held), refused[method])
+
+
+def requirements(told: Iterable[Told]) -> list[Requirement]:
+    """Coverage of what the input allows to tell."""
+    judged = [one for one in told if one.refused < 0.5 * one.held.size]
+    found = []
+    for words, noises, (low, high) in (
+        ("intervals of K and K_u hold", False, OF_PARAMETERS),
+        ("intervals of noises hold", True, OF_NOISES),
+    ):
+        shares = [float(one.held.mean()) for one in judged if one.parameter.startswith("noise") is noises]
+        if shares:
+            measured = f"{min(shares):.3f} to {max(shares):.3f}"
+            met = low <= min(shares) and max(shares) <= high
+            found.append(Requirement(words, f"{low:.2f} to {high:.2f}", measured, met))
+    white = [one for one in told if one.case == "white"]
+    if white:
+        share = min(one.refused / one.held.size for one in white)
+        found.append(Requirement("a white input is refused", "at least 0.95", f"{share:.3f}", share >= 0.95))
+    return found
+
+
+def tables(told: Sequence[Told], runs: int, seed: int) -> str:
+    """The page's part."""
+    lines = [
+        (
+            one.case,
+            one.method,
+            one.parameter,
+            *(
+                f"{100.0 * value:.2g} %" if "order" not in one.parameter else f"{value:.2g}"
+                for value in (one.errors.mean(), one.errors.std())
+            ),
+            f"{one.held.mean():.3f}",
+            f"{one.refused / one.held.size:.2f}",
+        )
+        for one in told
+    ]
+    asked = [
+        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(told)
+    ]
+    return "\n\n".join(
+        (
+            f"Made by `python -m validation.unknown_noise.study` with {versions()}: {runs} records of each "
+            f"case, seed {seed}.",
+            markdown(("what", "asked", "measured", "met"), asked),
+            markdown(("case", "method", "of", "bias", "scatter", "coverage", "refused"), lines),
+        )
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m validation.unknown_noise.study", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument(
+        "suite", type=Path, nargs="?", default=SUITE, help="a suite file; default: the package's"
+    )
+    parser.add_argument("--runs", type=int, help="instead of the suite's")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+    chosen = parser.parse_args(arguments)
+    try:
+        page = page_text(chosen.page, PART) if chosen.page else ""
+        runs, seed, cases = read_suite(chosen.suite)
+        runs = runs if chosen.runs is None else chosen.runs
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            told = [one for case in cases for one in tried(case, runs, seed)]
+        text = tables(told, runs, seed)
+        if chosen.page:
+            write_whole(chosen.page, page_with(page, {PART: text}))
+    except EivorError as error:
+        sys.stderr.write(f"{error}\n")
+        return WRONG
+    sys.stdout.write(text + "\n")
+    return 0 if all(item.met for item in requirements(told)) else NOT_MET
+
+
+if __name__ == "__main__":
+    sys.exit(main())
