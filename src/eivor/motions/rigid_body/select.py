@@ -11,6 +11,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.selection import InputFamily, Selection, chosen_input
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rates.select import refuse_degrees
+from eivor.motions.rigid_body.attitude_order import continuous, refuse_other_turns
 from eivor.motions.rigid_body.body_velocity import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
@@ -69,7 +70,9 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
     moving = all(name in log.channels for name in FOR_BODY_VELOCITY)
     tilted = all(name in log.channels for name in ATTITUDE)
     known = FOR_BODY_VELOCITY if moving else ATTITUDE if tilted else ()
-    conditions = tuple(log.channel(name) for name in known)
+    conditions = _without_flips(tuple(log.channel(name) for name in known))
+    if tilted:
+        refuse_other_turns([log.channel(name) for name in ATTITUDE], tuple(rates.values()), log.name)
     step_s = float(np.median(np.diff(rates["roll"].time_s)))
     return Selection(
         family,
@@ -83,6 +86,17 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         spread_alike=True,
     )
+
+
+def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:
+    """Attitudes that can be interpolated: a quaternion and its opposite are one attitude."""
+    parts = [one for one in conditions if one.name in ATTITUDE]
+    if len({one.time_s.tobytes() for one in parts}) != 1:
+        return conditions
+    smooth = dict(
+        zip((one.name for one in parts), continuous(np.stack([p.values for p in parts])), strict=True)
+    )
+    return tuple(replace(one, values=smooth[one.name]) if one.name in smooth else one for one in conditions)
 
 
 def _refuse_no_quaternion(log: Recording) -> None:

@@ -1,0 +1,75 @@
+"""Attitudes in another order, with flips, and rates in degrees: what the gyroscope says of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.errors import InputError
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.motions.rigid_body.attitude_order import refuse_other_turns
+from eivor.motions.rigid_body.body_velocity import body_velocity
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.signals.recording import Recording
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
+ROTORS = SPEC.vehicle.rotors
+MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+PARTS = [f"attitude_{part}" for part in "wxyz"]
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    (flight,) = simulate_rigid_body_flights([SPEC])
+    return flight.recording
+
+
+def with_values(log: Recording, **values: np.ndarray) -> Recording:
+    changed = {name: replace(log.channel(name), values=one) for name, one in values.items()}
+    return replace(log, channels={**log.channels, **changed})
+
+
+def attitude(log: Recording) -> np.ndarray:
+    return np.stack([log.channel(name).values for name in PARTS])
+
+
+def prepared(log: Recording):
+    return prepare(log, MOTION, FlightOptions())
+
+
+@pytest.mark.parametrize(
+    ("order", "signs", "read_as"),
+    [
+        ((1, 2, 3, 0), (1, 1, 1, 1), "only when it is read as x, y, z, w."),
+        ((0, 1, 2, 3), (1, -1, -1, -1), "only when it is read as w, x, y, z from world to body"),
+        ((1, 2, 3, 0), (-1, -1, -1, 1), "only when it is read as x, y, z, w from world to body"),
+    ],
+)
+def test_another_order_is_named(log, order, signs, read_as):
+    parts = attitude(log)
+    wrong = {name: s * parts[place] for name, place, s in zip(PARTS, order, signs, strict=True)}
+    with pytest.raises(InputError) as refused:
+        prepared(with_values(log, **wrong))
+    assert read_as in str(refused.value)
+
+
+def test_opposite_quaternions_are_the_same_attitude(log):
+    signs = np.where(np.arange(attitude(log).shape[1]) % 7 < 3, 1.0, -1.0)
+    flipped = with_values(log, **dict(zip(PARTS, signs * attitude(log), strict=True)))
+    found, expected = (body_velocity(prepared(one).signals) for one in (flipped, log))
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_rates_in_degrees_are_told_by_the_attitude(log):
+    rates = [log.channel(f"angular_rate_{axis}") for axis in "xyz"]
+    parts = [log.channel(name) for name in PARTS]
+    refuse_other_turns(parts, rates, log.name)
+    degrees = [replace(one, values=np.rad2deg(one.values)) for one in rates]
+    with pytest.raises(InputError, match="57 times as fast as the attitude"):
+        refuse_other_turns(parts, degrees, log.name)
