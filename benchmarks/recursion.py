@@ -1,0 +1,65 @@
+"""Recursive generalized IV with eleven instruments and two parameters, in chunks, against its batch estimate.
+
+Samples per second of `RecursiveIdentification.update` in chunks of 1,000, with and without the detector of
+changes (target without: 100,000), and its time over that of the products of the whole record at once.
+"""
+
+from __future__ import annotations
+
+import time
+
+from _shared import arguments, least_seconds, machine
+from generalized_iv import LAGS, METHOD, MOTION, arrays, problem
+
+import eivor as ev
+from eivor.estimation.products.of_problem import products_of
+
+CHUNK = 1000
+
+
+def chunks_of(signals: ev.Signals) -> list[ev.Signals]:
+    return [
+        ev.Signals(
+            signals.rate_hz,
+            {name: values[first : first + CHUNK] for name, values in signals.channels.items()},
+            noise=signals.noise,
+        )
+        for first in range(0, signals.sample_count, CHUNK)
+    ]
+
+
+def updated(chunks: list[ev.Signals], detector: ev.ChangeDetector | None) -> ev.RecursiveIdentification:
+    recursion = ev.RecursiveIdentification(
+        MOTION, METHOD, ev.lags("input", 0, LAGS), memory=200.0, detector=detector
+    )
+    for chunk in chunks:
+        recursion = recursion.update(chunk)
+    return recursion
+
+
+def main() -> None:
+    small = arguments(__doc__).small
+    print(machine())
+    repeats, count = (1, 20_000) if small else (3, 1_000_000)
+    whole = problem(*arrays(count))
+    chunks = chunks_of(whole.signals)
+    # processor time: other programs do not count
+    clock = time.process_time
+    batch = least_seconds(lambda: products_of(whole, whole=False), repeats, clock)
+    for what, detector, part in (
+        ("without detector", None, chunks),
+        ("with detector", ev.ChangeDetector(), chunks[: max(len(chunks) // 20, 1)]),
+    ):
+        seconds = least_seconds(lambda given=part, told=detector: updated(given, told), repeats, clock)
+        samples = CHUNK * len(part)
+        ratio = seconds / (batch * samples / count)
+        print(
+            f"{what:18s} {samples / seconds:12,.0f} samples/s   products at once {count / batch:14,.0f} "
+            f"samples/s   ratio {ratio:7.1f}"
+        )
+    recursion = updated(chunks[:10], None)
+    print(f"estimate with intervals: {1e3 * least_seconds(recursion.estimate, repeats, clock):6.2f} ms")
+
+
+if __name__ == "__main__":
+    main()
