@@ -31,6 +31,8 @@ SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
 #: All that any of the equations uses [Hz].
 BAND_HZ = (0.05, 20.0)
 ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
+#: Rotors that never differ by more than this share of their largest command turn nothing.
+NO_DIFFERENCE = 1e-9
 #: Quaternions that are further from one in length are none.
 UNIT_WITHIN = 0.05
 
@@ -62,6 +64,7 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
             f"{len(commands)} channels {family.name} in {log.name}",
             "Give the vehicle file of this vehicle, or map the channels of all its rotors.",
         )
+    _refuse_no_differences(commands, layout, log)
     rates = {axis.name: log.channel(axis.rate) for axis in AXES}
     for rate in rates.values():
         refuse_degrees(rate, log)
@@ -86,6 +89,26 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         spread_alike=True,
     )
+
+
+def _refuse_no_differences(commands: tuple[Channel, ...], layout: RotorLayout, log: Recording) -> None:
+    if len({one.time_s.size for one in commands}) != 1:
+        return
+    values = np.stack([one.values for one in commands])
+    values = values[:, np.isfinite(values).all(axis=0)]
+    if not values.shape[1] or not (values.max() > values.min()):
+        return  # nothing varies at all, which is told of every motion
+    still = []
+    for axis, arms in zip(AXES, (layout.roll, layout.pitch, layout.yaw), strict=True):
+        apart = arms / np.abs(arms).sum() @ values
+        if np.ptp(apart) <= NO_DIFFERENCE * np.abs(values).max():
+            still.append(axis.name)
+    if still:
+        raise InputError(
+            f"rotor commands that differ about roll, pitch and yaw in {log.name}",
+            f"commands that never turn it about {', '.join(still)}",
+            "Log every rotor's own command, not the collective one, and fly steps of each angle.",
+        )
 
 
 def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:

@@ -1,4 +1,4 @@
-"""Attitudes in another order, with flips, and rates in degrees: what the gyroscope says of them."""
+"""What is refused at once: attitudes in another order, rates in degrees, rotors that never differ."""
 
 from __future__ import annotations
 
@@ -73,3 +73,15 @@ def test_rates_in_degrees_are_told_by_the_attitude(log):
     degrees = [replace(one, values=np.rad2deg(one.values)) for one in rates]
     with pytest.raises(InputError, match="57 times as fast as the attitude"):
         refuse_other_turns(parts, degrees, log.name)
+
+
+def test_rotors_that_never_differ_are_refused_with_the_axes_that_they_do_not_turn(log):
+    names = [f"rotor_command_{number}" for number in (1, 2, 3, 4)]
+    values = np.stack([log.channel(name).values for name in names])
+    alike = dict.fromkeys(names, values.mean(axis=0))
+    with pytest.raises(InputError, match="never turn it about roll, pitch, yaw"):
+        prepared(with_values(log, **alike))
+    spins = np.array(ROTORS.spins)[:, None]
+    unturned = dict(zip(names, values - spins * (spins * values).mean(axis=0), strict=True))
+    with pytest.raises(InputError, match="never turn it about yaw"):
+        prepared(with_values(log, **unturned))
