@@ -45,10 +45,17 @@ def check_resampling(names: dict[str, Any]) -> None:
     assert [len(names[figure].axes) for figure in ("beside", "joint", "residual")] == [2, 1, 3]
 
 
+def check_exports(names: dict[str, Any]) -> None:
+    assert names["model"].states == ("actuator", "velocity_z")
+    assert names["document"].startswith("{")
+    assert 0.0005 < names["hover"].std() / names["hover"].mean() < 0.003
+
+
 #: What the blocks of each page must leave behind.
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "diagnostics.md": check_diagnostics,
     "estimators.md": check_estimators,
+    "exports.md": check_exports,
     "intervals.md": check_intervals,
     "resampling.md": check_resampling,
     "weak-identification.md": check_weak_identification,
@@ -59,7 +66,10 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 @pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=[pytest.mark.thorough] if name == "resampling.md" else []) for name in CHECKS],
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] if name in {"exports.md", "resampling.md"} else [])
+        for name in CHECKS
+    ],
 )
 def test_blocks_run(name):
     blocks = BLOCK.findall((DOCS / name).read_text(encoding="utf-8"))

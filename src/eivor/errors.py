@@ -131,6 +131,10 @@ class EstimationError(EivorError):
     """The equations have no solution that deserves the name."""
 
 
+class NotIdentifiedError(EstimationError):
+    """A quantity that is needed was not identified, and nothing was given in its place."""
+
+
 class CollinearError(EstimationError):
     """Columns of which one is a combination of the others."""
 

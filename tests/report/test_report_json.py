@@ -25,6 +25,7 @@ QUANTITY: dict[str, Any] = {
     "interval": PAIR,
     "verdict": VERDICTS,
     "reasons": [str],
+    "lowest": NUMBER,
     "systematic": [
         {
             "counts": {"added", "at least", "independent", "reserved"},
@@ -162,6 +163,7 @@ def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
         "verdict": "refused",
         "reasons": [],
         "systematic": [],
+        "lowest": None,
         "sets": None,
     }
 

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from eivor.estimation.pools.pooled import Pooled
+    from eivor.exports.state_space import StateSpace
 
 
 @dataclass(frozen=True, slots=True)
@@ -363,6 +364,30 @@ class FlightEstimate:
         from eivor.report.json_document import json_document, json_text
 
         return json_text(json_document(self))
+
+    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
+        """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
+        from eivor.report.saved_fit import saved_fit
+
+        return saved_fit(self).sample(n, seed)
+
+    def to_statespace(self) -> StateSpace:
+        """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
+        from eivor.report.saved_fit import saved_fit
+
+        return saved_fit(self).to_statespace()
+
+    def export(
+        self,
+        to: str,
+        *,
+        mass: tuple[float, float] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+    ) -> str:
+        """Content of a file for an autopilot or a controller, see `eivor.SavedFit.export`."""
+        from eivor.report.saved_fit import saved_fit
+
+        return saved_fit(self).export(to, mass=mass, priors=priors)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.

@@ -211,6 +211,7 @@ def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, d
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
         told.name: _quantity(told.quantity)
+        | {"lowest": number(told.wording.lowest)}
         | ({"by_segment": [number(value) for value in told.quantity.by_run]} if told.wording.by_run else {})
         for told in of_kind(quantities, kind)
     }

@@ -11,11 +11,16 @@ from typing import Any
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import EstimationError, InputError, UsageError
+from eivor.exports.fitted import Fitted, Known, Supplied
+from eivor.exports.state_space import StateSpace, state_space
+from eivor.exports.targets import target_by_name
 from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.joint_draws import joint_draws
 from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.notebook import html_table
@@ -24,6 +29,8 @@ from eivor.shapes import Float
 
 #: Larger files are no result.
 LARGEST_BYTES = 100_000_000
+#: More draws at once would fill the memory.
+MOST_DRAWS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -105,9 +112,13 @@ class SavedFit:
         EstimationError
             When nothing was estimated.
         """
+        return self._best().covariance.matrix
+
+    def _best(self) -> SavedCandidate:
+        """Where it fits best."""
         for candidate in self.candidates:
             if candidate.best:
-                return candidate.covariance.matrix
+                return candidate
         raise EstimationError(
             "a document of a flight with an estimate",
             f"one without: {' '.join(self.reasons)}",
@@ -142,6 +153,116 @@ class SavedFit:
                 "Identify the flight again and ask its result: fit.interval(name, level).",
             )
         return quantity.widened(self._wald(name, level))
+
+    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
+        """Draw joint sets of the parameters at the delay that fits best.
+
+        Each is drawn by the law that its interval at this delay is read from, Student's t with the degrees of
+        freedom of the covariance, and they are correlated as the covariance says. What cannot be below a
+        bound is put there, as its interval is cut. Other delays that fit, and systematic parts of intervals,
+        are not drawn.
+
+        Parameters
+        ----------
+        n : int
+            How many.
+        seed : int
+            Of the random numbers: the same seed gives the same draws.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            One array for each name of `names`, refused ones too: see `refused`.
+
+        Raises
+        ------
+        EstimationError
+            When nothing was estimated, or the covariance has no finite variance.
+        UsageError
+            When `n` is no number of draws, or the seed is below zero.
+        """
+        checks.whole("n", n)
+        checks.whole("seed", seed)
+        if not 1 <= n <= MOST_DRAWS or seed < 0:
+            raise UsageError(
+                f"1 to {MOST_DRAWS:,} draws, and a seed that is not below zero",
+                f"{n:,} draws with seed {seed}",
+                "Ask for fewer.",
+            )
+        best = self._best()
+        draws = joint_draws(best.values, best.covariance, n, np.random.default_rng(seed))
+        bounds = (self._lowest(name) for name in self.names)
+        return {
+            name: np.maximum(column, bound)
+            for name, column, bound in zip(self.names, draws.T, bounds, strict=True)
+        }
+
+    def to_statespace(self) -> StateSpace:
+        """Arrays of the vertical motion about hover, and ``.to_control()`` for python-control.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When a quantity that they are made of is not identified.
+        UsageError
+            When the result is of another motion.
+        """
+        return state_space(self.fitted, Supplied())
+
+    def export(
+        self,
+        to: str,
+        *,
+        mass: tuple[float, float] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+    ) -> str:
+        """Content of a file for an autopilot or a controller, as ``eivor export`` writes it.
+
+        Parameters
+        ----------
+        to : str
+            "px4", "ardupilot" or "statespace".
+        mass : tuple of float, optional
+            Of the vehicle and its standard deviation [kg], for targets that need it.
+        priors : mapping of str to tuple of float, optional
+            Value and standard deviation of quantities that are not identified.
+
+        Returns
+        -------
+        str
+            All of it. What is not identified is a comment there, with the reason.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When the target cannot do without a quantity that is not identified, and none was given.
+        UsageError
+            When the target is unknown, or the result is not of the kind that it takes.
+        """
+        supplied = Supplied(
+            None if mass is None else _known("mass", mass),
+            {name: _known(name, one) for name, one in (priors or {}).items()},
+        )
+        return target_by_name(to).export(self.fitted, supplied).text
+
+    @property
+    def fitted(self) -> Fitted:
+        """What exports take of it."""
+        model, provenance = self.document["model"], self.document["provenance"]
+        return Fitted(
+            model=str(model["name"]),
+            quantities=self.quantities,
+            input=str(model["input"]),
+            map_name=str(model["input_map"]),
+            input_measured=bool(model["input_measured"]),
+            formats=tuple(str(log["format"]) for log in self.document["logs"]),
+            logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),
+            version=str(provenance["version"]),
+        )
+
+    def _lowest(self, name: str) -> float:
+        """What a parameter cannot be below."""
+        return _number(self.document["parameters"].get(name, {}).get("lowest"), -math.inf)
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         """The estimate plus and minus."""
@@ -278,3 +399,11 @@ def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
 
 def _number(value: float | None, missing: float) -> float:
     return missing if value is None else float(value)
+
+
+def _known(name: str, pair: tuple[float, ...]) -> Known:
+    """A value and its standard deviation."""
+    checks.items(name, pair, (int, float), "a value and a standard deviation", "Give (1.53, 0.02).")
+    if len(pair) != 2:
+        raise UsageError(f"a value and a standard deviation for {name}", f"{pair}", "Give (1.53, 0.02).")
+    return Known(float(pair[0]), float(pair[1]))

@@ -1,0 +1,145 @@
+"""`eivor export`: a result in; a file for an autopilot or a controller, or joint draws, out."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eivor.cli.arguments import STANDARD_OUTPUT
+from eivor.cli.exit_codes import ExitCode, guarded
+from eivor.cli.outputs import keep_apart, output_file, write_out, writing
+from eivor.cli.terminal import complain
+from eivor.errors import NotIdentifiedError, UsageError
+from eivor.whole_file import write_whole
+
+if TYPE_CHECKING:
+    from eivor.exports.fitted import Known, Supplied
+    from eivor.report.saved_fit import SavedFit
+
+EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "
+    "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
+    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
+    "or written.\n\n"
+    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON)."
+)
+
+
+@guarded
+def export(
+    fit: Annotated[
+        Path,
+        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+    ],
+    *,
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="TARGET", help="px4, ardupilot or statespace.", show_default=False),
+    ] = "",
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            "--draws",
+            metavar="N",
+            help="In place of --to: N joint draws of the identified parameters, as Parquet.",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", help="Of the draws.")] = 0,
+    mass: Annotated[
+        str,
+        typer.Option(
+            "--mass",
+            metavar="KG[:STD]",
+            help="Mass with all on board and its standard deviation, such as 1.53:0.02; for draws.",
+            show_default=False,
+        ),
+    ] = "",
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prior",
+            metavar="NAME=VALUE[:STD]",
+            help="What is known of a quantity that the flight does not tell; several times for several.",
+            show_default=False,
+        ),
+    ] = None,
+    output: Annotated[
+        str,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to; without it on standard output."),
+    ] = STANDARD_OUTPUT,
+) -> ExitCode:
+    """Write a result's numbers where they are used, with intervals; only what is identified."""
+    if bool(to) == (draws is not None):
+        raise UsageError("either --to TARGET or --draws N", "both" if to else "neither", "Give one of them.")
+    supplied = _supplied(mass, prior or [])
+    if draws is not None and output == STANDARD_OUTPUT:
+        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
+    if output != STANDARD_OUTPUT:
+        keep_apart({"-o": output_file(output, option="-o")}, {"the result": [fit]})
+    from eivor.report.saved_fit import load_fit
+
+    result = load_fit(fit)
+    try:
+        if draws is None:
+            return _export(result, to, supplied, output)
+        return _draw(result, draws, seed, supplied, Path(output))
+    except NotIdentifiedError as error:
+        complain(str(error))
+        return ExitCode.NOT_IDENTIFIED
+
+
+def _export(result: SavedFit, to: str, supplied: Supplied, output: str) -> ExitCode:
+    from eivor.exports.targets import target_by_name
+
+    made = target_by_name(to).export(result.fitted, supplied)
+    write_out(made.text, output)
+    if made.left_out:
+        complain(*made.left_out)
+    return ExitCode.NOT_IDENTIFIED if made.left_out else ExitCode.IDENTIFIED
+
+
+def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path) -> ExitCode:
+    from eivor.report.draws_table import draws_table
+
+    supplied.check_only((), "draws", mass=True)
+    table = draws_table(result, count, seed, supplied.mass)
+    content = io.BytesIO()
+    table.write_parquet(content)
+    with writing(path):
+        write_whole(path, content.getvalue())
+    left_out = [name for name in result.names if name not in table.columns]
+    if left_out:
+        complain(f"Not identified, hence no column: {', '.join(left_out)}.")
+    return ExitCode.NOT_IDENTIFIED if left_out else ExitCode.IDENTIFIED
+
+
+def _supplied(mass: str, priors: list[str]) -> Supplied:
+    """What was typed, as what exports take."""
+    from eivor.exports.fitted import Supplied
+
+    known = {}
+    for text in priors:
+        name, equals, number = text.partition("=")
+        if not equals:
+            raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
+        known[name.strip()] = _known(number, "--prior")
+    return Supplied(_known(mass, "--mass") if mass else None, known)
+
+
+def _known(text: str, option: str) -> Known:
+    """Number of ``VALUE`` or ``VALUE:STD``."""
+    from eivor.exports.fitted import Known
+
+    value_text, colon, std_text = text.partition(":")
+    try:
+        value, std = float(value_text), float(std_text) if colon else 0.0
+    except ValueError:
+        value = std = math.nan
+    if not math.isfinite(value):
+        raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
+    return Known(value, std)

@@ -1,0 +1,239 @@
+"""What an export takes of a result: numbers with verdicts, what drove the vehicle, and which logs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from eivor.errors import NotIdentifiedError, UsageError
+from eivor.flights.quantity import Quantity
+from eivor.inference.quantiles import normal_quantile
+from eivor.inference.verdict import Status
+from eivor.signals.input_map import InputMap, input_map
+
+#: Name in documents of the motion that exports are made of.
+VERTICAL = "vertical_motion"
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """A number known from elsewhere.
+
+    Parameters
+    ----------
+    value : float
+        In SI units.
+    std : float
+        Its standard deviation; zero counts as exact.
+
+    Raises
+    ------
+    UsageError
+        When one is not finite, or the standard deviation is below zero.
+    """
+
+    value: float
+    std: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.value) and 0.0 <= self.std < math.inf):
+            raise UsageError(
+                "a number and a standard deviation that is not below zero",
+                f"{self.value}:{self.std}",
+                "Give 1.53:0.02, for example.",
+            )
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, of the normal distribution."""
+        half = normal_quantile(0.95) * self.std
+        return self.value - half, self.value + half
+
+
+@dataclass(frozen=True, slots=True)
+class Supplied:
+    """What a user knows beside the flight.
+
+    Parameters
+    ----------
+    mass : Known or None
+        Of the vehicle with all on board [kg].
+    priors : mapping of str to Known
+        For quantities that the flight does not tell, by name.
+
+    Raises
+    ------
+    UsageError
+        When the mass is not above zero.
+    """
+
+    mass: Known | None = None
+    priors: Mapping[str, Known] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.mass is not None and not self.mass.value > 0.0:
+            raise UsageError("a mass above zero [kg]", f"{self.mass.value}", "Give 1.53:0.02, for example.")
+
+    def check_only(self, names: tuple[str, ...], target: str, *, mass: bool) -> None:
+        """Refuse what a target has no use for: it would be thought to count.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Quantities that it can be given.
+        target : str
+            Its name.
+        mass : bool
+            Whether it uses the mass.
+
+        Raises
+        ------
+        UsageError
+            With what is of no use.
+        """
+        if self.mass is not None and not mass:
+            raise UsageError(
+                f"no mass for {target}, which is made of ratios", f"{self.mass.value} kg", "Leave it out."
+            )
+        for name in self.priors:
+            if name not in names:
+                useful = ", ".join(names) or "none"
+                raise UsageError(f"priors that {target} uses ({useful})", f"'{name}'", "Leave it out.")
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A number that is written, with what stands beside it.
+
+    Parameters
+    ----------
+    value : float
+        In SI units.
+    interval : tuple of float
+        95 %.
+    source : str
+        "identified", or "given".
+    """
+
+    value: float
+    interval: tuple[float, float]
+    source: str = "identified"
+
+    @property
+    def words(self) -> str:
+        """Value, interval and source."""
+        low, high = self.interval
+        return f"{self.value:.6g}, 95 % interval [{low:.6g}, {high:.6g}], {self.source}"
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A result as exports see it.
+
+    Parameters
+    ----------
+    model : str
+        Name of the motion in documents.
+    quantities : mapping of str to Quantity
+        With their verdicts.
+    input : str
+        Channel, or family of channels, that drove the vehicle.
+    map_name : str
+        Input map, see `eivor.signals.input_map`.
+    input_measured : bool
+        Whether the rotor speeds themselves were logged, which do not lag.
+    formats : tuple of str
+        Of the logs.
+    logs : tuple of (str, str)
+        Name and SHA-256 of each log.
+    version : str
+        Of Eivor.
+    """
+
+    model: str
+    quantities: Mapping[str, Quantity]
+    input: str
+    map_name: str
+    input_measured: bool
+    formats: tuple[str, ...]
+    logs: tuple[tuple[str, str], ...]
+    version: str
+
+    @property
+    def input_map(self) -> InputMap:
+        """From the command to thrust."""
+        return input_map(self.map_name)
+
+    def origin(self) -> Iterator[str]:
+        """Sentences that say where the numbers come from."""
+        yield f"Written by Eivor {self.version}."
+        for name, sha256 in self.logs:
+            yield f"Log: {name}, SHA-256 {sha256 or 'unknown'}"
+        yield f"Command: {self.input}, input map {self.map_name}."
+
+    def check_vertical(self, target: str) -> None:
+        """Refuse results of other motions.
+
+        Raises
+        ------
+        UsageError
+            With the motion that it is of.
+        """
+        if self.model != VERTICAL:
+            raise UsageError(
+                f"a result of the vertical motion for {target}",
+                f"one of {self.model}",
+                "Identify the log with --model vertical.",
+            )
+
+    def told(self, name: str) -> Number | None:
+        """A quantity that is identified; None for any other."""
+        one = self.quantities.get(name)
+        if one is None or one.verdict is not Status.IDENTIFIED or not math.isfinite(one.value):
+            return None
+        return Number(one.value, one.interval)
+
+    def why_not(self, name: str) -> str:
+        """Why a quantity is not written."""
+        one = self.quantities.get(name)
+        if one is None:
+            return f"{name} was not estimated."
+        reasons = " ".join(reason.sentence for reason in one.reasons)
+        return f"{name} is {one.verdict.value}. {reasons}".rstrip()
+
+    def needed(self, name: str, supplied: Supplied, target: str) -> Number:
+        """A quantity that a target cannot do without: identified, or else given.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When it is neither.
+        """
+        found = self.told(name)
+        if found is not None:
+            return found
+        given = supplied.priors.get(name)
+        if given is not None:
+            return Number(given.value, given.interval, "given")
+        raise NotIdentifiedError(
+            f"{name} identified, which {target} cannot do without",
+            self.why_not(name).rstrip("."),
+            f"Fly again as the report says, or give what is known: --prior {name}=VALUE:STD.",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """A file's content.
+
+    Parameters
+    ----------
+    text : str
+        All of it.
+    left_out : tuple of str
+        Sentences about what the target would have and is not written; they stand in the text as well.
+    """
+
+    text: str
+    left_out: tuple[str, ...] = ()

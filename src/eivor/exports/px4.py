@@ -1,0 +1,43 @@
+"""Parameters of PX4 in the file format of QGroundControl."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from eivor.exports.autopilot_parameters import Autopilot, Parameter, chosen_parameters
+from eivor.exports.comments import hash_comments
+from eivor.exports.fitted import Exported, Fitted, Supplied
+from eivor.exports.target import Target
+
+PX4 = Autopilot(
+    "PX4", Parameter("MPC_THR_HOVER", 0.1, 0.8), Parameter("THR_MDL_FAC", 0.0, 1.0), ("dataflash",)
+)
+#: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
+REAL32, VEHICLE, COMPONENT = 9, 1, 1
+HEADER = "# Vehicle-Id Component-Id Name Value Type"
+
+
+@final
+class Px4Parameters(Target):
+    """Comments, a header, and lines of five fields with tabs between them."""
+
+    name = "px4"
+    words = "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC"
+
+    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
+        """See `Target`."""
+        supplied.check_only((), self.name, mass=False)
+        found = chosen_parameters(fitted, PX4)
+        rows = [
+            f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(number.value)}\t{REAL32}"
+            for name, number in found.written
+        ]
+        lines = [*hash_comments(found.comments), "#", HEADER, *rows]
+        return Exported("\n".join(lines) + "\n", found.left_out)
+
+
+def single(value: float) -> str:
+    """Fewest digits that give back the 32-bit float, without an exponent."""
+    return np.format_float_positional(np.float32(value), trim="0")

@@ -1,0 +1,29 @@
+"""The table of targets, by their words on the command line."""
+
+from __future__ import annotations
+
+from eivor.errors import UsageError, did_you_mean
+from eivor.exports.ardupilot import ArduPilotParameters
+from eivor.exports.px4 import Px4Parameters
+from eivor.exports.state_space import StateSpaceDocument
+from eivor.exports.target import Target
+
+TARGETS: dict[str, Target] = {
+    target.name: target for target in (Px4Parameters(), ArduPilotParameters(), StateSpaceDocument())
+}
+
+
+def target_by_name(name: str) -> Target:
+    """Target of a word.
+
+    Raises
+    ------
+    UsageError
+        When there is none.
+    """
+    if name not in TARGETS:
+        known = ", ".join(TARGETS)
+        raise UsageError(
+            f"a target out of {known}", f"'{name}'", did_you_mean(name, TARGETS, "Name one of them.")
+        )
+    return TARGETS[name]
