@@ -25,7 +25,6 @@ QUANTITY: dict[str, Any] = {
     "interval": PAIR,
     "verdict": VERDICTS,
     "reasons": [str],
-    "lowest": NUMBER,
     "systematic": [
         {
             "counts": {"added", "at least", "independent", "reserved"},
@@ -34,6 +33,7 @@ QUANTITY: dict[str, Any] = {
             "sentence": str,
         }
     ],
+    "lowest": NUMBER,
 }
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
 ROW: dict[str, Any] = {
