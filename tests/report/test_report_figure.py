@@ -77,7 +77,7 @@ class TwoAxes(Vertical):
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         (up,) = super().traces(problem, estimate)
-        return up, replace(up, axis="forward acceleration", measured=-up.measured)
+        return up, replace(up, axis="forward acceleration", measured=-up.measured, band_hz=(0.05, 3.0))
 
 
 @pytest.mark.thorough
@@ -89,6 +89,8 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
         "forward acceleration",
         "residual",
     ]
+    assert "to 5 Hz" in _titles(figure)[0]
+    assert any("0.05 to 3 Hz" in title for title in _titles(figure))  # an axis with a band of its own
     assert len(figure.axes[-1].lines) == 4
     assert _inside(figure)
 

@@ -209,6 +209,8 @@ class Trace:
         The prediction, and the part of it that the input makes, in symbols.
     measured, predicted, driven : ndarray, shape (samples,)
         In that unit; the mean of each run may be missing from them.
+    band_hz : tuple of float, optional
+        Band that they are of, where it is another than that of the flights.
     """
 
     axis: str
@@ -218,6 +220,7 @@ class Trace:
     measured: Float[np.ndarray, " samples"]
     predicted: Float[np.ndarray, " samples"]
     driven: Float[np.ndarray, " samples"]
+    band_hz: tuple[float, float] | None = None
 
 
 class Horizon(Enum):

@@ -203,6 +203,10 @@ class LaggedRuns(SeparableProblem):
         """Numbers of the axes, increasing."""
         return tuple(sorted({one.axis for one in self.columns}))
 
+    def band_hz(self, axis: int) -> tuple[float, float]:
+        """Band of an axis' spectral rows [Hz]."""
+        return next(one.band_hz for one in self.columns if one.axis == axis)
+
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
         """Every run, in the order of the rows."""
         for one in self.columns:

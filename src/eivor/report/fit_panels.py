@@ -75,7 +75,7 @@ def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
     """Draw what was measured along one axis and what the model says, both within the band."""
     run = _longest(runs)
     time, band = _within_the_band(trace, run)
-    low, high = _band(run.spectral)
+    low, high = trace.band_hz or _band(run.spectral)
     axes.plot(time, band[:, 0], color=MEASURED, lw=0.9, label="measured")
     axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label=f"predicted: {trace.model}")
     axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)

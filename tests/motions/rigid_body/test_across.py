@@ -16,7 +16,7 @@ from eivor.motions.rigid_body.dynamics import wrench
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.parameters import LIFT_MOMENT, PITCH, ROLL
+from eivor.motions.rigid_body.parameters import FORCE_Z, LIFT_MOMENT, PITCH, ROLL
 from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
 from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
 
@@ -39,6 +39,7 @@ def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
     (flight,) = simulate_rigid_body_flights([SPEC])
     motion = RigidBody(KNOWN)
     problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    assert (problem.band_hz(ROLL)[1], problem.band_hz(FORCE_Z)[1]) == (20.0, 8.0)
     for axis, parameter in enumerate(LIFT_MOMENT):
         place = problem.parameters.index(parameter)
         moved = [bool(one.fixed[:, place].any()) for one in problem.columns]

@@ -200,7 +200,9 @@ class RigidBody(Motion[LaggedRuns]):
                 if turning
                 else f"specific force along {ALONG[axis - FORCE_X]}"
             )
-            found.append(Trace(words, "rad/s²" if turning else "m/s²", "model", "rotors", *series.T))
+            unit, band = "rad/s²" if turning else "m/s²", problem.band_hz(axis)
+            measured, predicted, driven = series.T
+            found.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band))
         return tuple(found)
 
     def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
