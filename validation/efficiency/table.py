@@ -9,11 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
+from eivor.errors import ParameterError
 from eivor.studies.bounds import cramer_rao
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.metrics import scores
 from eivor.studies.run import StudyResult
 from eivor.studies.suite_file import SuiteStudy
+from validation.efficiency.open_loop import open_loop
 from validation.suites import Row, versions
 
 #: Columns of the table.
@@ -21,6 +25,9 @@ COLUMNS = (
     *("scenario", "samples", "method", "parameter", "bound", "rmse", "bias", "hits", "count"),
     *("failed", "weak", "runs", "seed", "level", "versions"),
 )
+
+#: Records under control that a bound is averaged over.
+CONTROLLED_RUNS = 10
 
 
 def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
@@ -49,8 +56,18 @@ def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
 
 
 def _bounds(one: SuiteStudy) -> dict[str, float]:
-    """Bound of each parameter over its size; none under control, where the input answers noises."""
+    """Bound of each parameter over its size; under control that of the open loop with the same input.
+
+    None where noises are of kinds that there is no bound for.
+    """
     experiment = one.study.experiment
-    if not isinstance(experiment, VerticalExperiment) or experiment.scenario.controlled:
+    if not isinstance(experiment, VerticalExperiment):
         return {}
-    return cramer_rao(experiment.scenario).relative
+    scenario = experiment.scenario
+    try:
+        if not scenario.controlled:
+            return cramer_rao(scenario).relative
+        found = [cramer_rao(open_loop(scenario, seed), runs=1).relative for seed in range(CONTROLLED_RUNS)]
+    except ParameterError:
+        return {}
+    return {name: float(np.sqrt(np.mean([each[name] ** 2 for each in found]))) for name in found[0]}

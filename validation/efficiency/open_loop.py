@@ -1,0 +1,31 @@
+"""The open loop that goes with a scenario under control: its input is what the reference alone makes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eivor.simulation.records.control import OpenLoop
+from eivor.simulation.records.scenario import ALWAYS_MEASURED, Scenario
+from eivor.simulation.records.simulate import simulate
+from eivor.simulation.sources.deterministic_disturbance import GivenDisturbance
+from eivor.simulation.sources.excitation import GivenSeries
+
+
+def open_loop(scenario: Scenario, seed: int) -> Scenario:
+    """Scenario with one realised input, disturbance and strengths of noises, and nothing that answers them.
+
+    What control adds to the input in answer to disturbances and noises is left out: no instrument tells it.
+    """
+    quiet = replace(scenario, noise={}, noise_to_signal={}, disturbance=None, disturbance_to_signal=None)
+    record, undisturbed = (simulate(one, np.random.default_rng(seed)) for one in (scenario, quiet))
+    return replace(
+        scenario,
+        control=OpenLoop(),
+        excitation=GivenSeries(tuple(undisturbed.truth.channel("input").tolist())),
+        noise={name: record.signals.noise[name] for name in ALWAYS_MEASURED},
+        noise_to_signal={},
+        disturbance=GivenDisturbance(tuple(record.truth.channel("disturbance").tolist())),
+        disturbance_to_signal=None,
+    )
