@@ -1,4 +1,4 @@
-"""Write the tables of docs/logs.md: where PX4 and a Crazyflie log each channel, how often, and units of maps.
+"""Write the tables of docs/logs.md: where autopilots log each channel, how often, and units of maps.
 
     python docs/log_tables.py
 
@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from eivor.logs.crazyflie.channels import LOOKED_FOR as VARIABLES
+from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
 from eivor.logs.units import UNITS
 from eivor.studies.generated_page import markdown, page_with
@@ -24,6 +25,7 @@ def parts() -> dict[str, str]:
     return {
         "ulog sources": ulog_sources(),
         "ulog rates": ulog_rates(),
+        "dataflash sources": dataflash_sources(),
         "crazyflie sources": crazyflie_sources(),
         "units": units(),
     }
@@ -54,6 +56,12 @@ def ulog_rates() -> str:
             (code([entry.topic]), "every message" if always else f"{entry.default_rate_hz:g} Hz", raised)
         )
     return markdown(("topic", "default profile", "full rate with bit"), rows)
+
+
+def dataflash_sources() -> str:
+    """Where each channel is looked for in a DataFlash log."""
+    rows = ((code([name]), code(columns, "<br>")) for name, columns in COLUMNS.items())
+    return markdown(("channel", "messages and columns, in order of preference"), rows)
 
 
 def crazyflie_sources() -> str:

@@ -193,10 +193,14 @@ def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Pa
     assert "one vehicle" in run.err
 
 
-def test_a_format_that_is_not_read_yet(eivor: Caller, recordings: Path) -> None:
-    run = eivor("identify", recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
-    assert run.code == 1
-    assert "DataFlash" in run.err
+def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
+    log = recordings / "ardupilot" / "log_0036_mechanical_failure.bin"
+    run = eivor("inspect", log)
+    assert run.code == 0
+    assert "NKF1.VD" in run.out
+    run = eivor("identify", log)
+    assert run.code == 3
+    assert "10 Hz" in run.out
 
 
 def test_a_log_without_flight_is_inspected(eivor: Caller, recordings: Path) -> None:

@@ -31,7 +31,7 @@ def test_formats_and_limits_are_named():
     formats = PAGE.partition("## Formats")[2].partition("## Channels")[0]
     for row in readable_formats():
         assert re.search(rf"^\| .*{row.label}.* \| yes \|", formats, flags=re.MULTILINE), row.label
-    unread = {"dataflash": "DataFlash", "mcap": "MCAP", "blackbox": "Betaflight"}
+    unread = {"mcap": "MCAP", "blackbox": "Betaflight"}
     unread |= {"matlab": "MATLAB", "hdf5": "HDF5", "arrow": "Arrow", "ros1": "ROS 1"}
     assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
     assert all(words in formats for words in unread.values())

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from eivor.errors import MissingReaderError
 from eivor.logs import read_log
 from eivor.signals.recording import Frame
 
@@ -84,15 +83,19 @@ def test_px4_old_names(recordings):
     assert "acceleration_z" not in r.channels
 
 
-@pytest.mark.parametrize(
-    ("path", "words"),
-    [
-        ("ardupilot/log_0036_mechanical_failure.bin", "DataFlash"),
-    ],
-)
-def test_formats_without_a_reader(recordings, path, words):
-    with pytest.raises(MissingReaderError, match=words):
-        read_log(recordings / path)
+def test_ardupilot(recordings):
+    r = read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
+    assert r.span_s == pytest.approx((0.01, 150.71), abs=0.01)
+    assert r.vehicle == "rotary wing"
+    sources = {"velocity_z": "NKF1.VD", "input": "RATE.AOut", "reference_position_z": "-CTUN.DAlt"}
+    assert {name: r.channels[name].source for name in sources} == sources
+    assert r.channels["velocity_z"].values.size == 1502
+    assert np.median(r.channels["specific_force_body_z"].values) == pytest.approx(-9.7, abs=0.1)
+    assert r.channels["battery_voltage"].values[0] == pytest.approx(16.5, abs=0.3)
+    assert np.isfinite(r.channels["reference_position_z"].values).sum() == 612  # in altitude hold
+    assert len(r.parameters) == 594
+    # a whole file; the motors fit the throttle, and the filters are at 20 Hz
+    assert names(r) == ["pulse_widths", "sensor_delay"]
 
 
 CRAZYFLIE_SOURCES = [f"{group}.{axis}" for group in ("acc", "gyro") for axis in "xyz"]

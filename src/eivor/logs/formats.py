@@ -10,6 +10,7 @@ from pathlib import Path
 
 from eivor.errors import UnknownFormatError, UsageError
 from eivor.logs.crazyflie.format import CRAZYFLIE
+from eivor.logs.dataflash.format import DATAFLASH
 from eivor.logs.log_format import LogFormat
 from eivor.logs.table.formats import CSV, PARQUET
 from eivor.logs.ulog.format import ULOG
@@ -20,6 +21,7 @@ FORMATS: tuple[LogFormat, ...] = (
     ULOG,
     PARQUET,
     CRAZYFLIE,
+    DATAFLASH,
     *RECOGNISED,
 )
 #: Formats of text, which has no first bytes of its own: asked last.
@@ -99,7 +101,7 @@ def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of a format that is read: "ulog" (PX4), "crazyflie", "csv", "parquet".
+        Of a format that is read: "ulog" (PX4), "dataflash" (ArduPilot), "crazyflie", "csv", "parquet".
     channel : str
         A canonical channel: only the advice for it; empty for the advice on the whole flight.
 

@@ -27,13 +27,6 @@ _TABLE = "Write the table as Parquet or CSV."
 #: Recognised formats without a reader in this release.
 RECOGNISED: tuple[LogFormat, ...] = (
     _recognised(
-        "dataflash",
-        "a DataFlash log (ArduPilot .bin, or PX4's old .px4log)",
-        b"\xa3\x95",
-        "Convert it with `mavlogdump.py --format csv` of pymavlink and write a channel map, or wait for the "
-        "`[ardupilot]` extra: its reader is planned, but not in this release.",
-    ),
-    _recognised(
         "ros1",
         "a ROS 1 bag",
         b"#ROSBAG",

@@ -30,6 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eivor.logs.channel_map import ChannelRule
+from eivor.logs.delays import low_pass_delay_s
 from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles
 from eivor.logs.units import UNITS
 from eivor.shapes import Float
@@ -72,11 +73,6 @@ class Source:
     def columns(self) -> tuple[str, ...]:
         """Variables that it needs."""
         return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
-
-
-def low_pass_delay_s(cutoff_hz: float) -> float:
-    """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]."""
-    return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz))
 
 
 def _rule(

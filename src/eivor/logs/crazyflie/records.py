@@ -16,14 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.logs.crazyflie.header import EventType, Header
-from eivor.shapes import Bool, Float
+from eivor.logs.stamps import believable
+from eivor.shapes import Float
 from eivor.signals.recording import LARGEST_VALUE, Finding
 
 CHECKSUM_BYTES = 4
-#: Stamps further than this from the first are damaged [s].
-MAX_SPAN_S = 1e6
-#: A stamp that is ahead of both its neighbours by so much is damaged, not the ones after it [s].
-AHEAD_S = 1.0
 #: So many records of one type in a row, and whole blocks of them are looked at.
 RUN = 32
 BLOCK = 4096
@@ -99,7 +96,7 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
         return [], findings
     start = min(_middle(records["stamp"]) for records in found.values())
     times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in found.items()}
-    usable = {key: _usable(time_s) for key, time_s in times.items()}
+    usable = {key: believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     lost = sum(int((~which).sum()) for which in usable.values())
     if lost:
@@ -243,12 +240,3 @@ def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray,
 def _middle(stamps: np.ndarray) -> int:
     """Median of the stamps, which one that is damaged does not move far."""
     return int(np.partition(stamps, stamps.size // 2)[stamps.size // 2])
-
-
-def _usable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which stamps can be: of the span of a log, and not far ahead of both their neighbours."""
-    usable = np.abs(time_s) <= MAX_SPAN_S
-    usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= AHEAD_S
-    before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]
-    usable[1:-1] &= (here - np.maximum(before, after) <= AHEAD_S) | (before > after)
-    return usable

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from eivor.logs.delays import low_pass_delay_s, notch_delay_s
 from eivor.logs.ulog.instances import Topic
 from eivor.signals.recording import Channel, Finding
 
@@ -69,12 +70,12 @@ def _delays(topic: Topic, parameters: Mapping[str, float]) -> Iterator[Delay]:
     cutoff = parameters.get(LOW_PASSES.get(topic.name, ""), 0.0)
     if cutoff > 0.0:
         cause = f"low-pass of {cutoff:g} Hz, {LOW_PASSES[topic.name]}"
-        yield Delay(float(np.sqrt(2.0)) / (2.0 * np.pi * cutoff), cause)
+        yield Delay(low_pass_delay_s(cutoff), cause)
     for frequency_name, width_name in NOTCHES.get(topic.name, ()):
         frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
         if frequency > 0.0 and width > 0.0:
             cause = f"notch at {frequency:g} Hz, {frequency_name}"
-            yield Delay(width / (2.0 * np.pi * frequency**2), cause)
+            yield Delay(notch_delay_s(frequency, width), cause)
     if topic.name in MEANS:
         length = _mean_length(topic)
         yield Delay(0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean")

@@ -21,6 +21,7 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.findings import channel_findings
+from eivor.logs.silences import silenced
 from eivor.logs.ulog.attitude_setpoints import attitude_setpoints
 from eivor.logs.ulog.delays import delay_findings, topic_delays
 from eivor.logs.ulog.frames import CleanLog, clean_log
@@ -57,8 +58,6 @@ from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_ch
 MAX_SPAN_S = 1e6
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5
-#: A setpoint whose topic is silent for longer than this, and than five of its steps, is not in force [s].
-SILENCE_S = 1.0
 
 
 @dataclass(slots=True)
@@ -313,10 +312,10 @@ def _add(
     if channel.time_s.size == 0:
         return
     if source.is_setpoint:
-        silenced = _silenced(channel, reading.end_s)
-        if silenced.time_s.size > channel.time_s.size:
+        until = silenced(channel, reading.end_s)
+        if until.time_s.size > channel.time_s.size:
             reading.silent.append(name)
-        channel = silenced
+        channel = until
     reading.channels[name] = channel
 
 
@@ -324,19 +323,6 @@ def _channel(
     name: str, time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], label: str
 ) -> Channel:
     return clean_channel(name, time_s, values, unit_of(name), source=label, held=held_by_default(name))
-
-
-def _silenced(channel: Channel, end_s: float) -> Channel:
-    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint."""
-    limit = SILENCE_S
-    if channel.time_s.size > 1:
-        limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
-    following = np.append(channel.time_s[1:], end_s)
-    # a millisecond more, or the sample that is put in meets the next one
-    last = np.flatnonzero((following - channel.time_s > limit + 1e-3) & np.isfinite(channel.values))
-    time = np.insert(channel.time_s, last + 1, channel.time_s[last] + limit)
-    values = np.insert(channel.values, last + 1, np.nan)
-    return replace(channel, time_s=time, values=values)
 
 
 def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:

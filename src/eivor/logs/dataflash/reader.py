@@ -1,0 +1,198 @@
+"""ArduPilot's DataFlash logs (.bin), read by the names of their columns.
+
+Axes are as ArduPilot logs them, z down (`Frame.NED`), and `input` is positive up. Time 0 is the first stamp
+of a message that is read. The file is mapped, and only columns that are needed are taken out of it.
+"""
+
+from __future__ import annotations
+
+import mmap
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.logs.dataflash.delays import delay_findings, delay_of
+from eivor.logs.dataflash.estimators import choose_estimator
+from eivor.logs.dataflash.layouts import read_layouts
+from eivor.logs.dataflash.messages import Messages
+from eivor.logs.dataflash.outputs import add_outputs, add_rotor_speeds
+from eivor.logs.dataflash.places import find_places
+from eivor.logs.dataflash.reading import Reading
+from eivor.logs.dataflash.sources import (
+    CHANNEL_SOURCES,
+    CHOSEN_BY_RATE,
+    LOOKED_FOR,
+    NEEDED,
+    WITHOUT_HEIGHT_MODES,
+    Source,
+)
+from eivor.logs.dataflash.states import add_states
+from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
+from eivor.logs.dataflash.vehicle import vehicle_of
+from eivor.logs.findings import channel_findings
+from eivor.logs.stamps import believable
+from eivor.signals.recording import Finding, Frame, Recording
+
+#: Another source comes before the preferred one when it was logged so many times as often.
+MUCH_MORE = 1.5
+
+
+def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
+    """Read a DataFlash log.
+
+    Parameters
+    ----------
+    file : Path
+        The file; `read_log` has checked its size and its first bytes.
+    sha256 : str
+        Hash of its bytes, for the Recording.
+
+    Returns
+    -------
+    Recording
+        In `Frame.NED`, `input` positive up.
+
+    Raises
+    ------
+    CorruptLogError
+        When the file cannot be read.
+    EmptyLogError
+        When it holds none of the messages that are needed.
+    """
+    try:
+        with file.open("rb") as stream:
+            content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except (OSError, ValueError) as error:
+        raise CorruptLogError(
+            "a readable DataFlash log",
+            f"'{file.name}', which cannot be read ({error})",
+            "Copy it from the vehicle again.",
+        ) from error
+    tables, findings = _tables(content)
+    parameters = _parameters(tables)
+    choose_estimator(tables, parameters, findings)
+    reading = Reading.of(tables, parameters, findings)
+    for name, sources in CHANNEL_SOURCES.items():
+        for source in _by_rate(sources, tables) if name in CHOSEN_BY_RATE else sources:
+            if name not in reading.channels:
+                _add(reading, name, source)
+    add_attitude(reading)
+    add_setpoints(reading)
+    add_sweeps(reading)
+    add_states(reading)
+    add_outputs(reading)
+    add_rotor_speeds(reading)
+    if not reading.channels:
+        raise EmptyLogError(
+            "a DataFlash log with flight data (XKF1, NKF1, RATE, CTUN, IMU, ATT, ...)",
+            f"'{file.name}' without a value of any of them",
+            "Check LOG_BITMASK and LOG_BACKEND_TYPE, and that the vehicle was armed.",
+        )
+    findings += delay_findings(reading.channels.values(), parameters)
+    if reading.silent:
+        findings.append(
+            Finding(
+                "setpoint_silent", f"Not in force while its message is silent: {', '.join(reading.silent)}."
+            )
+        )
+    return Recording(
+        name=file.name,
+        format="dataflash",
+        channels=reading.channels,
+        frame=Frame.NED,
+        sha256=sha256,
+        parameters=parameters,
+        looked_for=LOOKED_FOR,
+        findings=(*findings, *channel_findings(reading.channels)),
+        vehicle=vehicle_of(tables),
+    )
+
+
+def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
+    """Messages that are needed, by name, each of its lowest instance; and what is wrong with the file."""
+    layouts, findings = read_layouts(content)
+    needed = {number: layout for number, layout in layouts.items() if layout.name in NEEDED}
+    data = np.frombuffer(content, dtype=np.uint8)
+    places = find_places(data, layouts, needed)
+    findings += places.findings()
+    unusable = sorted(layout.name for number, layout in needed.items() if not layout.fields)
+    if unusable:
+        findings.append(
+            Finding(
+                "message_formats",
+                f"Left out, because codes, names and length of their fields disagree: {', '.join(unusable)}.",
+            )
+        )
+    tables: dict[str, Messages] = {}
+    lost = 0
+    for number, layout in needed.items():
+        found = Messages(layout, data, places.of(number))
+        if not layout.fields or not found.count or layout.name in tables:
+            continue
+        if found.clock:
+            time_s = found.time_s()
+            sound = believable(time_s - float(np.median(time_s)))
+            lost += int((~sound).sum())
+            found = found.where(sound)
+        tables[layout.name] = found
+    if lost:
+        findings.append(Finding("time_stamps", f"Messages left out, because their stamp cannot be: {lost}."))
+    return {name: _lowest(table) for name, table in tables.items() if table.count}, findings
+
+
+def _lowest(table: Messages) -> Messages:
+    """Messages of the lowest instance of a sensor or a battery."""
+    if table.name not in ("IMU", "BAT", "CURR"):
+        return table
+    column = next((name for name in ("I", "Inst", "Instance") if table.has(name)), "")
+    if not column:
+        return table
+    instances = table.stored(column)
+    return table.where(instances == instances.min())
+
+
+def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
+    """Parameters that were set when the log began."""
+    table = tables.get("PARM")
+    if table is None or not table.has("Name", "Value"):
+        return {}
+    values: dict[str, float] = {}
+    for name, value in zip(table.texts("Name"), table.values("Value").tolist(), strict=True):
+        if np.isfinite(value) and name.isprintable() and name:
+            values.setdefault(name, value)
+    return dict(sorted(values.items()))
+
+
+def _by_rate(sources: tuple[Source, ...], tables: Mapping[str, Messages]) -> list[Source]:
+    """Sources in their order, but one that was logged much more often than the first before it."""
+    counts = {source: tables[source.message].count if source.message in tables else 0 for source in sources}
+    most = max(sources, key=counts.__getitem__)
+    first = next((source for source in sources if counts[source]), most)
+    return sorted(sources, key=lambda one: counts[most] > MUCH_MORE * counts[first] and one is not most)
+
+
+def _add(reading: Reading, name: str, source: Source) -> None:
+    """Add a channel from a source, when that has a value."""
+    table = reading.tables.get(source.message)
+    if table is None or not table.has(source.column) or not table.clock:
+        return
+    factor = source.factor
+    if table.clock == "TimeMS" or table.layout.fields[source.column].is_whole:
+        factor *= source.old_factor
+    values = table.values(source.column) * factor
+    if source.zero_is_absent and not np.any(np.nan_to_num(values)):
+        return
+    if source.needs_height_loop:
+        values[reading.modes_at(table, WITHOUT_HEIGHT_MODES, before=True)] = np.nan
+        values[reading.landed_at(table)] = np.nan
+    reading.add(
+        name,
+        table,
+        values,
+        f"{'-' if factor < 0.0 else ''}{table.name}.{source.column}",
+        estimated=source.estimated,
+        delay_s=delay_of(name, reading.parameters),
+        is_setpoint=source.is_setpoint,
+    )

@@ -1,0 +1,150 @@
+"""A small writer of DataFlash logs: messages of any layout in order of time, a flight in four dialects."""
+
+import struct
+
+import numpy as np
+
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+
+KINDS = {"b": "i1", "B": "u1", "M": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "q": "i8", "Q": "u8"}
+KINDS |= {"f": "f4", "d": "f8", "g": "f2", "c": "i2", "C": "u2", "e": "i4", "E": "u4", "L": "i4"}
+KINDS |= {"n": "S4", "N": "S16", "Z": "S64"}
+SCALES = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
+BOOT_S = 100.0
+
+
+def fmt(number, length, name, codes, columns):
+    head = struct.pack("<2sBBB", b"\xa3\x95", 128, number, length)
+    return head + struct.pack("4s16s64s", name.encode(), codes.encode(), columns.encode())
+
+
+class DataflashWriter:
+    def __init__(self, clock="TimeUS"):
+        self.clock = clock
+        self.numbers = {"FMT": 128}
+        self.head = fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+        self.messages = []
+
+    def add(self, name, times_s, codes, **columns):
+        """Add messages; a column is an array (n,), or one value for all."""
+        times_s = np.atleast_1d(np.asarray(times_s, dtype=float)) + BOOT_S
+        codes = ("Q" if self.clock == "TimeUS" else "I") + codes
+        kinds = [KINDS[code] for code in codes]
+        row = np.dtype(
+            [("head", "S2"), ("type", "u1")] + [(f"f{n}", f"<{kind}") for n, kind in enumerate(kinds)]
+        )
+        number = self.numbers.get(name)
+        if number is None:
+            number = self.numbers[name] = 129 + len(self.numbers)
+            self.head += fmt(number, row.itemsize, name, codes, ",".join([self.clock, *columns]))
+        rows = np.zeros(times_s.size, dtype=row)
+        rows["head"], rows["type"] = b"\xa3\x95", number
+        ticks = np.round(times_s * (1e6 if self.clock == "TimeUS" else 1e3))
+        for n, (code, values) in enumerate(zip(codes, [ticks, *columns.values()], strict=True)):
+            scaled = np.round(np.multiply(values, SCALES[code])) if code in SCALES else values
+            if np.dtype(KINDS[code]).kind in "iu":
+                scaled = np.round(scaled)
+            rows[f"f{n}"] = scaled
+        self.messages += [(time, rows[k].tobytes()) for k, time in enumerate(times_s.tolist())]
+        return self
+
+    def parameters(self, **values):
+        for name, value in values.items():
+            self.add("PARM", 0.0, "Nf", Name=name.encode(), Value=value)
+        return self
+
+    def text(self, words):
+        return self.add("MSG", 0.0, "Z", Message=words.encode())
+
+    def bytes(self):
+        return self.head + b"".join(one for _, one in sorted(self.messages, key=lambda pair: pair[0]))
+
+
+FIRMWARES = {
+    "3.3": "ArduCopter V3.3.3 (acf4cdf7)",
+    "3.4": "APM:Copter V3.4.4 (65ffe9d7)",
+    "4.1": "ArduCopter V4.1.5 (8ac4b2a6)",
+    "4.6": "ArduCopter V4.6.2 (3fc7011a)",
+}
+#: Of the motors: thrust is (1 - e) x + e x^2 of the share x of the range in use.
+CURVE, SPIN_MIN, SPIN_MAX, LOW, HIGH = 1.0, 0.15, 0.95, 1100.0, 1900.0
+
+
+def simulated(**spec):
+    (flight,) = simulate_vertical_flights([VerticalFlightSpec(**spec)])
+    assert flight.flew
+    return flight
+
+
+def flight_log(flight, dialect="4.6", vehicle="", high=HIGH):
+    """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz."""
+    values = {name: channel.values for name, channel in flight.recording.channels.items()}
+    t = flight.recording.channels["position_z"].time_s
+    writer = DataflashWriter("TimeMS" if dialect == "3.3" else "TimeUS")
+    writer.text(vehicle or FIRMWARES[dialect]).text("Frame: QUAD")
+    writer.parameters(MOT_PWM_MIN=0.0, MOT_PWM_MAX=0.0, RC3_MIN=LOW, RC3_MAX=HIGH)
+    writer.parameters(MOT_SPIN_MIN=SPIN_MIN, MOT_SPIN_MAX=SPIN_MAX, MOT_THST_EXPO=CURVE)
+    writer.add("MODE", 0.0, "MBB", Mode=3, ModeNum=3, Rsn=1)
+    writer.add("EV", [0.0, 0.0, t[-1]], "B", Id=[10, 28, 18])
+    add_fast(writer, t, values, dialect)
+    add_estimates(writer, t[::4], {name: one[::4] for name, one in values.items()}, dialect)
+    slow = {name: one[::10] for name, one in values.items()}
+    add_control(writer, t[::10], slow, dialect)
+    widths = LOW + (SPIN_MIN + slow["rotor_command_1"] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
+    writer.add("RCOU", t[::10], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
+    return writer.add("RCIN", t[::10], "H" * 3, C1=1500, C2=1500, C3=1300)
+
+
+def add_fast(writer, t, values, dialect):
+    """Add rates, throttle, accelerations of one or two sensors, and attitude."""
+    throttle = values["rotor_command_1"] ** 2 * (1000.0 if dialect == "3.3" else 1.0)
+    rates = dict.fromkeys(("RDes", "R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "ADes", "A"), 0.0)
+    writer.add("RATE", t, "f" * 12, **rates, AOut=throttle)
+    inertial = dict.fromkeys(("GyrX", "GyrY", "GyrZ", "AccX", "AccY"), 0.0)
+    force = -values["specific_force_z"] / values["cos_tilt"]
+    roll = np.degrees(np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0)))
+    attitude = {"DesRoll": 0.0, "Roll": roll, "DesPitch": 0.0, "Pitch": 0.0}
+    attitude |= {"DesYaw": 350.0, "Yaw": np.mod(350.0 + 20.0 * t / t[-1], 360.0)}
+    if dialect in ("3.3", "3.4"):
+        writer.add("IMU", t, "f" * 6, **inertial, AccZ=force).add("ATT", t, "ccccCC", **attitude)
+        return
+    for instance in range(2):
+        writer.add("IMU", t, "Bffffff", I=instance, **inertial, AccZ=force + 3.0 * instance)
+    writer.add("ATT", t, "ffffffB" if dialect == "4.6" else "ccccCCB", **attitude, AEKF=3)
+
+
+def add_estimates(writer, t, values, dialect):
+    """Add estimators and cores, of which one is right."""
+    estimate = {"VN": 0.0, "VE": 0.0, "VD": -values["velocity_z"], "PN": 1.0, "PE": 2.0}
+    estimate["PD"] = -values["position_z"]
+    wrong = estimate | {"VD": 5.0}
+    if dialect == "3.3":
+        writer.add("EKF1", t, "ffffff", **estimate)
+    elif dialect == "3.4":
+        writer.add("NKF1", t, "ffffff", **wrong).add("NKF6", t, "ffffff", **estimate)
+        writer.add("NKF4", t, "b", PI=1)
+    else:
+        for core, one in enumerate((wrong, estimate)):
+            writer.add("XKF1", t, "Bffffff", C=core, **one)
+            writer.add("NKF1", t, "Bffffff", C=core, **wrong)
+        writer.add("XKF4", t, "Bb", C=0, PI=1)
+
+
+def add_control(writer, t, values, dialect):
+    """Add targets and battery."""
+    height, speed = values["reference_position_z"], values["reference_velocity_z"]
+    throttle = values["rotor_command_1"] ** 2
+    if dialect in ("3.3", "3.4"):
+        old = dialect == "3.3"
+        tuned = {"ThrOut": throttle * 1000.0} if old else {"ThO": throttle}
+        climb = 100.0 * speed + 7.0
+        writer.add("CTUN", t, ("h" if old else "f") + "ffh", **tuned, DAlt=height, Alt=height, DCRt=climb)
+        writer.add("CURR", t, "h" if old else "f", Volt=1480.0 if old else 14.8)
+        return
+    writer.add("CTUN", t, "fff", ThO=throttle, ThH=0.25, DAlt=0.0)
+    target = {"DPD": -height} if dialect == "4.6" else {}
+    target |= {"TPD": -height - 0.5, "PD": -height, "DVD": -speed, "TVD": -speed - 0.07, "VD": 0.0}
+    target |= {"DAD": -values["reference_acceleration_z"], "TAD": 0.0, "AD": 0.0}
+    writer.add("PSCD", t, "f" * len(target), **target)
+    writer.add("BAT", t, "Bf", Inst=0, Volt=14.8).add("BAT", t, "Bf", Inst=1, Volt=5.0)

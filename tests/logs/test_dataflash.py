@@ -1,0 +1,181 @@
+"""DataFlash logs: dialects of the firmware, and what each channel is."""
+
+import numpy as np
+import pytest
+from dataflash_writer import DataflashWriter, flight_log, simulated
+
+from eivor.errors import EmptyLogError
+from eivor.logs import logging_advice, read_log
+from eivor.signals.recording import Frame
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return simulated(seed=3, duration=20.0)
+
+
+def read(tmp_path, writer):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer if isinstance(writer, bytes) else writer.bytes())
+    return read_log(path)
+
+
+def findings(recording):
+    return [finding.name for finding in recording.findings]
+
+
+SOURCES = {
+    "3.3": ("EKF1.VD", "-CTUN.DAlt", "CURR.Volt"),
+    "3.4": ("NKF6.VD", "-CTUN.DAlt", "CURR.Volt"),
+    "4.1": ("XKF1.VD", "PSCD.TPD", "BAT.Volt"),
+    "4.6": ("XKF1.VD", "PSCD.DPD", "BAT.Volt"),
+}
+
+
+@pytest.mark.parametrize("dialect", SOURCES)
+def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
+    r = read(tmp_path, flight_log(flight, dialect))
+    truth = flight.recording.channels
+    channels = r.channels
+    assert (r.format, r.frame, r.vehicle) == ("dataflash", Frame.NED, "rotary wing")
+    names = ("velocity_z", "reference_position_z", "battery_voltage")
+    assert tuple(channels[name].source for name in names) == SOURCES[dialect]
+    assert channels["velocity_z"].estimated
+    np.testing.assert_allclose(channels["velocity_z"].values, -truth["velocity_z"].values[::4], atol=1e-6)
+    np.testing.assert_allclose(channels["velocity_z"].time_s, truth["velocity_z"].time_s[::4], atol=1e-6)
+    throttle = truth["rotor_command_1"].values ** 2
+    np.testing.assert_allclose(channels["input"].values, throttle, atol=1e-6)
+    assert channels["input"].source == "RATE.AOut"
+    force = -truth["specific_force_z"].values / truth["cos_tilt"].values
+    np.testing.assert_allclose(channels["specific_force_body_z"].values, force, atol=1e-5)
+    reference = -truth["reference_position_z"].values[::10] - (0.5 if dialect == "4.1" else 0.0)
+    held = channels["reference_position_z"].values
+    np.testing.assert_allclose(held[: reference.size - 1], reference[:-1], atol=1e-6)
+    feedback = -truth["reference_velocity_z"].values[::10] - 0.07
+    told = channels["feedback_reference_velocity_z"].values
+    np.testing.assert_allclose(told[: feedback.size - 1], feedback[:-1], atol=0.006)
+    np.testing.assert_allclose(channels["battery_voltage"].values, 14.8, atol=1e-5)
+    share = truth["rotor_command_1"].values[::10]
+    np.testing.assert_allclose(channels["actuator_output_4"].values, share, atol=1e-3)
+    assert r.parameters["MOT_THST_EXPO"] == 1.0
+    assert "motor_range" not in findings(r)
+    np.testing.assert_array_equal(channels["landed"].values, [0.0, 1.0])
+
+
+def test_attitude_turns_without_a_jump(tmp_path, flight):
+    r = read(tmp_path, flight_log(flight, "3.4"))
+    tilt = flight.recording.channels["cos_tilt"].values
+    w, x, y, z = (r.channels[f"attitude_{part}"].values for part in "wxyz")
+    np.testing.assert_allclose(1.0 - 2.0 * (x * x + y * y), tilt, atol=2e-5)
+    assert max(np.abs(np.diff(one)).max() for one in (w, z)) < 0.01  # yaw goes from 350 to 10 degrees
+
+
+def test_pulse_widths_that_do_not_fit_the_throttle(tmp_path, flight):
+    r = read(tmp_path, flight_log(flight, "4.6", high=1700.0))
+    (finding,) = [one for one in r.findings if one.name == "motor_range"]
+    assert "RC3_MIN and RC3_MAX" in finding.message
+
+
+def without(writer, *names):
+    """Leave messages out, but not what describes them."""
+    numbers = {writer.numbers[name] for name in names}
+    writer.messages = [pair for pair in writer.messages if pair[1][2] not in numbers]
+    return writer
+
+
+def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(tmp_path, flight):
+    r = read(tmp_path, without(flight_log(flight, "4.6"), "RATE", "CTUN"))
+    share = flight.recording.channels["rotor_command_1"].values[::10]
+    np.testing.assert_allclose(r.channels["input"].values, share**2, atol=2e-3)
+    assert r.channels["input"].source == "RCOU through the thrust curve"
+
+
+def test_height_targets_of_modes_without_a_height_loop(tmp_path, flight):
+    writer = flight_log(flight, "3.4").add("MODE", 5.0, "MBB", Mode=0, ModeNum=0, Rsn=1)
+    writer.add("MODE", 10.0, "MBB", Mode=2, ModeNum=2, Rsn=1)
+    r = read(tmp_path, writer)
+    target = r.channels["reference_position_z"]
+    manual = (target.time_s >= 5.0) & (target.time_s < 10.0)
+    np.testing.assert_array_equal(np.isnan(target.values[:-1]), manual[:-1])
+    np.testing.assert_array_equal(r.channels["pilot_in_control"].values, [0.0, 1.0, 1.0])
+    np.testing.assert_array_equal(r.channels["input_open_loop"].values, [0.0, 1.0, 0.0])
+    assert np.isnan(r.channels["feedback_reference_roll"].values[600])
+    assert np.isfinite(r.channels["reference_roll"].values[600])
+
+
+def test_setpoints_end_where_their_message_falls_silent(tmp_path, flight):
+    writer = flight_log(flight, "4.6")
+    number = writer.numbers["PSCD"]
+    writer.messages = [(time, one) for time, one in writer.messages if one[2] != number or time < 110.0]
+    r = read(tmp_path, writer)
+    assert np.isnan(r.channels["reference_position_z"].values[-1])
+    assert "setpoint_silent" in findings(r)
+
+
+def test_delays_of_filters_are_taken_off(tmp_path, flight):
+    writer = flight_log(flight, "4.6").parameters(INS_ACCEL_FILTER=20.0, INS_GYRO_FILTER=40.0)
+    r = read(tmp_path, writer)
+    assert r.channels["specific_force_body_z"].delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 20.0))
+    assert r.channels["angular_rate_x"].delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 40.0))
+    assert "INS_ACCEL_FILTER" in next(one.message for one in r.findings if one.name == "sensor_delay")
+
+
+@pytest.mark.parametrize(
+    ("axis", "name", "factor"),
+    [
+        (11, "injected_torque_y", 1.0),
+        (7, "reference_angular_rate_x", np.pi / 180.0),
+        (3, "reference_yaw", np.pi / 180.0),
+    ],
+)
+def test_sweeps_of_system_identification(tmp_path, flight, axis, name, factor):
+    time = np.arange(5.0, 10.0, 0.01)
+    wave = np.sin(time**2)
+    writer = flight_log(flight, "4.6").add("SIDS", 4.9, "Bf", Ax=axis, Mag=1.0)
+    writer.add("SIDD", time, "ffffff", Time=time, Targ=wave, F=1.0, Gx=0.0, Gy=0.0, Gz=0.0)
+    channel = read(tmp_path, writer).channels[name]
+    assert channel.source == "SIDD.Targ"
+    within = (channel.time_s > 4.99) & (channel.time_s < 9.995)
+    np.testing.assert_allclose(channel.values[within], wave * factor, atol=1e-6)
+    outside = channel.values[~within]
+    assert np.all(outside == 0.0) if axis == 11 else np.all(np.isnan(outside))
+
+
+def test_a_sweep_into_the_throttle_is_named(tmp_path, flight):
+    writer = flight_log(flight, "4.6").add("SIDS", 4.9, "B", Ax=13)
+    writer.add("SIDD", [5.0, 5.1], "f", Targ=[0.1, 0.2])
+    assert "sweep_unused" in findings(read(tmp_path, writer))
+
+
+def test_rotor_speeds_by_instance(tmp_path, flight):
+    writer = flight_log(flight, "4.6")
+    for instance in range(2):
+        writer.add("ESC", [1.0, 2.0], "Bf", Instance=instance, RPM=3000.0 * (instance + 1))
+    r = read(tmp_path, writer)
+    assert r.channels["rotor_speed_2"].values[0] == pytest.approx(2.0 * r.channels["rotor_speed_1"].values[0])
+    assert r.channels["rotor_speed_1"].values[0] == pytest.approx(100.0 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("text", "vehicle"),
+    [
+        ("ArduPlane V4.5.7 (0358a9c2)", "fixed wing"),
+        ("ArduRover V4.2.3", "rover"),
+        ("APM:Copter V3.4.4", "rotary wing"),
+        ("Rover V4.5.0 (abc)", "rover"),
+        ("Mission: 1 Takeoff", ""),
+    ],
+)
+def test_vehicles(tmp_path, flight, text, vehicle):
+    assert read(tmp_path, flight_log(flight, vehicle=text)).vehicle == vehicle
+
+
+def test_a_log_without_flight_data(tmp_path):
+    with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
+        read(tmp_path, DataflashWriter().text("ArduCopter V4.6.2").parameters(SYSID=1.0))
+
+
+def test_advice_names_the_bits():
+    assert "LOG_BITMASK" in logging_advice("dataflash")[0]
+    assert "IMU_FAST" in logging_advice("dataflash", "specific_force_body_z")[0]
+    assert logging_advice("dataflash", "nonsense") == ()

@@ -1,0 +1,156 @@
+"""Damaged DataFlash logs: what is sound is read, the rest is counted, and nothing else happens."""
+
+import numpy as np
+import pytest
+from dataflash_writer import FIRMWARES, DataflashWriter, fmt
+
+from eivor.errors import EivorError
+from eivor.logs import read_log
+from eivor.logs.dataflash import places
+
+
+def writer(n=60):
+    t = np.arange(n) * 0.02
+    wave = np.sin(t)
+    one = DataflashWriter().text(FIRMWARES["4.6"]).parameters(MOT_PWM_MIN=1000.0, MOT_PWM_MAX=2000.0)
+    one.add("MODE", 0.0, "MB", Mode=3, ModeNum=3).add("EV", [0.0, 0.1], "B", Id=[10, 28])
+    one.add("XKF1", t, "Bfff", C=0, VN=wave, VD=wave, PD=wave)
+    one.add("RATE", t, "ff", R=wave, AOut=0.5 + 0.1 * wave)
+    one.add("IMU", t, "Bfff", I=0, AccX=0.0, AccY=0.0, AccZ=-9.8 + wave)
+    one.add("ATT", t, "ccC", Roll=wave, Pitch=wave, Yaw=10.0)
+    one.add("RCOU", t[::5], "HHHH", C1=1500, C2=1500, C3=1500, C4=1500)
+    return one.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5])
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return writer().bytes()
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(content):
+        path = tmp_path / "flight.bin"
+        path.write_bytes(content)
+        return read_log(path)
+
+    return read
+
+
+def told(recording, name):
+    return " ".join(one.message for one in recording.findings if one.name == name)
+
+
+def test_cut_within_a_message(read, sound):
+    r = read(sound[:-5])
+    assert "ends within a message" in told(r, "truncated")
+    assert r.channels["velocity_z"].values.size == 60
+
+
+@pytest.mark.parametrize("block", [64, 1000, places.BLOCK])
+@pytest.mark.parametrize("extra", [b"\0" * 7, b"\xa3\x95", b"\xa3\x95\xfe" * 30, bytes(range(256)) * 4])
+def test_bytes_between_messages(read, sound, monkeypatch, block, extra):
+    monkeypatch.setattr(places, "BLOCK", block)
+    middle = writer()
+    middle.messages.insert(200, (middle.messages[200][0], extra))
+    pairs = middle.messages
+    content = middle.head + b"".join(one for _, one in pairs)
+    r = read(content)
+    whole = read(middle.head + b"".join(one for _, one in pairs if one is not extra))
+    assert "bytes that belong to no message" in told(r, "corrupt_parts")
+    lost = [whole.channels[name].values.size - r.channels[name].values.size for name in whole.channels]
+    assert set(lost) <= {0, 1}
+    assert "corrupt_parts" not in [one.name for one in whole.findings]
+
+
+def test_lost_bytes_cost_one_message(read, sound):
+    cut = len(sound) - 1000
+    r = read(sound[:cut] + sound[cut + 4 :])
+    assert told(r, "corrupt_parts")
+    counts = {r.channels[name].values.size for name in ("velocity_z", "input", "attitude_w")}
+    assert counts <= {59, 60}
+
+
+def test_a_stamp_far_ahead_costs_its_message_only(read):
+    one = writer()
+    place = next(n for n, pair in enumerate(one.messages) if pair[1][2] == one.numbers["XKF1"]) + 20
+    time, row = one.messages[place]
+    one.messages[place] = (time, row[:9] + b"\x40" + row[10:])  # eight thousand years ahead
+    r = read(one.bytes())
+    assert r.channels["velocity_z"].values.size == 59
+    assert "cannot be: 1" in told(r, "time_stamps")
+
+
+def test_layouts_that_cannot_be(read, sound):
+    at = sound.index(b"XKF1") - 5
+    assert "left out: 1" in told(read(sound[: at + 4] + b"\0" + sound[at + 5 :]), "message_formats")
+    names = sound.index(b"C,VN,VD")
+    r = read(sound[:names] + b"C,VN;VD" + sound[names + 7 :])
+    assert "disagree: XKF1" in told(r, "message_formats")
+    assert "velocity_z" not in r.channels
+    assert r.channels["input"].values.size == 60
+
+
+def test_a_layout_is_said_again(read):
+    one = writer()
+    number = one.numbers["XKF1"]
+    again = one.head[one.head.index(b"XKF1") - 5 :][:89]
+    one.messages.append((100.5, again))
+    r = read(one.bytes())
+    assert r.channels["velocity_z"].values.size == 60
+    assert not told(r, "message_formats")
+    one.messages[-1] = (100.5, fmt(number, 20, "XKF1", "QBd", "TimeUS,C,VD"))
+    r = read(one.bytes())
+    assert r.channels["velocity_z"].values.size == 60
+    assert "the first counts: XKF1" in told(r, "message_formats")
+
+
+def test_many_breaks_end_the_search(read, sound, monkeypatch):
+    monkeypatch.setattr(places, "MAX_BREAKS", 20)
+    r = read(sound + b"\xa3\x95\x80" * 2000)
+    assert told(r, "corrupt_parts") or told(r, "truncated")
+
+
+def mutated(content, seed):
+    rng = np.random.default_rng(seed)
+    data = bytearray(content)
+    kind = seed % 4
+    for place in rng.integers(2, len(data), size=rng.integers(1, 30)).tolist():
+        if kind == 0:
+            data[place] = int(rng.integers(256))
+        elif kind == 1:
+            del data[place : place + int(rng.integers(1, 200))]
+        elif kind == 2:
+            data[place:place] = rng.bytes(int(rng.integers(1, 100)))
+        else:
+            data[place : place + 89] = data[:89]
+        if len(data) < 3:
+            break
+    return bytes(data)
+
+
+def survives(read, content):
+    """Whether a log is read, or refused with a sentence."""
+    try:
+        read(content)
+    except EivorError:
+        return True
+    return True
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_mutated_logs(read, sound):
+    assert all(survives(read, mutated(sound, seed)) for seed in range(200))
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.filterwarnings("error")
+@pytest.mark.thorough
+def test_every_length_of_a_head(read, sound):
+    assert all(survives(read, sound[:length]) for length in range(1, 2000))
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.long
+def test_ten_thousand_mutated_logs(read, sound):
+    assert all(survives(read, mutated(sound, seed)) for seed in range(200, 10_200))
