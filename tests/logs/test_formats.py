@@ -45,7 +45,7 @@ WHEELS = LogFormat(
 def test_a_format_from_outside(table, tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"WHL1" + struct.pack("<4d", 0.0, 1.0, 0.1, 2.0))
-    with pytest.raises(UnknownFormatError, match=r"ULog, Parquet, Crazyflie microSD, CSV"):
+    with pytest.raises(UnknownFormatError, match=r"ULog, Parquet, Crazyflie microSD, ArduPilot DataFlash, CSV"):
         read_log(path)
     declare_format(WHEELS)
     r = read_log(path)
@@ -68,7 +68,14 @@ def test_declared_formats_do_not_take_the_place_of_others(table):
         taken = LogFormat(name, "Another", begins_with(b"WHL1"), read_wheels)
         with pytest.raises(UsageError, match=f"name of its own; received '{name}'"):
             declare_format(taken)
-    assert [row.name for row in readable_formats()] == ["ulog", "parquet", "crazyflie", "wheels", "csv"]
+    assert [row.name for row in readable_formats()] == [
+        "ulog",
+        "parquet",
+        "crazyflie",
+        "dataflash",
+        "wheels",
+        "csv",
+    ]
 
 
 def test_names_are_unique_and_looked_up():
