@@ -250,7 +250,7 @@ def test_flights_that_are_none(eivor, tmp_path, text, said):
     [
         (FLIGHT.replace("samples", "sampels"), "unknown key 'sampels'. Did you mean 'samples'?"),
         (FLIGHT.replace("std = 0.02", "std = -0.02"), "received std=-0.02"),
-        (FLIGHT.replace("order = -0.3", "order = -0.9"), "received order=-0.9"),
+        (FLIGHT.replace("order = -0.3", "order = -1.9"), "received order=-1.9"),
         (FLIGHT.replace("9000", '"many"'), "a whole number at samples of flight.toml; received 'many'"),
         (FLIGHT.replace("high_hz = 0.5", "high_hz = 80.0"), "ends below half the rate"),
         ("not = toml = at all", "which is not"),

@@ -110,6 +110,7 @@ def test_dividing_both_sides_leaves_the_equation_and_whitens_its_noise():
     assert share(plain) > 40.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [ev.WhiteNoise(1.0), ev.FractionalNoise(1.0, 0.3)])
 def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape):
     """20 dB on both signals; a fractional noise is compensated by its own tags."""

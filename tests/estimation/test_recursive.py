@@ -133,6 +133,7 @@ def test_a_drop_is_told_and_what_lay_before_it_forgotten():
     assert abs(recursion.estimate().parameters["input_gain"] - 0.07) < 0.5 * abs(without - 0.07)
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_stream():
     signals = record(9000)
 

@@ -311,7 +311,7 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
     result = identify_flight(log, FlightOptions(method=method, instruments=asked, window=(0.0, 8.0)))
     assert result.instruments == used
     # Past inputs answer the vehicle: that is said wherever they come from.
-    told = any("answer the vehicle's own disturbances" in sentence for sentence in result.verdict.sentences)
+    told = any("Past inputs are the instruments" in sentence for sentence in result.verdict.sentences)
     assert told is used.startswith("input lagged")
 
 

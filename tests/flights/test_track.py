@@ -48,12 +48,14 @@ def test_a_drop_is_told_where_it_is_and_by_how_much(dropped):
         assert all(abs(one.value - truth) < one.half_width < 0.05 * truth for one in moments)
 
 
+@pytest.mark.thorough
 def test_nothing_is_told_of_a_flight_that_stays_as_it_is(hover):
     found = track(ev.identify_flight(hover))
     assert found.changes == ()
     assert "None" in next(iter(changes_told(found)))
 
 
+@pytest.mark.thorough
 def test_hover_tells_nothing_when_nothing_is_known_of_the_intercept(hover):
     found = track(ev.identify_flight(hover, accelerometer_bias=float("inf")))
     assert found.told == ()
@@ -63,6 +65,7 @@ def test_hover_tells_nothing_when_nothing_is_known_of_the_intercept(hover):
     assert "told at no moment" in figure.get_suptitle()
 
 
+@pytest.mark.thorough
 def test_a_window_without_samples_is_not_told():
     moments = tuple(Moment(float(t), 40.0, 1.0, 0.1 if 3 <= t < 6 else 0.9) for t in range(10))
     result = ev.identify_flight(flown(seconds=10.0)[0])
@@ -94,6 +97,7 @@ def test_marks_span_what_is_told_and_a_tenth_at_least():
     assert marks([1.0], [False]) == "·"
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_followed_is_refused(hover):
     result = ev.identify_flight(hover)
     with pytest.raises(UsageError, match=r"memory of 0.1 s up to .* 30 s; received 99 s"):

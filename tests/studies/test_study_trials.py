@@ -15,8 +15,8 @@ from eivor.studies.difference_equation import DifferenceEquation
 from eivor.studies.experiment import VerticalExperiment
 from eivor.studies.metrics import scores
 from eivor.studies.run import run_study
+from eivor.studies.study import DIRECT, MethodChoice
 from eivor.studies.study import METHODS as METHOD_NAMES
-from eivor.studies.study import MethodChoice
 from eivor.studies.trial import failure, trial
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
 
@@ -48,11 +48,15 @@ def test_a_trial_is_what_identify_says():
 def test_every_method_on_the_vertical_experiment(name):
     """Without noise each finds the truth, except bias that there is none to compensate."""
     experiment = VerticalExperiment(Scenario(0.293, 0.021, samples=500))
-    lagged = None if "squares" in name else (0, 10)
+    lagged = None if name in DIRECT else (0, 10)
     record = trial(small_study(experiment=experiment, methods=(MethodChoice(name, lagged),)), 0).methods[0]
     if name in {"total_least_squares", "liml", "fuller", "generalized_liml", "generalized_fuller"}:
         # columns that are all exact leave them nothing to do
         assert record.error in {"", "NoUniqueSolutionError"}
+        return
+    if name in {"generalized_iv_unknown_noise", "frisch_scheme"}:
+        # without noise their equations are combinations of one another, and the weights have no inverse
+        assert record.error == "InstrumentError"
         return
     assert not record.error
     assert [one.value for one in record.parameters] == pytest.approx([0.293, 0.021], rel=1e-8)

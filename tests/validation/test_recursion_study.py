@@ -19,6 +19,7 @@ def test_a_record_whose_parameter_does_not_change_is_the_simulated_one():
         np.testing.assert_allclose(same.channels[name], values, atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_drops_are_told_and_nothing_else():
     delays = []
     for run in range(5):

@@ -108,10 +108,10 @@ def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Pat
 
     supplied.check_only((), "draws", mass=True)
     table = draws_table(result, count, seed, supplied.mass)
-    content = io.BytesIO()
-    table.write_parquet(content)
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
     with writing(path):
-        write_whole(path, content.getvalue())
+        write_whole(path, buffer.getvalue())
     left_out = [name for name in result.names if name not in table.columns]
     if left_out:
         complain(f"Not identified, hence no column: {', '.join(left_out)}.")
