@@ -188,7 +188,8 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
     if not isinstance(layout, BinRows) or record.evidence.times is None:
         return ()
     found: list[Swing] = []
-    for axis, trace in enumerate(traces):
+    # A log without velocity, for one, tells some axes only: those have traces.
+    for axis, trace in zip(sorted({run.axis for run in layout.runs}), traces, strict=True):
         runs = [run for run in layout.runs if run.axis == axis]
         places = [
             run.start + (np.arange(run.length) if run.counted is None else np.flatnonzero(run.counted))
