@@ -100,6 +100,15 @@ AccelerometerBiasOption = Annotated[
         show_default=False,
     ),
 ]
+InstrumentsOption = Annotated[
+    str,
+    typer.Option(
+        "--instruments",
+        metavar="NAMES",
+        help="references, lags, or channels with commas between them.",
+        show_default=False,
+    ),
+]
 LagOption = Annotated[
     str,
     typer.Option(

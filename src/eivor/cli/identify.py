@@ -63,14 +63,7 @@ def identify(
     input_channel: arguments.InputOption = "",
     input_map: arguments.InputMapOption = "",
     accelerometer_bias: arguments.AccelerometerBiasOption = None,
-    instruments: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="references, lags, or channels with commas between them.",
-            show_default=False,
-        ),
-    ] = "",
+    instruments: arguments.InstrumentsOption = "",
     model: arguments.ModelOption = DEFAULT_MODEL,
     vehicle: arguments.VehicleOption = "",
     method: Annotated[

@@ -63,14 +63,7 @@ def track(
             "lets hover tell the gain; inf when nothing is known, so that only movement does.",
         ),
     ] = None,
-    instruments: Annotated[
-        str,
-        typer.Option(
-            metavar="NAMES",
-            help="references, lags, or channels with commas between them.",
-            show_default=False,
-        ),
-    ] = "",
+    instruments: arguments.InstrumentsOption = "",
     method: Annotated[
         str, typer.Option(metavar="NAME", help="Method that identifies the flight as a whole, and its lag.")
     ] = "reference_iv",

@@ -38,7 +38,7 @@ class Likelihood:
     transient : float
         t.
     noise : NoiseModel
-        Spectra that were fitted or given.
+        Spectra that were fitted or declared.
     settled : bool
         False when passes or evaluations ran out.
     """
@@ -49,19 +49,18 @@ class Likelihood:
     settled: bool
 
 
-def maximum_likelihood(pilot: Pilot, *, noise_is_known: bool = False) -> Likelihood:
-    """Search from a pilot, with its noises as they are or fitted anew."""
+def maximum_likelihood(pilot: Pilot) -> Likelihood:
+    """Search from a pilot, with the noises that are not declared fitted anew."""
     motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
     settled = False
-    for _ in range(1 if noise_is_known else PASSES):
+    for _ in range(PASSES):
         before = np.array([motion.friction, motion.gain])
         motion, transient, found = _least_quadratic(motion, transient, noise)
         moved = np.abs(np.array([motion.friction, motion.gain]) - before)
-        settled = found and (noise_is_known or bool((moved <= STILL * np.abs(before)).all()))
+        settled = found and bool((moved <= STILL * np.abs(before)).all())
         if settled:
             break
-        if not noise_is_known:
-            noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
+        noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
     return Likelihood(motion, transient, noise, settled)
 
 

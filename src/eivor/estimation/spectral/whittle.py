@@ -12,7 +12,6 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
-from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
@@ -30,8 +29,6 @@ class WhittleLikelihood(Method):
 
     Parameters
     ----------
-    noise : NoiseModel, optional
-        Spectra that are known, the disturbance's among them.
     name : str
         The word that results and the command line use.
 
@@ -41,7 +38,6 @@ class WhittleLikelihood(Method):
     taken as held between samples. `SpectralGeneralizedIV` asks for neither.
     """
 
-    noise: NoiseModel | None = None
     name: str = "whittle_ml"
 
     @property
@@ -84,9 +80,7 @@ class WhittleLikelihood(Method):
         try:
             with np.errstate(all="ignore"):
                 pilot = pilot_at(start, sampled.input_variance, sampled.declared)
-                if self.noise is not None:
-                    pilot = replace(pilot, noise=self.noise)
-                found = maximum_likelihood(pilot, noise_is_known=self.noise is not None)
+                found = maximum_likelihood(pilot)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return fallback("its search failed near generalized IV's numbers")
         friction, gain = found.motion.friction, found.motion.gain
