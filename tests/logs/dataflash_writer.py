@@ -9,9 +9,20 @@ from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
 KINDS = {"b": "i1", "B": "u1", "M": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "q": "i8", "Q": "u8"}
 KINDS |= {"f": "f4", "d": "f8", "g": "f2", "c": "i2", "C": "u2", "e": "i4", "E": "u4", "L": "i4"}
-KINDS |= {"n": "S4", "N": "S16", "Z": "S64"}
+KINDS |= {"n": "S4", "N": "S16", "Z": "S64", "a": "(32,)i2"}
 SCALES = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
 BOOT_S = 100.0
+#: Letters of unit and multiplier that firmware since 3.6 declares for columns, and what they stand for.
+LABELS = {"-": "", "s": "s", "d": "deg", "h": "degheading", "k": "deg/s", "E": "rad/s", "m": "m", "n": "m/s"}
+LABELS |= {"o": "m/s/s", "r": "rad", "v": "V", "Y": "us", "#": "instance"}
+MULTIPLIERS = {"-": 0.0, "?": 1.0, "0": 1.0, "B": 1e-2, "C": 1e-3, "F": 1e-6, "G": 1e-7}
+LETTERS = {"TimeUS": "sF", "I": "#-", "C": "#-", "Inst": "#-", "Volt": "v0", "DCRt": "nB"}
+LETTERS |= dict.fromkeys(("DesRoll", "Roll", "DesPitch", "Pitch"), "d0") | {"DesYaw": "h0", "Yaw": "h0"}
+LETTERS |= dict.fromkeys(("RDes", "R", "PDes", "P", "YDes", "Y"), "k?") | {"A": "oB", "ADes": "oB"}
+LETTERS |= {f"Gyr{axis}": "E0" for axis in "XYZ"} | {f"Acc{axis}": "o0" for axis in "XYZ"}
+LETTERS |= dict.fromkeys(("DAlt", "Alt", "PN", "PE", "PD", "DPD", "TPD"), "m0")
+LETTERS |= dict.fromkeys(("VN", "VE", "VD", "DVD", "TVD"), "n0") | dict.fromkeys(("DAD", "TAD", "AD"), "o0")
+LETTERS |= {f"C{n}": "Y-" for n in range(1, 15)}
 
 
 def fmt(number, length, name, codes, columns):
@@ -25,6 +36,7 @@ class DataflashWriter:
         self.numbers = {"FMT": 128}
         self.head = fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
         self.messages = []
+        self.columns = {}
 
     def add(self, name, times_s, codes, **columns):
         """Add messages; a column is an array (n,), or one value for all."""
@@ -37,13 +49,14 @@ class DataflashWriter:
         number = self.numbers.get(name)
         if number is None:
             number = self.numbers[name] = 129 + len(self.numbers)
-            self.head += fmt(number, row.itemsize, name, codes, ",".join([self.clock, *columns]))
+            self.columns[name] = [self.clock, *columns]
+            self.head += fmt(number, row.itemsize, name, codes, ",".join(self.columns[name]))
         rows = np.zeros(times_s.size, dtype=row)
         rows["head"], rows["type"] = b"\xa3\x95", number
         ticks = np.round(times_s * (1e6 if self.clock == "TimeUS" else 1e3))
         for n, (code, values) in enumerate(zip(codes, [ticks, *columns.values()], strict=True)):
             scaled = np.round(np.multiply(values, SCALES[code])) if code in SCALES else values
-            if np.dtype(KINDS[code]).kind in "iu":
+            if np.dtype(KINDS[code]).base.kind in "iu":
                 scaled = np.round(scaled)
             rows[f"f{n}"] = scaled
         self.messages += [(time, rows[k].tobytes()) for k, time in enumerate(times_s.tolist())]
@@ -52,6 +65,18 @@ class DataflashWriter:
     def parameters(self, **values):
         for name, value in values.items():
             self.add("PARM", 0.0, "Nf", Name=name.encode(), Value=value)
+        return self
+
+    def units(self, letters=LETTERS):
+        """Declare the units of all columns, as firmware since 3.6 does."""
+        for letter, label in LABELS.items():
+            self.add("UNIT", 0.0, "bZ", Id=ord(letter), Label=label.encode())
+        for letter, factor in MULTIPLIERS.items():
+            self.add("MULT", 0.0, "bd", Id=ord(letter), Mult=factor)
+        for name, columns in list(self.columns.items()):
+            unit, scale = ("".join(one) for one in zip(*(letters.get(c, "--") for c in columns), strict=True))
+            of = {"FmtType": self.numbers[name], "UnitIds": unit.encode(), "MultIds": scale.encode()}
+            self.add("FMTU", 0.0, "BNN", **of)
         return self
 
     def text(self, words):
@@ -93,7 +118,8 @@ def flight_log(flight, dialect="4.6", vehicle="", high=HIGH):
     add_control(writer, t[::10], slow, dialect)
     widths = LOW + (SPIN_MIN + slow["rotor_command_1"] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
     writer.add("RCOU", t[::10], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
-    return writer.add("RCIN", t[::10], "H" * 3, C1=1500, C2=1500, C3=1300)
+    writer.add("RCIN", t[::10], "H" * 3, C1=1500, C2=1500, C3=1300)
+    return writer if dialect in ("3.3", "3.4") else writer.units()
 
 
 def add_fast(writer, t, values, dialect):

@@ -76,6 +76,28 @@ def test_pulse_widths_that_do_not_fit_the_throttle(tmp_path, flight):
     assert "RC3_MIN and RC3_MAX" in finding.message
 
 
+@pytest.mark.parametrize("dialect", ["4.1", "4.6"])
+def test_declared_units_agree(tmp_path, flight, dialect):
+    r = read(tmp_path, flight_log(flight, dialect))
+    assert "declared_units" not in findings(r)
+
+
+def declared(tmp_path, letters):
+    """Sentence on a log of a climb in whole cm/s and a pitch in centidegrees, whose units are declared so."""
+    writer = DataflashWriter().add("CTUN", [0.0, 0.1], "h", DCRt=[100, 50])
+    writer.add("ATT", [0.0, 0.1], "ccc", Roll=1.0, Pitch=2.0, Yaw=3.0).units(letters)
+    return " ".join(one.message for one in read(tmp_path, writer).findings if one.name == "declared_units")
+
+
+def test_declared_units_that_disagree(tmp_path):
+    assert not declared(tmp_path, {"DCRt": "nB", "Pitch": "dB", "Roll": "d-", "Yaw": "h?"})
+    told = declared(tmp_path, {"DCRt": "nC", "Pitch": "n0", "Roll": "E0"})
+    assert "CTUN.DCRt as 0.001 m/s, read as 0.01" in told
+    assert "ATT.Pitch in m/s, read in rad" in told
+    assert "ATT.Roll in rad/s" in told
+    assert "ATT.Roll as 0.01 rad, read as 0.0001745" in declared(tmp_path, {"Roll": "r0"})
+
+
 def without(writer, *names):
     """Leave messages out, but not what describes them."""
     numbers = {writer.numbers[name] for name in names}

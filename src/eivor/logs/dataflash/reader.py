@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.logs.dataflash.declared import unit_findings
 from eivor.logs.dataflash.delays import delay_findings, delay_of
 from eivor.logs.dataflash.estimators import choose_estimator
 from eivor.logs.dataflash.layouts import read_layouts
@@ -90,6 +91,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
             f"'{file.name}' without a value of any of them",
             "Check LOG_BITMASK and LOG_BACKEND_TYPE, and that the vehicle was armed.",
         )
+    findings += unit_findings(tables)
     findings += delay_findings(reading.channels.values(), parameters)
     if reading.silent:
         findings.append(
@@ -178,9 +180,7 @@ def _add(reading: Reading, name: str, source: Source) -> None:
     table = reading.tables.get(source.message)
     if table is None or not table.has(source.column) or not table.clock:
         return
-    factor = source.factor
-    if table.clock == "TimeMS" or table.layout.fields[source.column].is_whole:
-        factor *= source.old_factor
+    factor = source.factor_in(table)
     values = table.values(source.column) * factor
     if source.zero_is_absent and not np.any(np.nan_to_num(values)):
         return

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eivor.logs.dataflash.messages import Messages
 from eivor.logs.units import UNITS
 
 #: What each estimator's first core is logged as, the preferred one first.
@@ -58,6 +59,17 @@ class Source:
     def is_setpoint(self) -> bool:
         """Whether it is in force only while it is logged."""
         return self.message in CONTROLLERS
+
+    def factor_in(self, table: Messages) -> float:
+        """Return what one of the column's unit is in the channel's, by the firmware that wrote a log.
+
+        Parameters
+        ----------
+        table : Messages
+            Of this source.
+        """
+        is_old = table.clock == "TimeMS" or table.layout.fields[self.column].is_whole
+        return self.factor * (self.old_factor if is_old else 1.0)
 
     @property
     def label(self) -> str:
@@ -126,6 +138,8 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
 
+#: Angles of the attitude in ATT [deg], turned about one after the other from the last to the first.
+ATTITUDE = ("Roll", "Pitch", "Yaw")
 #: Setpoints of attitude [deg] and of rates [deg/s], by axis: message, column; and of who makes them by mode.
 ATTITUDE_SETPOINTS = {f"{angle}": f"Des{angle.capitalize()}" for angle in ("roll", "pitch", "yaw")}
 RATE_SETPOINTS = {axis: f"{letter}Des" for axis, letter in zip("xyz", "RPY", strict=True)}
@@ -147,7 +161,7 @@ LANDED_EVENTS = {11: 1.0, 18: 1.0, 28: 0.0}
 NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}
     | {"NKF6", "XKF6", "EKF6", "NKF4", "XKF4", "XKFS", "ATT", "RCOU", "RCIN", "MOTB", "ESC"}
-    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS"}
+    | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS", "FMTU", "UNIT", "MULT"}
 )
 
 _ATTITUDE = ("ATT.Roll, .Pitch and .Yaw",)

@@ -13,7 +13,13 @@ import numpy as np
 
 from eivor.logs.dataflash.messages import Messages
 from eivor.logs.dataflash.reading import Reading
-from eivor.logs.dataflash.sources import ATTITUDE_MODES, ATTITUDE_SETPOINTS, RATE_MODES, RATE_SETPOINTS
+from eivor.logs.dataflash.sources import (
+    ATTITUDE,
+    ATTITUDE_MODES,
+    ATTITUDE_SETPOINTS,
+    RATE_MODES,
+    RATE_SETPOINTS,
+)
 from eivor.logs.silences import SILENCE_S
 from eivor.logs.units import UNITS
 from eivor.shapes import Float
@@ -33,9 +39,9 @@ SWEPT = {
 def add_attitude(reading: Reading) -> None:
     """Add the attitude as a quaternion."""
     table = reading.tables.get("ATT")
-    if table is None or not table.has("Roll", "Pitch", "Yaw") or not table.clock:
+    if table is None or not table.has(*ATTITUDE) or not table.clock:
         return
-    roll, pitch, yaw = (table.values(name) * _DEG for name in ("Roll", "Pitch", "Yaw"))
+    roll, pitch, yaw = (table.values(name) * _DEG for name in ATTITUDE)
     # a yaw without jumps makes a quaternion without jumps of sign
     quaternion = _quaternion(roll, pitch, np.unwrap(np.nan_to_num(yaw)))
     for part, values in zip("wxyz", quaternion, strict=True):
