@@ -217,7 +217,7 @@ def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch
 @pytest.mark.calibration
 def test_small_size(tmp_path):
     """A few flights of the families of clocks: accepted, and few intervals miss."""
-    grid = study.part_of(GRID, 0.06, "r")
+    grid = study.part_of(GRID, 0.045, "r")
     families = tuple(
         family
         for family in grid.families

@@ -273,6 +273,7 @@ def test_each_ground_against_the_hover_input(hover, at, status, said):
     [
         ({"strengths": (50.0, 50.0, 9.0)}, {}, {}, Status.WEAK, "F of the lag is 9.0"),
         ({}, {"effective_lag": quantity(0.05, 0.03)}, {}, Status.WEAK, "+-30 ms wide"),
+        ({}, {"effective_lag": quantity(0.09, 0.099)}, {}, Status.WEAK, "+-99 ms wide"),
         ({"lag_s": 0.3}, {}, {}, Status.WEAK, "top of its grid"),
         ({}, {}, {"direct": True}, Status.PROVISIONAL, "direct method"),
     ],
@@ -281,6 +282,13 @@ def test_each_ground_against_the_lag(fit, found, at, status, said):
     (reason,) = lag_reasons(quantities(**found), numbers(**fit), circumstances(**at))
     assert reason.status is status
     assert said in reason.sentence
+
+
+def test_a_lag_wider_than_itself_and_than_the_friction_can_bear_is_not_told():
+    found = quantities(effective_lag=quantity(0.11, 0.12))
+    reasons = lag_reasons(found, numbers(), circumstances())
+    assert verdict(reasons).status is Status.REFUSED
+    assert any("anything from -10 to 230 ms" in reason.sentence for reason in reasons)
 
 
 def test_a_delay_of_which_every_value_fits_is_not_told():

@@ -478,7 +478,11 @@ def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circ
     """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
     reasons = _rough_lag_reasons(quantities, strength)
     lag = quantities["effective_lag"]
-    if np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
+    if np.inf > lag.half_width > max(lag.value, LAG_HALF_WIDTH_S):
+        low, high = (1e3 * end for end in lag.interval)
+        sentence = f"The lag may be anything from {low:.0f} to {high:.0f} ms."
+        reasons.append(Reason(Status.REFUSED, sentence, QUICKER))
+    elif np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
         sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
         reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     if at.direct:
