@@ -108,7 +108,7 @@ def test_shapes_are_checked_in_this_run():
         first_order_lag(np.zeros((3, 2)), step_s=0.01, lag_s=0.1)
 
 
-@pytest.mark.parametrize("name", ["bounds", "covariances", "methods"])
+@pytest.mark.parametrize("name", ["bounds", "covariances", "fleet", "methods"])
 def test_modules_of_names_show_those_only(name):
     """What an interactive prompt completes is what the module offers, not what it imports."""
     module = getattr(eivor, name)

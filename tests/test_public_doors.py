@@ -19,6 +19,7 @@ from eivor.models.equation import Parameter
 from eivor.models.rows import SampleRows
 from eivor.signals.input_map import Power
 from eivor.signals.recording import Frame
+from fleets.fleet_rows import row, write_fleet
 
 #: What is given in place of a right argument, each under the name that `ACCEPTED` calls it.
 WRONG = {
@@ -214,6 +215,7 @@ NOT_DOORS = {
     "__version__",
     "bounds",
     "covariances",
+    "fleet",
     "methods",
 }
 
@@ -270,6 +272,7 @@ def doors(folder):
     }
     fit_file.write_text(json.dumps(empty))
     pl.DataFrame({"time": np.arange(60.0), "velocity_z": m.y}).write_parquet(parquet)
+    fleet = write_fleet(folder / "fleet", [row("a")])
     log = folder / "log.csv"
     log.write_text("time,velocity_z\n0,1\n1,2\n", encoding="utf-8")
     matrix = {"response": m.y, "regressors": m.X, "instruments": m.Z}
@@ -547,6 +550,7 @@ def doors(folder):
         "methods.GivenParameter": (methods.GivenParameter, {"value": 0.1}),
         "methods.TwoStepRobust": (methods.TwoStepRobust, {"bandwidth": 3}),
         "bounds.cramer_rao": (ev.bounds.cramer_rao, {"scenario": noisy, "runs": 1, "seed": 0}),
+        "fleet.open": (ev.fleet.open, {"folder": fleet}),
         "covariances.EqualWeightedCosines": (ev.covariances.EqualWeightedCosines, {"averages": 8}),
         "covariances.ClusteredByFlight": (ev.covariances.ClusteredByFlight, {"least_flights": 8}),
         "covariances.KernelRobust": (
@@ -598,6 +602,7 @@ MORE = (
     "covariances.KernelRobust",
     "covariances.FixedBandwidth",
     "covariances.Widest",
+    "fleet.open",
 )
 NAMES = (*sorted(set(ev.__all__) - NOT_DOORS), *MORE)
 

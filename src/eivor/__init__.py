@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         anderson_rubin_set,
         sign_perturbed_set,
     )
+    from eivor.fleets import fleet
     from eivor.flights.bootstrap import bootstrap_flights
     from eivor.flights.options import FlightOptions
     from eivor.flights.result import FlightEstimate
@@ -112,6 +113,7 @@ _HOMES = {
     "diagnose": "eivor.estimation.diagnose",
     "estimate_long_memory": "eivor.signals.long_memory",
     "example_flight": "eivor.logs.example",
+    "fleet": "eivor.fleets.fleet",
     "identify": "eivor.estimation.fit",
     "identify_chunks": "eivor.estimation.chunked_fit",
     "identify_flight": "eivor.motions.identify",
@@ -134,7 +136,7 @@ _HOMES = {
 }
 
 #: Public names that are modules themselves.
-_MODULES = frozenset({"bounds", "covariances", "methods"})
+_MODULES = frozenset({"bounds", "covariances", "fleet", "methods"})
 
 __all__ = [
     "AndersonRubinSet",
@@ -184,6 +186,7 @@ __all__ = [
     "diagnose",
     "estimate_long_memory",
     "example_flight",
+    "fleet",
     "identify",
     "identify_chunks",
     "identify_flight",

@@ -43,9 +43,9 @@ def application(*names: str) -> typer.Typer:
         module = import_module(f"eivor.cli.{name}")
         made.command(epilog=module.EXIT_CODES, cls=ReadableCommand)(getattr(module, name))
     if not names:
-        from eivor.cli import examples, vehicle
+        from eivor.cli import examples, fleet, vehicle
 
-        for group in (vehicle, examples):
+        for group in (fleet, vehicle, examples):
             made.add_typer(group.app)
     return made
 

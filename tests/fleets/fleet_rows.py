@@ -1,0 +1,33 @@
+"""Rows of fleets for tests."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from eivor.fleets.table import FLIGHTS, flight_frame
+from eivor.studies.sealed_table import parquet_bytes
+
+
+def row(name: str, **values: Any) -> dict[str, Any]:
+    """A row with a result of one quantity, unless it says otherwise."""
+    start = datetime(2026, 5, 1, 12, tzinfo=UTC)
+    told = {f"gain.{part}": 1.0 for part in ("value", "std_error", "low", "high")} | {"gain.verdict": "weak"}
+    given = {
+        "motion": "vertical",
+        "sha256": name * 8,
+        "verdict": "weak",
+        "start": start,
+        "duration_s": 1800.0,
+    }
+    return {"name": name, **given, **({} if values.get("verdict") in ("failed", "copy") else told), **values}
+
+
+def write_fleet(folder: Path, *parts: list[dict[str, Any]]) -> Path:
+    """Write a fleet's parts."""
+    (folder / FLIGHTS).mkdir(parents=True)
+    for number, rows in enumerate(parts):
+        path = folder / FLIGHTS / f"part-{number}.parquet"
+        path.write_bytes(parquet_bytes(flight_frame(rows)))
+    return folder

@@ -1,0 +1,77 @@
+"""The table of a fleet: its columns, its parts, and how it is opened."""
+
+from __future__ import annotations
+
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.errors import InputError, UsageError
+from eivor.fleets.queries import QUERIES, query
+from eivor.fleets.table import LEADING, TRAILING, flight_frame, read_flights
+from fleets.fleet_rows import row, write_fleet
+
+
+def test_rows_bring_the_columns_of_their_quantities():
+    table = flight_frame([row("b"), {"motion": "vertical", "name": "a", "diagnostic.runs": float("nan")}])
+    assert table["name"].to_list() == ["a", "b"]
+    assert [*LEADING, "gain.value"] == table.columns[: len(LEADING) + 1]
+    assert set(TRAILING) < set(table.columns)
+    assert table["diagnostic.runs"].to_list() == [None, None]
+    assert table.schema["gain.verdict"] == pl.String
+    assert table.schema["diagnostic.runs"] == pl.Float64
+
+
+def test_parts_of_several_motions_are_put_together_by_name(tmp_path):
+    other = {name.replace("gain.", "drag."): value for name, value in row("a", motion="rates").items()}
+    fleet = ev.fleet.open(write_fleet(tmp_path / "fleet", [row("b"), row("a")], [other]))
+    assert fleet.flights.select("motion", "name", "gain.value", "drag.value").rows() == [
+        ("rates", "a", None, 1.0),
+        ("vertical", "a", 1.0, None),
+        ("vertical", "b", 1.0, None),
+    ]
+    assert fleet.quantities.select("motion", "name", "quantity", "value").rows() == [
+        ("rates", "a", "drag", 1.0),
+        ("vertical", "a", "gain", 1.0),
+        ("vertical", "b", "gain", 1.0),
+    ]
+    chosen = read_flights(fleet.folder, ["drag.value", "name", "unknown"])
+    assert chosen.columns == ["drag.value", "name", "unknown"]
+
+
+def test_a_fleet_without_results_has_no_quantities(tmp_path):
+    failed = row("a", verdict="failed", reason="empty")
+    fleet = ev.fleet.open(write_fleet(tmp_path / "fleet", [failed]))
+    assert fleet.quantities.height == 0
+    assert "value" in fleet.quantities.columns
+
+
+def test_what_is_no_fleet_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"the folder of a fleet.*eivor fleet run"):
+        ev.fleet.open(tmp_path)
+    write_fleet(tmp_path / "fleet", [row("a")])
+    (tmp_path / "fleet" / "flights" / "part-9.parquet").write_bytes(b"PAR1 and nothing else")
+    with pytest.raises(InputError, match=r"can be read.*sets damaged parts aside"):
+        ev.fleet.open(tmp_path / "fleet")
+
+
+def test_queries(tmp_path):
+    table = flight_frame(
+        [
+            row("a", vehicle="one", type="quad"),
+            row("b", vehicle="one", type="quad", verdict="identified"),
+            row("c", vehicle="two", type="quad", verdict="refused", reason="Never airborne."),
+            row("d", verdict="failed", reason="It is empty."),
+            row("e", verdict="copy", sha256="a" * 8, copy_of="a" * 8, duration_s=None),
+        ]
+    )
+    assert dict(query(table, "verdicts").select("verdict", "logs").rows())["copy"] == 1
+    vehicles = query(table, "vehicles").select("vehicle", "logs", "with_result", "identified", "hours")
+    assert vehicles.rows()[0] == ("one", 2, 2, 1, 1.0)
+    assert query(table, "failed")["reason"].to_list() == ["It is empty."]
+    assert query(table, "refused")["name"].to_list() == ["c"]
+    assert query(table, "copies").rows() == [("vertical", "e", "a")]
+    assert query(table, "gain")["value"].to_list() == [1.0, 1.0, 1.0]
+    with pytest.raises(UsageError, match=r"Did you mean 'gain'\?"):
+        query(table, "gian")
+    assert all(QUERIES[name](table).columns[0] == "motion" for name in QUERIES)
