@@ -10,7 +10,6 @@ import pytest
 from flight_logs import FRICTION, GAIN, LAG_S, flown
 
 import eivor as ev
-from eivor.estimation.pools.mean import random_effects_mean
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.pool_verdict import agreement, not_below
 from eivor.flights.result import FlightEstimate
@@ -148,17 +147,6 @@ def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
     assert longer[0] <= shorter[0] < shorter[1] < longer[1]
     for row, sets in zip(one_sine.by_flight, pool.member_sets(K), strict=True):
         assert row.quantities[K].interval == sets.profile.hull
-
-
-def test_the_mean_of_flights_that_differ_counts_the_differences():
-    """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
-    y = np.array([0.1, 0.3, 0.8])
-    found = random_effects_mean(y, np.full(3, 1e-4))
-    assert found.value == pytest.approx(0.4)
-    assert found.between == pytest.approx(np.var(y, ddof=1) - 1e-4)
-    assert found.variance == pytest.approx(np.var(y, ddof=1) / 3.0)
-    # estimates closer to each other than their errors: never below what these say
-    assert random_effects_mean(np.full(3, 0.4), np.full(3, 1e-4)).variance == pytest.approx(1e-4 / 3.0)
 
 
 def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):

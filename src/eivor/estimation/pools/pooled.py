@@ -29,11 +29,13 @@ from eivor.estimation.parameter_sets import DEGREES, ParameterSets
 from eivor.estimation.pools.candidate import PoolCandidate, pool_candidate
 from eivor.estimation.pools.criterion import PoolCriterion
 from eivor.estimation.pools.joint import PoolJoint
-from eivor.estimation.pools.mean import RandomEffectsMean, random_effects_mean
 from eivor.estimation.pools.member import pool_member
 from eivor.estimation.products.nodes import Nodes, nodes_of
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.quantiles import chi_square_quantile, chi_square_tail, t_quantile
+from eivor.inference.random_effects.between import moment_between
+from eivor.inference.random_effects.groups import one_group
+from eivor.inference.random_effects.mean import random_effects_means
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
@@ -56,13 +58,13 @@ class OwnMean:
         The common one, or the mean.
     weights : ndarray, shape (F,)
         What each flight counts.
-    differing : RandomEffectsMean or None
-        The mean over flights that differ; None where they agree.
+    differing : float or None
+        Variance of the mean over flights that differ; None where they agree.
     """
 
     value: float
     weights: Float[np.ndarray, " F"]
-    differing: RandomEffectsMean | None
+    differing: float | None
 
 
 @dataclass(frozen=True)
@@ -252,8 +254,10 @@ class Pooled:
         values = np.array([theta[place] for theta in pool.theta])
         rows = [int(places[place]) for places in pool.joint.places]
         if self.differs:
-            found = random_effects_mean(values, pool.joint.own_variance(rows))
-            return OwnMean(found.value, found.weights, found)
+            flights, variances = one_group(values.size), pool.joint.own_variance(rows)
+            between = moment_between(flights, values, variances)
+            found = random_effects_means(flights, values, variances, between)
+            return OwnMean(float(found.value[0]), found.weights, float(found.variance[0]))
         covariance = pool.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))
         return OwnMean(float(pool.common_theta[place]), weights / weights.sum(), None)
@@ -297,7 +301,7 @@ class Pooled:
         variances = np.zeros(vector.shape[0])
         for place, mean in means.items():
             if mean.differing is not None:
-                variances[place] = mean.differing.variance + joint.shared_variance(vector[place])
+                variances[place] = mean.differing + joint.shared_variance(vector[place])
         if not variances.any():
             return found
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))

@@ -1,0 +1,120 @@
+"""Means of estimates that differ: against other people's programs, by hand, and by draws."""
+
+import numpy as np
+import pytest
+from scipy import special
+from statsmodels.stats.meta_analysis import combine_effects
+
+from eivor.inference.random_effects.between import moment_between, paule_mandel, q_profile
+from eivor.inference.random_effects.groups import Groups, one_group
+from eivor.inference.random_effects.mean import random_effects_means
+from eivor.inference.random_effects.prediction import prediction_half_widths
+
+Y = np.array([0.1, 0.3, 0.8, 0.2])
+V = np.array([0.01, 0.02, 0.01, 0.04])
+
+
+def drawn(seed: int, sizes: list[int], between: float) -> tuple[Groups, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    rows = sum(sizes)
+    errors = rng.uniform(0.01, 0.05, rows)
+    return (
+        Groups(np.array(sizes)),
+        0.3 + np.hypot(between, errors) * rng.standard_normal(rows),
+        errors**2,
+    )
+
+
+@pytest.mark.parametrize("between", [0.1, 0.2, 0.4])
+def test_statsmodels_gives_the_same_variances_between_and_means(between):
+    groups, y, v = drawn(3, [4, 9, 20], between)  # of two estimates its iteration does not converge
+    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    moments = moment_between(groups, y, v)
+    for number, start in enumerate(groups.starts):
+        rows = slice(start, start + groups.sizes[number])
+        iterated = combine_effects(y[rows], v[rows], method_re="iterated", use_t=True, atol=1e-12)
+        assert found.between[number] == pytest.approx(max(iterated.tau2, 0.0), abs=1e-6)
+        assert found.value[number] == pytest.approx(iterated.mean_effect_re, abs=1e-6)
+        plain = iterated.sd_eff_w_re_hksj if iterated.scale_hksj_re >= 1.0 else iterated.sd_eff_w_re
+        assert np.sqrt(found.variance[number]) == pytest.approx(plain, abs=1e-6)
+        assert moments[number] == pytest.approx(
+            max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0), abs=1e-9
+        )
+
+
+def test_pymare_gives_the_same_interval_of_the_variance_between():
+    """PyMARE 0.0.13: ``q_profile(Y[:, None], V[:, None], np.ones((4, 1)))``, and DerSimonianLaird's tau2."""
+    low, high = q_profile(one_group(4), Y, V)
+    assert low[0] == pytest.approx(0.019482394633919074, abs=1e-6)
+    assert high[0] == pytest.approx(1.3314842698242637, abs=1e-6)
+    moments = moment_between(one_group(4), Y, V)
+    assert moments[0] == pytest.approx(0.12309523809523817, abs=1e-9)
+    found = random_effects_means(one_group(4), Y, V, moments)
+    assert found.value[0] == pytest.approx(0.3582979087615189, abs=1e-9)
+
+
+def test_groups_at_once_are_as_one_by_one():
+    groups, y, v = drawn(5, [3, 1, 7], 0.03)
+    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    ahead = prediction_half_widths(groups, y, v, found.value)
+    for number, (start, size) in enumerate(zip(groups.starts, groups.sizes, strict=True)):
+        one, rows = one_group(int(size)), slice(start, start + size)
+        alone = random_effects_means(one, y[rows], v[rows], paule_mandel(one, y[rows], v[rows]))
+        assert alone.value[0] == pytest.approx(found.value[number], rel=1e-12)
+        assert alone.half_widths()[0] == pytest.approx(found.half_widths()[number], rel=1e-9)
+        assert prediction_half_widths(one, y[rows], v[rows], alone.value)[0] == pytest.approx(
+            ahead[number], rel=1e-6
+        )
+    assert found.half_widths()[1] == np.inf
+    assert ahead[1] == np.inf
+    assert [end[1] for end in q_profile(groups, y, v)] == [0.0, np.inf]
+
+
+def test_the_mean_of_estimates_that_differ_counts_the_differences():
+    """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
+    y, v = np.array([0.1, 0.3, 0.8]), np.full(3, 1e-4)
+    for between in (moment_between, paule_mandel):
+        found = random_effects_means(one_group(3), y, v, between(one_group(3), y, v))
+        assert found.value[0] == pytest.approx(0.4)
+        assert found.between[0] == pytest.approx(np.var(y, ddof=1) - 1e-4)
+        assert found.variance[0] == pytest.approx(np.var(y, ddof=1) / 3.0)
+    # estimates closer to each other than their errors: never below what these say
+    same = np.full(3, 0.4)
+    close = random_effects_means(one_group(3), same, v, paule_mandel(one_group(3), same, v))
+    assert close.variance[0] == pytest.approx(1e-4 / 3.0)
+
+
+def test_groups_that_go_together_have_one_variance_between():
+    """By hand: with equal v it is the pooled variance of the rows about the means of their groups, less v."""
+    groups, y = Groups(np.array([2, 3, 1])), np.array([0.0, 0.2, 1.0, 1.3, 1.6, 5.0])
+    v = np.full(6, 1e-3)
+    found = paule_mandel(groups, y, v, together=one_group(3))
+    assert found == pytest.approx(np.full(3, (0.02 + 0.18) / 3.0 - 1e-3))
+
+
+@pytest.mark.parametrize("between", [0.0, 0.02, 0.05])
+def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(between):
+    """Second route: Q at the truth is chi-square, so solve Q(t) = draw, then draw the mean and the next."""
+    groups, y, v = drawn(8, [5], between)
+    centre = random_effects_means(groups, y, v, paule_mandel(groups, y, v)).value
+    half = prediction_half_widths(groups, y, v, centre)[0]
+    rng = np.random.default_rng(0)
+    draws = 4000
+    t = np.geomspace(1e-9, 1e3, 4000)
+    weights = 1.0 / (v + t[:, None])
+    means = weights @ y / weights.sum(axis=1)
+    q = (weights * (y - means[:, None]) ** 2).sum(axis=1)
+    at = np.clip(np.searchsorted(-q, -rng.chisquare(4, draws)), 0, t.size - 1)
+    following = means[at] + np.sqrt(1.0 / weights.sum(axis=1) + t)[at] * rng.standard_normal(draws)
+    inside = np.mean(np.abs(following - centre) <= half)
+    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / draws))
+
+
+def test_the_prediction_of_many_that_agree_is_what_their_mean_says():
+    """A thousand estimates of one value: the next is within little more of it than chance says."""
+    groups, y, v = drawn(2, [1000], 0.0)
+    half = prediction_half_widths(groups, y, v, np.array([np.average(y, weights=1.0 / v)]))[0]
+    assert 0.0 < half < 0.012
+    wide = drawn(2, [1000], 0.3)
+    known = prediction_half_widths(*wide, np.array([wide[1].mean()]))[0]
+    assert known == pytest.approx(special.ndtri(0.975) * 0.3, rel=0.05)
