@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,9 +12,11 @@ from eivor.shapes import Bool, Float
 
 #: Clocks, and the seconds in one tick of each; firmware up to 3.3 counts milliseconds.
 CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
+#: Messages that are together no larger are taken out of the file once, others column by column [bytes].
+KEPT_BYTES = 1 << 25
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Messages:
     """All messages of a type, or of one instance of it.
 
@@ -53,9 +56,19 @@ class Messages:
     def stored(self, column: str) -> np.ndarray:
         """Return a column as it is stored."""
         field = self.layout.fields[column]
-        anywhere = np.ndarray(
-            (self.data.size - self.layout.length + 1,), field.kind, self.data, field.offset, (1,)
-        )
+        if not 0 < self.count * self.layout.length <= KEPT_BYTES:
+            return self._taken(field.kind, field.offset)
+        kept = np.ndarray((self.count,), field.kind, self._whole, field.offset, (self.layout.length,))
+        return np.array(kept)
+
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        """All messages, one after the other: most of the time is that of finding each in the file."""
+        return self._taken(np.dtype((np.void, self.layout.length)), 0)
+
+    def _taken(self, kind: np.dtype[np.generic], offset: int) -> np.ndarray:
+        """What is in each message from a byte on."""
+        anywhere = np.ndarray((self.data.size - self.layout.length + 1,), kind, self.data, offset, (1,))
         return np.asarray(anywhere[self.places])
 
     def values(self, column: str) -> Float[np.ndarray, " n"]:

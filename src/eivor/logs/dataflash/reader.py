@@ -130,18 +130,19 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     tables: dict[str, Messages] = {}
     lost = 0
     for number, layout in needed.items():
-        found = Messages(layout, data, places.of(number))
-        if not layout.fields or not found.count or layout.name in tables:
+        if not layout.fields or layout.name in tables:
             continue
-        if found.clock:
+        found = _lowest(Messages(layout, data, places.of(number)))
+        if found.clock and found.count:
             time_s = found.time_s()
             sound = believable(time_s - float(np.median(time_s)))
             lost += int((~sound).sum())
             found = found.where(sound)
-        tables[layout.name] = found
+        if found.count:
+            tables[layout.name] = found
     if lost:
         findings.append(Finding("time_stamps", f"Messages left out, because their stamp cannot be: {lost}."))
-    return {name: _lowest(table) for name, table in tables.items() if table.count}, findings
+    return tables, findings
 
 
 def _lowest(table: Messages) -> Messages:
@@ -149,7 +150,7 @@ def _lowest(table: Messages) -> Messages:
     if table.name not in ("IMU", "BAT", "CURR"):
         return table
     column = next((name for name in ("I", "Inst", "Instance") if table.has(name)), "")
-    if not column:
+    if not column or not table.count:
         return table
     instances = table.stored(column)
     return table.where(instances == instances.min())

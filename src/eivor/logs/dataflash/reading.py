@@ -38,6 +38,7 @@ class Reading:
     end_s: float
     channels: dict[str, Channel] = field(default_factory=dict)
     silent: list[str] = field(default_factory=list)
+    _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -49,9 +50,13 @@ class Reading:
         end = max((float(time.max()) for time in clocks), default=0.0)
         return cls(tables, parameters, findings, start, end)
 
-    def time_s(self, table: Messages) -> Float[np.ndarray, " n"]:
-        """Stamps of messages on the recording's clock [s]."""
-        return table.time_s() - self.start_s
+    def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
+        """Stamps of messages on the recording's clock, less a delay [s]: one array for all that ask."""
+        asked = (id(table.places), delay_s)
+        if asked not in self._clocks:
+            # the places are kept too: what is alive keeps its identity
+            self._clocks[asked] = (table.places, table.time_s() - self.start_s - delay_s)
+        return self._clocks[asked][1]
 
     def add(
         self,
@@ -67,7 +72,7 @@ class Reading:
         """Add a channel, when it has a value."""
         channel = clean_channel(
             name,
-            self.time_s(table) - delay_s,
+            self.time_s(table, delay_s),
             values,
             unit_of(name),
             source=label,
@@ -124,8 +129,8 @@ class Reading:
             return np.full(table.count, before)
         stated = states.values(column)
         known = np.isin(stated, list(meanings)) if others_stay else np.ones(stated.size, dtype=np.bool_)
-        times, stated = states.time_s()[known], stated[known]
+        times, stated = self.time_s(states)[known], stated[known]
         order = np.argsort(times, kind="stable")
         value = np.array([meanings.get(one, 0.0) > 0.0 for one in stated[order].tolist()], dtype=np.bool_)
-        place = np.searchsorted(times[order], table.time_s(), side="right")
+        place = np.searchsorted(times[order], self.time_s(table), side="right")
         return np.asarray(np.append(before, value)[place])

@@ -26,6 +26,8 @@ from eivor.shapes import Float
 from eivor.signals.recording import Finding
 
 _DEG = UNITS["deg"][1]
+#: A heading in radians that counts its turns is below.
+LARGEST_ANGLE = 1e6
 _ANGLES = ("roll", "pitch", "yaw")
 #: What is swept, by SIDS.Ax, and what one of SIDD.Targ is in its unit.
 SWEPT = {
@@ -43,7 +45,7 @@ def add_attitude(reading: Reading) -> None:
         return
     roll, pitch, yaw = (table.values(name) * _DEG for name in ATTITUDE)
     # a yaw without jumps makes a quaternion without jumps of sign
-    quaternion = _quaternion(roll, pitch, np.unwrap(np.nan_to_num(yaw)))
+    quaternion = _quaternion(roll, pitch, _unwrapped(yaw))
     for part, values in zip("wxyz", quaternion, strict=True):
         reading.add(f"attitude_{part}", table, values, "ATT.Roll, .Pitch and .Yaw")
 
@@ -76,10 +78,21 @@ def add_setpoints(reading: Reading) -> None:
             continue
         values = table.values(column) * _DEG
         if column == "DesYaw":
-            values = np.unwrap(np.nan_to_num(values))
+            values = _unwrapped(values)
         by_sticks = reading.modes_at(table, modes)
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
-            reading.add(f"{kind}{name}", table, np.where(where, values, np.nan), f"{message}.{column}")
+            if where.any():
+                told = values if where.all() else np.where(where, values, np.nan)
+                reading.add(f"{kind}{name}", table, told, f"{message}.{column}")
+
+
+def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Angle without the jumps of whole turns [rad]; zero where it cannot be one."""
+    angle = np.where(np.abs(angle) < LARGEST_ANGLE, angle, 0.0)
+    turns = np.round(np.diff(angle) / (2.0 * np.pi))
+    if np.any(turns):
+        angle[1:] -= 2.0 * np.pi * np.cumsum(turns)
+    return angle
 
 
 def add_sweeps(reading: Reading) -> None:
