@@ -62,6 +62,7 @@ ACCEPTED = {
     ("ChangeDetector", "scale_looks"): {"whole"},
     ("ChangeDetector", "least_looks"): {"whole"},
     ("ChangeDetector", "kept_looks"): {"whole"},
+    ("ChangeDetector", "held_looks"): {"whole"},
     ("RecursiveIdentification", "instruments"): {"list"},
     ("RecursiveIdentification", "detector"): {"none"},
     # a stream is looked at as it comes
@@ -282,12 +283,13 @@ def doors(folder):
         "ChangeDetector": (
             ev.ChangeDetector,
             {
-                "threshold": 9.0,
+                "threshold": 13.0,
                 "drift": 0.75,
                 "limit": 4.0,
                 "scale_looks": 80,
                 "least_looks": 20,
                 "kept_looks": 3,
+                "held_looks": 16,
             },
         ),
         "Column": (ev.Column, {"channel": "input", "lag": 1, "gain": 1.0, "gain_channel": ""}),

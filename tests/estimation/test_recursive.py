@@ -10,6 +10,9 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
+from eivor.estimation.recursive.change_detector import Watch
+from eivor.estimation.recursive.looks import Look, References, looks_between, newest_look, newest_reference
+from eivor.estimation.recursive.timed_rows import timed_rows
 from eivor.models.shared_noise import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)
@@ -125,12 +128,40 @@ def test_a_drop_is_told_and_what_lay_before_it_forgotten():
     signals = dropped(record(1400), 1000)
     recursion = after(part(signals, 0, 1000), detector=ev.ChangeDetector())
     assert recursion.changes == ()
-    recursion = recursion.update(part(signals, 1000, 1100))
+    recursion = recursion.update(part(signals, 1000, 1150))
     (change,) = recursion.changes
     assert (change.parameter, change.upwards) == ("input_gain", False)
-    assert 1000 < change.sample + 10 <= 1100
-    without = after(part(signals, 0, 1100)).estimate().parameters["input_gain"]
+    assert 1000 < change.sample + 10 <= 1150
+    without = after(part(signals, 0, 1150)).estimate().parameters["input_gain"]
     assert abs(recursion.estimate().parameters["input_gain"] - 0.07) < 0.5 * abs(without - 0.07)
+
+
+def test_looks_of_a_chunk_are_those_of_its_products_one_by_one():
+    signals = record(700, masked=True)
+    faded = after(part(signals, 0, 100))._rows.faded
+    problem = MOTION.regression(part(signals, 90, 700), INSTRUMENTS)
+    (rows,) = timed_rows(problem, ev.methods.generalized_iv().assembler)
+    found = list(looks_between(faded, faded.then(rows)))
+    assert [look.sample for look, _ in found] == [*range(96, 691, 24)]
+    for look, reference in found[1:]:
+        here = faded.then(rows.between(0, look.sample - faded.samples))
+        np.testing.assert_allclose(look.means, newest_look(here).means, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(reference.theta, newest_reference(here).theta, rtol=1e-9)
+        means = here.compensated(here.full)[0] / here.full.products.count
+        np.testing.assert_allclose(reference.mapped[0] @ means[:, :-1], np.eye(2), atol=1e-9)
+
+
+def test_a_sum_is_held_against_the_estimate_from_before_it_began():
+    detector, watch = ev.ChangeDetector(least_looks=2), Watch()
+    mapped = np.ones((1, 1, 1))
+    for number, change in enumerate((1.0, -1.0, 1.0, -1.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)):
+        # an estimate that has followed by the next look; what a look shows is its change of 3 less that
+        followed = 3.0 * (number > 4)
+        watch = watch.expecting(References(np.array([[followed]]), mapped, slice(0, 1)), detector)
+        watch = watch.after(Look(number, np.array([[1.0, change]]), 24.0), detector)
+    per_look = 3.0 / 1.4826 - detector.drift
+    assert watch.sums[0, 0] == pytest.approx(6 * per_look, rel=1e-6)
+    assert watch.before[-1, 0] == 0.0
 
 
 @pytest.mark.thorough

@@ -27,6 +27,8 @@ def test_drops_are_told_and_nothing_else():
         delays.append(trial("rich", "input_gain", run).delay)
     assert None not in delays
     assert 0 < np.median(delays) <= 150
+    # a memory that follows the friction would leave most of these untold
+    assert sum(trial("rich", "viscous_friction", run).delay is not None for run in range(10)) >= 6
 
 
 def test_the_command_makes_the_page_of_a_kept_study(tmp_path, capsys):

@@ -196,9 +196,13 @@ class FadedProducts:
             table[:, *place] = sums.noise[:, number]
         return table
 
+    def compensated(self, sums: BlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+        """Sums of psi [phi' y] of blocks, without what noises add to them."""
+        return sums.products.equations - self.noise_table(sums)
+
     def scores(self, sums: BlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
         """What an estimate leaves of each block: compensated sums of psi times the residual."""
-        left = sums.products.equations - self.noise_table(sums)
+        left = self.compensated(sums)
         return left[:, :, -1] - left[:, :, :-1] @ theta
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from eivor.errors import EstimationError, TooFewSamplesError
+from eivor.errors import TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
 from eivor.estimation.linear import LinearMethod
@@ -15,25 +13,9 @@ from eivor.estimation.recursive.change_detector import Change, ChangeDetector, W
 from eivor.estimation.recursive.faded_covariance import equation_map, faded_covariance
 from eivor.estimation.recursive.faded_products import FadedProducts, nothing_yet
 from eivor.estimation.recursive.forgetting import BLOCKS_PER_LOOK, Forgetting
+from eivor.estimation.recursive.looks import LOOKS_AT_ONCE, looks_between, newest_reference
 from eivor.estimation.recursive.timed_rows import TimedRows
 from eivor.models.equation import Parameter
-from eivor.shapes import Float
-
-
-@dataclass(frozen=True, slots=True)
-class Expected:
-    """What the next look is held against.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (n,)
-        The estimate at the end of the look before.
-    mapped : ndarray, shape (n, p)
-        See `equation_map`.
-    """
-
-    theta: Float[np.ndarray, " n"]
-    mapped: Float[np.ndarray, "n p"]
 
 
 @dataclass(frozen=True)
@@ -54,8 +36,6 @@ class RowRecursion:
         Products so far; None before the first row.
     watching : Watch
         Sums of the detector.
-    expected : Expected, optional
-        What the next look is held against; None where the rows did not tell it.
     changes : tuple of Change
         Those that the last rows showed.
     """
@@ -66,7 +46,6 @@ class RowRecursion:
     detector: ChangeDetector | None = None
     faded: FadedProducts | None = None
     watching: Watch = field(default_factory=Watch)
-    expected: Expected | None = None
     changes: tuple[Change, ...] = ()
 
     @property
@@ -82,42 +61,32 @@ class RowRecursion:
         seen = replace(self, faded=faded, changes=())
         if self.detector is None:
             return replace(seen, faded=faded.then(rows))
-        for stretch in rows.stretches(faded.samples, self.forgetting.look):
-            seen = seen._looked((seen.faded or faded).then(stretch), self.detector)
+        for stretch in rows.stretches(faded.samples, LOOKS_AT_ONCE * self.forgetting.look):
+            rest = stretch
+            while rest.count:
+                seen, rest = seen._watched(seen.faded or faded, rest, self.detector)
         return seen
 
-    def _looked(self, faded: FadedProducts, detector: ChangeDetector) -> RowRecursion:
-        """With products of rows that reach to the end of a look at most, and what the look shows."""
-        if faded.samples % self.forgetting.look:
-            return replace(self, faded=faded)
-        watching, changes = self.watching, self.changes
-        shown = self._shown(faded)
-        if shown is not None:
-            watching = watching.after(shown, detector)
+    def _watched(
+        self, faded: FadedProducts, rows: TimedRows, detector: ChangeDetector
+    ) -> tuple[RowRecursion, TimedRows]:
+        """With rows up to the end of the first look that tells a change, and the rows that are left."""
+        after, watching = faded.then(rows), self.watching
+        for look, reference in looks_between(faded, after):
+            watching = watching.after(look, detector)
             told = watching.told(detector)
             if told:
                 names = [parameter.name for parameter in self.parameters]
-                changes += tuple(Change(names[j], faded.samples, upwards) for j, upwards in told)
-                faded = faded.last(detector.kept_looks * BLOCKS_PER_LOOK)
-                watching = watching.reset()
-        return replace(self, faded=faded, watching=watching, changes=changes, expected=self._expected(faded))
-
-    def _shown(self, faded: FadedProducts) -> Float[np.ndarray, " n"] | None:
-        """Change of the parameters that the last look shows; None where it shows nothing."""
-        look = faded.closed.between(faded.closed.blocks - BLOCKS_PER_LOOK, faded.closed.blocks)
-        count = look.products.count
-        if self.expected is None or not count > 0.0:
-            return None
-        scores = faded.scores(look, self.expected.theta).sum(axis=0)
-        shown: Float[np.ndarray, " n"] = self.expected.mapped @ scores / count
-        return shown
-
-    def _expected(self, faded: FadedProducts) -> Expected | None:
-        try:
-            solved = self.method.solve_moments(_moments(faded))
-        except (EstimationError, TooFewSamplesError):
-            return None
-        return Expected(solved.solution.theta, equation_map(solved))
+                changes = (*self.changes, *(Change(names[j], look.sample, up) for j, up in told))
+                taken = look.sample - faded.samples
+                kept = faded.then(rows.between(0, taken)).last(detector.kept_looks * BLOCKS_PER_LOOK)
+                watching = watching.reset().expecting(newest_reference(kept), detector)
+                return (
+                    replace(self, faded=kept, watching=watching, changes=changes),
+                    rows.between(taken, rows.count),
+                )
+            watching = watching.expecting(reference, detector)
+        return replace(self, faded=after, watching=watching), rows.between(0, 0)
 
     def estimate(self) -> Estimate:
         """Estimate of the rows so far, with the weights that they have now.

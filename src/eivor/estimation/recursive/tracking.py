@@ -18,6 +18,7 @@ from eivor.estimation.recursive.change_detector import ChangeDetector, Watch
 from eivor.estimation.recursive.faded_covariance import faded_covariance
 from eivor.estimation.recursive.faded_products import FadedProducts, nothing_yet
 from eivor.estimation.recursive.forgetting import BLOCKS_PER_LOOK, Forgetting
+from eivor.estimation.recursive.looks import References, newest_look
 from eivor.estimation.recursive.timed_rows import TimedRows
 from eivor.inference.covariances.covariance import JointCovariance, unit_scale
 from eivor.models.separable import Prior
@@ -95,26 +96,29 @@ class Follower:
         self, rows: TimedRows, forgetting: Forgetting, detector: ChangeDetector
     ) -> Iterator[TrackedPoint]:
         """What is known after each look of a record."""
-        faded, watching, expected = nothing_yet(rows, forgetting, whole=True), Watch(), None
+        faded, watching = nothing_yet(rows, forgetting, whole=True), Watch()
         for stretch in rows.stretches(0, forgetting.look):
             faded = faded.then(stretch)
             if stretch.count < forgetting.look:
                 return
+            watching = watching.after(newest_look(faded), detector)
+            told = watching.told(detector)
             change = 0
-            if expected is not None and stretch.counted.any():
-                watching = watching.after(self._shown(faded, expected), detector)
-                told = watching.told(detector)
-                if told:
-                    change = 1 if told[0][1] else -1
-                    faded, watching = faded.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
-            expected = self.posterior(faded)
-            yield self._point(faded, expected, change)
+            if told:
+                change = 1 if told[0][1] else -1
+                faded, watching = faded.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
+            found = self.posterior(faded)
+            watching = watching.expecting(self._reference(faded, found), detector)
+            yield self._point(faded, found, change)
 
-    def _shown(self, faded: FadedProducts, expected: Posterior) -> Float[np.ndarray, " one"]:
-        look = faded.closed.between(faded.closed.blocks - BLOCKS_PER_LOOK, faded.closed.blocks)
-        scores = faded.scores(look, expected.theta).sum(axis=0) / look.products.count
-        shown: Float[np.ndarray, " one"] = expected.mapped[[self.place]] @ scores
-        return shown
+    def _reference(self, faded: FadedProducts, found: Posterior | None) -> References | None:
+        """What later looks are held against: what rows alone say of a change; None where they say nothing."""
+        if found is None:
+            return None
+        mapped = found.mapped[[self.place]]
+        share = float(mapped[0] @ faded.moments.equations[:, self.place])
+        watched = slice(self.place, self.place + 1)
+        return References(found.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
 
     def _point(self, faded: FadedProducts, found: Posterior | None, change: int) -> TrackedPoint:
         share = faded.total.products.count / faded.forgetting.memory

@@ -138,6 +138,6 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
     return np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
 
 
-def unit_scale(squares: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
     return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
