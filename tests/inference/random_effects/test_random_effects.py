@@ -6,9 +6,9 @@ from scipy import special
 from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.inference.random_effects.between import moment_between, paule_mandel, q_profile
+from eivor.inference.random_effects.confidence_distribution import between_distribution
 from eivor.inference.random_effects.groups import Groups, one_group
 from eivor.inference.random_effects.mean import random_effects_means
-from eivor.inference.random_effects.prediction import prediction_half_widths
 
 Y = np.array([0.1, 0.3, 0.8, 0.2])
 V = np.array([0.01, 0.02, 0.01, 0.04])
@@ -56,13 +56,13 @@ def test_pymare_gives_the_same_interval_of_the_variance_between():
 def test_groups_at_once_are_as_one_by_one():
     groups, y, v = drawn(5, [3, 1, 7], 0.03)
     found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    ahead = prediction_half_widths(groups, y, v, found.value)
+    ahead = between_distribution(groups, y, v).next_half_widths(found.value)
     for number, (start, size) in enumerate(zip(groups.starts, groups.sizes, strict=True)):
         one, rows = one_group(int(size)), slice(start, start + size)
         alone = random_effects_means(one, y[rows], v[rows], paule_mandel(one, y[rows], v[rows]))
         assert alone.value[0] == pytest.approx(found.value[number], rel=1e-12)
         assert alone.half_widths()[0] == pytest.approx(found.half_widths()[number], rel=1e-9)
-        assert prediction_half_widths(one, y[rows], v[rows], alone.value)[0] == pytest.approx(
+        assert between_distribution(one, y[rows], v[rows]).next_half_widths(alone.value)[0] == pytest.approx(
             ahead[number], rel=1e-6
         )
     assert found.half_widths()[1] == np.inf
@@ -97,7 +97,7 @@ def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(betwee
     """Second route: Q at the truth is chi-square, so solve Q(t) = draw, then draw the mean and the next."""
     groups, y, v = drawn(8, [5], between)
     centre = random_effects_means(groups, y, v, paule_mandel(groups, y, v)).value
-    half = prediction_half_widths(groups, y, v, centre)[0]
+    half = between_distribution(groups, y, v).next_half_widths(centre)[0]
     rng = np.random.default_rng(0)
     draws = 4000
     t = np.geomspace(1e-9, 1e3, 4000)
@@ -110,11 +110,23 @@ def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(betwee
     assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / draws))
 
 
+@pytest.mark.parametrize("between", [0.0, 0.05, 0.5])
+def test_the_mean_of_estimates_with_equal_errors_is_no_longer_than_students(between):
+    """Truth: with equal v and a clear variance between, mixture and Hartung-Knapp are Student's t both."""
+    groups, y, _ = drawn(4, [6], between)
+    v = np.full(6, 1e-4)
+    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    half = between_distribution(groups, y, v).mean_half_widths(found)[0]
+    assert half >= found.half_widths()[0]
+    if between == 0.5:
+        assert half == pytest.approx(special.stdtrit(5, 0.975) * np.std(y, ddof=1) / np.sqrt(6), rel=0.01)
+
+
 def test_the_prediction_of_many_that_agree_is_what_their_mean_says():
     """A thousand estimates of one value: the next is within little more of it than chance says."""
     groups, y, v = drawn(2, [1000], 0.0)
-    half = prediction_half_widths(groups, y, v, np.array([np.average(y, weights=1.0 / v)]))[0]
+    half = between_distribution(groups, y, v).next_half_widths(np.array([np.average(y, weights=1.0 / v)]))[0]
     assert 0.0 < half < 0.012
     wide = drawn(2, [1000], 0.3)
-    known = prediction_half_widths(*wide, np.array([wide[1].mean()]))[0]
+    known = between_distribution(*wide).next_half_widths(np.array([wide[1].mean()]))[0]
     assert known == pytest.approx(special.ndtri(0.975) * 0.3, rel=0.05)
