@@ -90,3 +90,42 @@ def written(told: dict[str, Any], folder: Path) -> Path:
     path = folder / "fit.json"
     path.write_text(json.dumps(told), encoding="utf-8")
     return path
+
+
+def of_speeds(told: dict[str, Any] | None = None, **numbers: Any) -> dict[str, Any]:
+    """The document of a flight whose commands are rotor speeds."""
+    speeds = {"input_gain": (3.068e-6, 8e-9), "hover_input": (1787.9, 2.0), "actuator_lag": (0.072, 0.001)}
+    told = told or document(**(speeds | numbers))
+    told["model"] |= {"input": "rotor_command", "input_map": "square"}
+    return told
+
+
+#: Combinations of a rigid body, each with its standard error: those of 30 g with inertias of 1.43e-5,
+#: 1.45e-5 and 2.7e-5 kg m^2, thrust of 2.3e-8 N/(rad/s)^2 and a torque ratio of .034 m.
+COMBINATIONS = {
+    "roll_coupling": (-0.874126, 0.01),
+    "pitch_coupling": (0.875862, 0.01),
+    "roll_gain": (2.3e-8 / 1.43e-5, 2e-6),
+    "pitch_gain": (2.3e-8 / 1.45e-5, 2e-6),
+    "yaw_gain": (0.034 * 2.3e-8 / 2.7e-5, 5e-9),
+    "thrust_gain": (2.3e-8 / 0.03, 2e-10),
+    "drag_x": (0.25, 0.01),
+    "drag_y": (0.27, 0.01),
+    "drag_z": (0.18, 0.01),
+    "actuator_lag": (0.068, 0.0007),
+    "delay": (0.004, 0.0005),
+}
+
+
+def of_rigid_body(vehicle: dict[str, Any]) -> dict[str, Any]:
+    """A result of the rigid body whose combinations are independent."""
+    told = document()
+    told["model"] |= {"name": "rigid_body", "input": "rotor_command", "input_map": "square"}
+    told["parameters"] = {name: quantity(*pair) for name, pair in COMBINATIONS.items()}
+    told["derived"] = {}
+    values, errors = (np.array([pair[side] for pair in COMBINATIONS.values()]) for side in (0, 1))
+    parts = [{"name": "given", "matrix": np.diag(errors**2).tolist(), "degrees": 30.0, "share": 1.0}]
+    best = {"at": {}, "best": True, "excess": 0.0, "values": values.tolist(), "parts": parts}
+    told["covariance"] = {"names": list(COMBINATIONS), "choices": 1, "candidates": [best]}
+    told["prediction"] = {"at": {}, "vehicle": vehicle}
+    return told

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from eivor.cli.main import app
-from exports.documents import document, of_motors, written
+from eivor.motions.rigid_body.vehicle_file import load_vehicle
+from exports.documents import document, of_motors, of_rigid_body, written
+from exports.simulated import vehicle_file
 
 PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 COMMANDS = re.findall(r"^\$ eivor (export .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
@@ -20,8 +23,11 @@ def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     told = of_motors(document())
     told["logs"][0]["format"] = "dataflash"
     written(told, tmp_path).rename("ardupilot.json")
+    written(document(), tmp_path).rename("px4.json")
+    vehicle = vehicle_file(tmp_path).rename("mine.toml")
+    written(of_rigid_body(asdict(load_vehicle(vehicle))), tmp_path).rename("rigid.json")
     written(of_motors(document()), tmp_path)
-    assert len(COMMANDS) == 4
+    assert len(COMMANDS) == 10
     for command in COMMANDS:
         with pytest.raises(SystemExit) as left:
             app(shlex.split(command), prog_name="eivor")

@@ -10,7 +10,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import MissingReaderError, NotIdentifiedError, UsageError
-from exports.documents import JOINT, document, refused, written
+from exports.documents import JOINT, document, of_speeds, quantity, refused, written
+from exports.simulated import FRICTION, GAIN, climb
 
 
 def test_the_gain_at_rest_is_that_of_the_equation(tmp_path: Path) -> None:
@@ -53,12 +54,23 @@ def test_wrong_priors_are_told(tmp_path: Path) -> None:
         fit.export("statespace", mass=(0.0, 0.01))
 
 
-def test_python_control_takes_it(tmp_path: Path) -> None:
+@pytest.mark.thorough  # python-control takes seconds to import
+def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path: Path) -> None:
     control = pytest.importorskip("control", reason="python-control is not installed")
-    made = ev.load_fit(written(document(), tmp_path)).to_statespace().to_control()
-    assert made.input_labels == ["input"]
+    told = of_speeds(delay=(0.02, 0.0))
+    told["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
+    linear = ev.load_fit(written(told, tmp_path)).to_statespace()
+    made = linear.to_control()
+    assert made.input_labels == ["rotor_command"]
     assert made.output_labels == ["velocity_z"]
-    assert float(np.real(control.dcgain(made))) == pytest.approx(23.9 / 0.3)
+    assert made.state_labels == ["actuator", "velocity_z"]
+    hover = told["derived"]["hover_input"]["value"]
+    assert float(np.real(control.dcgain(made))) == pytest.approx(2.0 * GAIN * hover / FRICTION)
+    answer = control.step_response(made, T=np.linspace(0.0, 1.0, 101))
+    assert 1e-4 * hover * answer.outputs[-1] == pytest.approx(climb(1.0 + 1e-4, 1.0), rel=1e-3)
+    late = made * control.tf(*control.pade(linear.delay_s, 4))
+    behind = control.step_response(late, T=np.linspace(0.0, 1.0, 101)).outputs
+    np.testing.assert_allclose(behind[20:], answer.outputs[18:-2], rtol=1e-3)
 
 
 def test_without_python_control_it_says_what_to_install(

@@ -1,4 +1,4 @@
-"""`eivor export`: a result in; a file for an autopilot or a controller, or joint draws, out."""
+"""`eivor export`: a result in; a file for an autopilot, a controller or a simulator, or joint draws, out."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ EXIT_CODES = (
     "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
     "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
     "or written.\n\n"
-    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON)."
+    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
+    "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
+    "gazebo (SDF), drone-models (TOML)."
 )
 
 
@@ -38,7 +40,7 @@ def export(
     *,
     to: Annotated[
         str,
-        typer.Option("--to", metavar="TARGET", help="px4, ardupilot or statespace.", show_default=False),
+        typer.Option("--to", metavar="TARGET", help="What for: see Targets below.", show_default=False),
     ] = "",
     draws: Annotated[
         int | None,
@@ -55,7 +57,8 @@ def export(
         typer.Option(
             "--mass",
             metavar="KG[:STD]",
-            help="Mass with all on board and its standard deviation, such as 1.53:0.02; for draws.",
+            help="Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
+            "draws. Without it that of the vehicle.",
             show_default=False,
         ),
     ] = "",
@@ -68,6 +71,16 @@ def export(
             show_default=False,
         ),
     ] = None,
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            "--vehicle",
+            metavar="FILE.toml",
+            help="Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
+            "Without it that of the result, when it has one.",
+            show_default=False,
+        ),
+    ] = "",
     output: Annotated[
         str,
         typer.Option("-o", "--output", metavar="FILE", help="Where to; without it on standard output."),
@@ -76,7 +89,7 @@ def export(
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     if bool(to) == (draws is not None):
         raise UsageError("either --to TARGET or --draws N", "both" if to else "neither", "Give one of them.")
-    supplied = _supplied(mass, prior or [])
+    supplied = _supplied(mass, prior or [], vehicle)
     if draws is not None and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if output != STANDARD_OUTPUT:
@@ -106,7 +119,7 @@ def _export(result: SavedFit, to: str, supplied: Supplied, output: str) -> ExitC
 def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path) -> ExitCode:
     from eivor.report.draws_table import draws_table
 
-    supplied.check_only((), "draws", mass=True)
+    supplied.check_only((), "draws", body=True)
     table = draws_table(result, count, seed, supplied.mass)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
@@ -118,9 +131,10 @@ def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Pat
     return ExitCode.NOT_IDENTIFIED if left_out else ExitCode.IDENTIFIED
 
 
-def _supplied(mass: str, priors: list[str]) -> Supplied:
+def _supplied(mass: str, priors: list[str], vehicle: str) -> Supplied:
     """What was typed, as what exports take."""
     from eivor.exports.fitted import Supplied
+    from eivor.motions.rigid_body.vehicle_file import load_vehicle
 
     known = {}
     for text in priors:
@@ -128,7 +142,9 @@ def _supplied(mass: str, priors: list[str]) -> Supplied:
         if not equals:
             raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
         known[name.strip()] = _known(number, "--prior")
-    return Supplied(_known(mass, "--mass") if mass else None, known)
+    return Supplied(
+        _known(mass, "--mass") if mass else None, known, load_vehicle(vehicle) if vehicle else None
+    )
 
 
 def _known(text: str, option: str) -> Known:

@@ -24,7 +24,7 @@ class ArduPilotParameters(Target):
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
-        supplied.check_only((), self.name, mass=False)
+        supplied.check_only((), self.name, body=False)
         found = chosen_parameters(fitted, ARDUPILOT)
         rows = [f"{name},{single(number.value)}" for name, number in found.written]
         return Exported("\n".join([*hash_comments(found.comments), *rows]) + "\n", found.left_out)

@@ -19,3 +19,8 @@ def one_line(text: str) -> str:
 def hash_comments(lines: Iterable[str]) -> list[str]:
     """Lines that begin with ``#``."""
     return [f"# {one_line(line)}".rstrip() for line in lines]
+
+
+def xml_comments(lines: Iterable[str]) -> list[str]:
+    """Comments of XML, which hold no two hyphens in a row."""
+    return [f"<!-- {one_line(line).replace('--', '- -').rstrip('-')} -->" for line in lines]

@@ -10,6 +10,8 @@ from eivor.errors import NotIdentifiedError, UsageError
 from eivor.flights.quantity import Quantity
 from eivor.inference.quantiles import normal_quantile
 from eivor.inference.verdict import Status
+from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.signals.input_map import InputMap, input_map
 
 #: Name in documents of the motion that exports are made of.
@@ -61,6 +63,8 @@ class Supplied:
         Of the vehicle with all on board [kg].
     priors : mapping of str to Known
         For quantities that the flight does not tell, by name.
+    vehicle : KnownVehicle or None
+        Where its rotors are, and what else a vehicle file says.
 
     Raises
     ------
@@ -70,12 +74,13 @@ class Supplied:
 
     mass: Known | None = None
     priors: Mapping[str, Known] = field(default_factory=dict)
+    vehicle: KnownVehicle | None = None
 
     def __post_init__(self) -> None:
         if self.mass is not None and not self.mass.value > 0.0:
             raise UsageError("a mass above zero [kg]", f"{self.mass.value}", "Give 1.53:0.02, for example.")
 
-    def check_only(self, names: tuple[str, ...], target: str, *, mass: bool) -> None:
+    def check_only(self, names: tuple[str, ...], target: str, *, body: bool) -> None:
         """Refuse what a target has no use for: it would be thought to count.
 
         Parameters
@@ -84,17 +89,23 @@ class Supplied:
             Quantities that it can be given.
         target : str
             Its name.
-        mass : bool
-            Whether it uses the mass.
+        body : bool
+            Whether it uses the mass and the vehicle.
 
         Raises
         ------
         UsageError
             With what is of no use.
         """
-        if self.mass is not None and not mass:
+        if self.mass is not None and not body:
             raise UsageError(
                 f"no mass for {target}, which is made of ratios", f"{self.mass.value} kg", "Leave it out."
+            )
+        if self.vehicle is not None and not body:
+            raise UsageError(
+                f"no vehicle for {target}, which is made of ratios",
+                f"'{self.vehicle.name}'",
+                "Leave it out.",
             )
         for name in self.priors:
             if name not in names:
@@ -149,6 +160,10 @@ class Fitted:
         Name and SHA-256 of each log.
     version : str
         Of Eivor.
+    vehicle : KnownVehicle or None
+        What the flight was identified with; None where nothing was asked.
+    joint : Combinations or None
+        The joint vector where it fits, with its covariances; None without an estimate.
     """
 
     model: str
@@ -159,6 +174,8 @@ class Fitted:
     formats: tuple[str, ...]
     logs: tuple[tuple[str, str], ...]
     version: str
+    vehicle: KnownVehicle | None = None
+    joint: Combinations | None = None
 
     @property
     def input_map(self) -> InputMap:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import final
 
 import numpy as np
@@ -28,14 +29,16 @@ class Px4Parameters(Target):
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
-        supplied.check_only((), self.name, mass=False)
+        supplied.check_only((), self.name, body=False)
         found = chosen_parameters(fitted, PX4)
-        rows = [
-            f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(number.value)}\t{REAL32}"
-            for name, number in found.written
-        ]
-        lines = [*hash_comments(found.comments), "#", HEADER, *rows]
-        return Exported("\n".join(lines) + "\n", found.left_out)
+        rows = {name: number.value for name, number in found.written}
+        return Exported(qgroundcontrol(found.comments, rows), found.left_out)
+
+
+def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
+    """File of QGroundControl with parameters that are 32-bit floats."""
+    rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
+    return "\n".join([*hash_comments(comments), "#", HEADER, *rows]) + "\n"
 
 
 def single(value: float) -> str:

@@ -114,7 +114,7 @@ class StateSpaceDocument(Target):
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
-        supplied.check_only((*NEEDED, *LAGS), self.name, mass=False)
+        supplied.check_only((*NEEDED, *LAGS), self.name, body=False)
         made = state_space(fitted, supplied)
         document = {
             "schema": SCHEMA,

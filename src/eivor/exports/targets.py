@@ -5,11 +5,28 @@ from __future__ import annotations
 from eivor.errors import UsageError, did_you_mean
 from eivor.exports.ardupilot import ArduPilotParameters
 from eivor.exports.px4 import Px4Parameters
+from eivor.exports.simulators.drone_models import DroneModelsParameters
+from eivor.exports.simulators.gazebo import GazeboModel
+from eivor.exports.simulators.mujoco import MujocoModel
+from eivor.exports.simulators.pybullet import PybulletVehicle
+from eivor.exports.simulators.rotorpy import RotorpyVehicle
+from eivor.exports.simulators.sih import SihParameters
 from eivor.exports.state_space import StateSpaceDocument
 from eivor.exports.target import Target
 
 TARGETS: dict[str, Target] = {
-    target.name: target for target in (Px4Parameters(), ArduPilotParameters(), StateSpaceDocument())
+    target.name: target
+    for target in (
+        Px4Parameters(),
+        ArduPilotParameters(),
+        StateSpaceDocument(),
+        SihParameters(),
+        RotorpyVehicle(),
+        MujocoModel(),
+        PybulletVehicle(),
+        GazeboModel(),
+        DroneModelsParameters(),
+    )
 }
 
 

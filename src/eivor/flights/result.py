@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -383,11 +384,12 @@ class FlightEstimate:
         *,
         mass: tuple[float, float] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
+        vehicle: str | Path | None = None,
     ) -> str:
-        """Content of a file for an autopilot or a controller, see `eivor.SavedFit.export`."""
+        """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
         from eivor.report.saved_fit import saved_fit
 
-        return saved_fit(self).export(to, mass=mass, priors=priors)
+        return saved_fit(self).export(to, mass=mass, priors=priors, vehicle=vehicle)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.

@@ -13,6 +13,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import EstimationError, InputError, UsageError
+from eivor.estimation.derived import JointEstimate
 from eivor.exports.fitted import Fitted, Known, Supplied
 from eivor.exports.state_space import StateSpace, state_space
 from eivor.exports.targets import target_by_name
@@ -23,6 +24,9 @@ from eivor.inference.covariances.covariance import CovariancePart, JointCovarian
 from eivor.inference.joint_draws import joint_draws
 from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.verdict import Reason, Status
+from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.told_vehicle import vehicle_told
+from eivor.motions.rigid_body.vehicle_file import load_vehicle
 from eivor.notebook import html_table
 from eivor.report.json_document import SCHEMA, json_document, json_text
 from eivor.shapes import Float
@@ -215,17 +219,21 @@ class SavedFit:
         *,
         mass: tuple[float, float] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
+        vehicle: str | Path | None = None,
     ) -> str:
-        """Content of a file for an autopilot or a controller, as ``eivor export`` writes it.
+        """Content of a file for an autopilot, a controller or a simulator, as ``eivor export`` writes it.
 
         Parameters
         ----------
         to : str
-            "px4", "ardupilot" or "statespace".
+            A target by its word in ``eivor export --help``, such as "px4", "statespace" or "rotorpy".
         mass : tuple of float, optional
             Of the vehicle and its standard deviation [kg], for targets that need it.
         priors : mapping of str to tuple of float, optional
             Value and standard deviation of quantities that are not identified.
+        vehicle : str or path, optional
+            A vehicle's file, or the name of a shipped one, for simulators: where its rotors are. Without it
+            that of the result, when it has one.
 
         Returns
         -------
@@ -238,10 +246,13 @@ class SavedFit:
             When the target cannot do without a quantity that is not identified, and none was given.
         UsageError
             When the target is unknown, or the result is not of the kind that it takes.
+        InputError
+            When the vehicle's file cannot be read.
         """
         supplied = Supplied(
             None if mass is None else _known("mass", mass),
             {name: _known(name, one) for name, one in (priors or {}).items()},
+            None if vehicle is None else load_vehicle(vehicle),
         )
         return target_by_name(to).export(self.fitted, supplied).text
 
@@ -249,6 +260,7 @@ class SavedFit:
     def fitted(self) -> Fitted:
         """What exports take of it."""
         model, provenance = self.document["model"], self.document["provenance"]
+        vehicle = self.prediction.get("vehicle")
         return Fitted(
             model=str(model["name"]),
             quantities=self.quantities,
@@ -258,7 +270,21 @@ class SavedFit:
             formats=tuple(str(log["format"]) for log in self.document["logs"]),
             logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),
             version=str(provenance["version"]),
+            vehicle=None if vehicle is None else vehicle_told(vehicle),
+            joint=self._joint(),
         )
+
+    def _joint(self) -> Combinations | None:
+        """The joint vector where it fits, the best first; None without an estimate."""
+        fits = [one for one in self.candidates if one.best or one.excess <= self._allowance(0.95)]
+        fits.sort(key=lambda one: not one.best)
+        if not fits:
+            return None
+        return Combinations(self.names, tuple(JointEstimate(one.values, one.covariance) for one in fits))
+
+    def _allowance(self, level: float) -> float:
+        """What the criterion of another candidate may be above that of the best."""
+        return chi_square_quantile(level, self.document["covariance"].get("choices", 1))
 
     def _lowest(self, name: str) -> float:
         """What a parameter cannot be below."""
@@ -268,7 +294,7 @@ class SavedFit:
         """The estimate plus and minus."""
         place = self.names.index(name)
         direction = np.eye(len(self.names))[place]
-        allowance = chi_square_quantile(level, self.document["covariance"].get("choices", 1))
+        allowance = self._allowance(level)
         ends = [
             float(candidate.values[place]) + sign * candidate.covariance.half_width(direction, level)
             for candidate in self.candidates

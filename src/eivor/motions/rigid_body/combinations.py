@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,7 +82,13 @@ class Combinations:
         for one in self.candidates:
             for part in one.covariance.parts:
                 good &= np.isfinite(one.values) & np.isfinite(np.diag(part.matrix))
-        places = np.flatnonzero(good)
+        return self._at(np.flatnonzero(good))
+
+    def only(self, names: Collection[str]) -> Combinations:
+        """Those that have one of these names."""
+        return self._at(np.flatnonzero([name in names for name in self.names]))
+
+    def _at(self, places: Int[np.ndarray, " k"]) -> Combinations:
         return Combinations(
             tuple(self.names[place] for place in places),
             tuple(_some_of(one, places) for one in self.candidates),

@@ -1,0 +1,188 @@
+"""Files of simulators: the algebra, what each cannot do without, and that no name breaks out of a comment."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import NotIdentifiedError, ParameterError, UsageError
+from eivor.motions.rigid_body.vehicle_file import load_vehicle
+from exports.documents import document, of_rigid_body, of_speeds, refused, written
+from exports.simulated import (
+    FRICTION,
+    GAIN,
+    GRAVITY,
+    HOVER,
+    PRIORS,
+    exported,
+    quad_params,
+    table,
+    vehicle_file,
+)
+from exports.test_autopilots import HOSTILE, qgc
+from exports.xml_tree import xml_tree
+
+TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
+XML = ("mujoco", "pybullet", "gazebo")
+#: Ends comments and strings in every format.
+WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
+
+
+def test_rotorpy_by_hand(tmp_path: Path) -> None:
+    found = quad_params(tmp_path)
+    assert found["k_eta"] == pytest.approx(0.03 * GAIN / 4 * 9.81 / GRAVITY)
+    assert found["k_z"] == pytest.approx(FRICTION * 0.03 / (4 * HOVER))
+    assert found["k_m"] == pytest.approx(0.034 * found["k_eta"])
+    assert (found["tau_m"], found["mass"], found["Izz"], found["k_d"]) == (0.072, 0.03, 2.7e-5, 0.0)
+    np.testing.assert_array_equal(found["rotor_directions"], [-1, 1, -1, 1])
+    np.testing.assert_allclose(found["rotor_pos"]["r1"], [0.043 / 2**0.5, -0.043 / 2**0.5, 0.0])
+
+
+def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
+    """Of a flight that turns about all axes only the largest command is asked for."""
+    told = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))))
+    told["prediction"]["vehicle"]["torque_ratio"] = None
+    fit = ev.load_fit(written(told, tmp_path))
+    found = table(fit.export("drone-models"))
+    np.testing.assert_allclose(np.diag(found["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)
+    assert found["thrust2torque"] == pytest.approx(0.034, rel=1e-3)
+    assert found["rpm2thrust"][2] == pytest.approx(2.3e-8 * (2.0 * np.pi / 60.0) ** 2)
+    np.testing.assert_allclose(np.diag(found["drag_matrix"]), [-0.0075, -0.0081, -0.0054])
+    refused(told, "roll_coupling")
+    refused(told, "pitch_coupling")
+    fit = ev.load_fit(written(told, tmp_path))
+    with pytest.raises(NotIdentifiedError, match=r"inertia in yaw .* torque over thrust"):
+        fit.export("drone-models")
+    given = fit.export("drone-models", priors={"inertia_zz": (2.6e-5, 1e-6), "torque_ratio": (0.03, 0.0)})
+    assert np.diag(table(given)["J"])[2] == 2.6e-5
+
+
+def test_shares_of_the_largest_command_need_no_largest_command(tmp_path: Path) -> None:
+    """Of a thrust setpoint SIH's largest thrust is mass times gain over the rotors."""
+    found = qgc(exported("sih", tmp_path, document(), "px4", largest_command=None))
+    assert found["SIH_T_MAX"] == pytest.approx(1 / 4 * 0.03 * 23.9, rel=1e-6)
+    assert found["MPC_THR_HOVER"] == pytest.approx(GRAVITY / 23.9, rel=1e-6)
+    assert found["THR_MDL_FAC"] == 0.0
+    assert (found["SIH_T_TAU"], found["SIH_KDV"]) == pytest.approx((0.05, 0.009))
+    assert found["SIH_L_ROLL"] == pytest.approx(0.043 / 2**0.5, rel=1e-6)
+    root = xml_tree(exported("pybullet", tmp_path, document(), "px4", largest_command=None))
+    assert float(root[0].attributes["thrust2weight"]) == pytest.approx(23.9 / GRAVITY)
+
+
+def test_gym_pybullet_drones_finds_its_numbers(tmp_path: Path) -> None:
+    """It reads mass, inertia and collision body by their places in the tree."""
+    root = xml_tree(exported("pybullet", tmp_path, numbering="betaflight"))
+    turn = 2.0 * np.pi / 60.0
+    properties = {name: float(text) for name, text in root[0].attributes.items()}
+    assert 4 * properties["kf"] * (HOVER / turn) ** 2 == pytest.approx(0.03 * 9.8)
+    assert properties["drag_coeff_z"] * 4 * HOVER == pytest.approx(FRICTION * 0.03)
+    assert float(root[1][0][1].attributes["value"]) == 0.03
+    assert float(root[1][0][2].attributes["izz"]) == 2.7e-5
+    assert float(root[1][2][1][0].attributes["radius"]) == 0.043
+    assert root[1][2][0].attributes["xyz"] == "0 0 0"
+    # Betaflight's rotors turn the other way in each quarter.
+    other = xml_tree(exported("pybullet", tmp_path))
+    assert properties["km"] == pytest.approx(float(other[0].attributes["km"]))
+    lag = "gym-pybullet-drones has no lag of the rotors: 0.072 s is not in this file."
+    assert lag in exported("pybullet", tmp_path)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: Path) -> None:
+    text = exported(target, tmp_path)
+    assert text.isascii()
+    assert "lag of the rotors [s]: 0.072, 95 % interval [0.07, 0.074], identified" in text
+    assert "flight.ulg, SHA-256 abab" in text
+    assert "mass [kg]: 0.03, 95 % interval [0.029412, 0.030588], given" in text
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_no_name_and_no_reason_breaks_out_of_a_comment(target: str, tmp_path: Path) -> None:
+    plain, told = exported(target, tmp_path), of_speeds()
+    for one in told["logs"], told["provenance"]["logs"]:
+        one[0]["name"] = WORSE
+    told["provenance"]["version"] = WORSE
+    hostile = exported(target, tmp_path, refused(told, "viscous_friction", WORSE))
+    without = exported(target, tmp_path, refused(of_speeds(), "viscous_friction"))
+    assert hostile.isascii()
+    assert content(target, hostile) == content(target, without)
+    assert len(hostile.splitlines()) == len(without.splitlines())
+    assert content(target, plain) != content(target, without) or target == "gazebo"
+    assert "drag_z is not written: viscous_friction is refused. a" in hostile
+
+
+def content(target: str, text: str) -> Any:
+    """What a reader sees that skips comments."""
+    if target in XML:
+        return xml_tree(text)
+    if target == "sih":
+        return qgc(text)
+    return tomllib.loads(text) if target == "drone-models" else ast.dump(ast.parse(text))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
+    told = refused(of_speeds(), "actuator_lag", "Nothing moves.")
+    if target == "pybullet":  # has none
+        assert "actuator_lag is not written" in exported(target, tmp_path, told)
+        return
+    with pytest.raises(NotIdentifiedError, match=r"refused. Nothing moves. .*--prior actuator_lag=VALUE:STD"):
+        exported(target, tmp_path, told)
+    text = exported(target, tmp_path, told, actuator_lag=(0.06, 0.01))
+    assert "lag of the rotors [s]: 0.06, 95 % interval [0.0404004, 0.0795996], given" in text
+
+
+def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
+    fit = ev.load_fit(written(of_speeds(), tmp_path))
+    with pytest.raises(NotIdentifiedError, match=r"--mass 1.53:0.02.* and .*--vehicle FILE.toml"):
+        fit.export("rotorpy")
+    wanted = " ".join(f"--prior {name}=VALUE:STD" for name in PRIORS)
+    with pytest.raises(NotIdentifiedError, match=wanted):
+        fit.export("rotorpy", vehicle=vehicle_file(tmp_path))
+    short = tmp_path / "short.toml"
+    short.write_text('[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n', encoding="utf-8")
+    with pytest.raises(NotIdentifiedError, match="the arm's length"):
+        fit.export("rotorpy", vehicle=short, mass=(0.03, 0.0))
+    with pytest.raises(UsageError, match="no vehicle for px4"):
+        fit.export("px4", vehicle=short)
+    with pytest.raises(UsageError, match="priors that MuJoCo uses"):
+        fit.export("mujoco", vehicle=vehicle_file(tmp_path), priors={"thrust": (1.0, 0.0)})
+
+
+def test_moments_of_inertia_are_those_of_a_body(tmp_path: Path) -> None:
+    """RotorPy's own Crazyflie is beyond by 1 %, which simulators that check refuse."""
+    near = exported("mujoco", tmp_path, inertia_zz=(2.9e-5, 0.0))
+    assert "are those of no body: the largest is put at the sum of the others" in near
+    assert 'diaginertia="1.43e-05 1.45e-05 2.8799971' in near
+    with pytest.raises(ParameterError, match="none of which is larger"):
+        exported("mujoco", tmp_path, inertia_zz=(3.5e-5, 0.0))
+
+
+def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path: Path) -> None:
+    vehicle_file(tmp_path)
+    plus = tmp_path / "plus.toml"
+    text = (tmp_path / "vehicle.toml").read_text().replace("quad-x", "quad-plus").replace("crazyflie", "px4")
+    plus.write_text(text, encoding="utf-8")
+    fit = ev.load_fit(written(of_speeds(), tmp_path))
+    with pytest.raises(UsageError, match="one in each quarter"):
+        fit.export("pybullet", vehicle=plus, priors=PRIORS)
+    assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=PRIORS)
+
+
+def test_other_motions_are_refused(tmp_path: Path) -> None:
+    told = of_speeds()
+    told["model"]["name"] = "angular_rates"
+    with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
+        exported("mujoco", tmp_path, told)
+
+
+def test_a_delay_is_said(tmp_path: Path) -> None:
+    for target in ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih"):
+        assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
