@@ -28,6 +28,7 @@ from eivor.motions.rates.axes import AXES
 from eivor.motions.rates.select import active
 from eivor.motions.rigid_body.allowances import all_allowances
 from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.filters_shown import filters_not_passed
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.layout import RotorLayout
@@ -142,11 +143,14 @@ class RigidBody(Motion[LaggedRuns]):
         return Implications(tuple(map(_implied, found.rows)), found.contradictions)
 
     def diagnostics(
-        self, _problem: LaggedRuns, _estimate: Estimate, flights: tuple[PreparedFlight, ...], /
+        self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
-        """As which rotors the commands act, where the vehicle file has another order; see `rotor_order`."""
+        """In what a flight contradicts the vehicle file: `rotor_order`, else `filters_shown`."""
         shown = order_shown(flights, self.layout)
-        return {} if shown is None else shown.numbers
+        if shown is not None:
+            return shown.numbers
+        filters = filters_not_passed(problem, estimate, flights, self.layout)
+        return {} if filters is None else filters.numbers
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""

@@ -29,6 +29,7 @@ from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.motions.rigid_body.filters_shown import FiltersNotPassed
 from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, FRICTION, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.rotor_order import Order
 
@@ -82,6 +83,9 @@ def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
     order = Order.of_numbers(at.numbers)
     if order is not None:
         reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
+    filters = FiltersNotPassed.of_numbers(at.numbers)
+    if filters is not None:
+        reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))
     return reasons
 
 

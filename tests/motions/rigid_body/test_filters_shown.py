@@ -1,0 +1,51 @@
+"""Logs that have not passed the filters of the vehicle file, and logs that have."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from eivor.inference.verdict import Status
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.filters_shown import FILTERS, FiltersNotPassed
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+BASE = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0, seed=2)
+CUTOFF_HZ = 80.0
+
+
+@pytest.mark.parametrize(
+    ("without", "said"),
+    [
+        ({"gyro_cutoff_hz": 40.0}, "the gyroscope's filter of the vehicle file: without it"),
+        (dict.fromkeys(FILTERS, 40.0), "the gyroscope's and the accelerometer's filters of the vehicle file"),
+    ],
+)
+def test_they_are_told_by_the_numbers_of_a_result(without, said):
+    shown = FiltersNotPassed(281.2, without)
+    again = FiltersNotPassed.of_numbers({**shown.numbers, "other": 1.0})
+    assert again == shown
+    assert said in shown.sentence
+    assert "instead of 281" in shown.sentence
+    assert all(key in shown.remedy for key in without)
+    assert FiltersNotPassed.of_numbers({"other": 1.0}) is None
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("passed", [False, True])
+def test_a_filter_that_was_not_passed_is_told(passed):
+    filtered = replace(BASE.sensors.angular_rate, cutoff_hz=CUTOFF_HZ)
+    spec = replace(BASE, sensors=replace(BASE.sensors, angular_rate=filtered)) if passed else BASE
+    (flight,) = simulate_rigid_body_flights([spec])
+    rotors = BASE.vehicle.rotors
+    places = tuple((x, y) for x, y, _ in rotors.positions)
+    vehicle = KnownVehicle("simulated", places, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    found = identify_flight(flight.recording, model=RigidBody(vehicle))
+    reasons = found.verdict.reasons
+    told = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
+    assert len(told) == (0 if passed else 1)
+    assert all(reason.status is Status.WEAK for reason in told)
