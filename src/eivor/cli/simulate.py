@@ -58,6 +58,14 @@ def simulate(
             show_default=False,
         ),
     ] = "",
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Write the vehicle file that `eivor identify --model rigid-body` asks for.",
+            show_default=False,
+        ),
+    ] = "",
     hover: Annotated[
         bool, typer.Option("--hover", help="Add the input that carries the weight, g / K_u.")
     ] = False,
@@ -81,9 +89,11 @@ def simulate(
         raise UsageError(
             f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", "The ending chooses the format."
         )
-    outputs = {"--out": log_path} | ({"--truth": output_file(truth, option="--truth")} if truth else {})
+    beside = {"--truth": truth, "--vehicle": vehicle}
+    outputs = {"--out": log_path} | {key: output_file(to, option=key) for key, to in beside.items() if to}
     source = Path(scenario_file)
     scenario, files = _scenario(source)
+    vehicle_file = _vehicle_text(scenario, source.stem) if vehicle else ""
     keep_apart(outputs, {"the scenario's files": files})
     from eivor.logs.table.written import write_recording
 
@@ -98,6 +108,8 @@ def simulate(
         from eivor.report.json_document import json_text
 
         write_out(json_text(made.truth), truth)
+    if vehicle:
+        write_out(vehicle_file, vehicle)
     duration = made.samples / made.rate_hz
     write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
     if hover and made.rate_hz < FLIGHT_RATE_HZ:
@@ -147,6 +159,20 @@ def _shipped(name: str) -> Simulated:
         f"'{name}'",
         did_you_mean(name, known, "Check the name."),
     )
+
+
+def _vehicle_text(scenario: Simulated, name: str) -> str:
+    """Vehicle file of a flight of a whole vehicle."""
+    from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
+    from eivor.simulation.rigid_body.vehicle_text import vehicle_text
+
+    if not isinstance(scenario, RigidBodyFlightSpec):
+        raise UsageError(
+            "--vehicle with a flight of a whole vehicle, such as crazyflie",
+            f"'{name}', whose rotors are nowhere",
+            "Leave --vehicle out.",
+        )
+    return vehicle_text(scenario, name)
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
