@@ -22,7 +22,8 @@ from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.layout import RotorLayout
 
 #: Filters that a vehicle file may name, and what they are of.
-FILTERS = {"gyro_cutoff_hz": "the gyroscope's", "accelerometer_cutoff_hz": "the accelerometer's"}
+GYRO, ACCELEROMETER = "gyro_cutoff_hz", "accelerometer_cutoff_hz"
+FILTERS = {GYRO: "the gyroscope's", ACCELEROMETER: "the accelerometer's"}
 #: References that agree by this p-value need no explanation.
 DISAGREE = 0.001
 #: Their J must fall to this share of itself without a filter that the log has not passed.
@@ -113,8 +114,11 @@ def _without_filter(
     problem: LaggedRuns, flights: Sequence[PreparedFlight], layout: RotorLayout, key: str
 ) -> LaggedRuns:
     """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
-    unfiltered = RotorLayout(replace(layout.vehicle, **{key: None}))
-    made = rigid_body_problem(tuple(flights), unfiltered, NoInstruments())
+    known = layout.vehicle
+    unfiltered = (
+        replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
+    )
+    made = rigid_body_problem(tuple(flights), RotorLayout(unfiltered), NoInstruments())
     columns = tuple(
         replace(new, instruments=old.instruments)
         for new, old in zip(made.columns, problem.columns, strict=True)
