@@ -92,6 +92,8 @@ FIRMWARES = {
     "4.1": "ArduCopter V4.1.5 (8ac4b2a6)",
     "4.6": "ArduCopter V4.6.2 (3fc7011a)",
 }
+#: Number of the mode from each time on.
+MODES = {0.0: 3}
 #: Of the motors: thrust is (1 - e) x + e x^2 of the share x of the range in use.
 CURVE, SPIN_MIN, SPIN_MAX, LOW, HIGH = 1.0, 0.15, 0.95, 1100.0, 1900.0
 
@@ -99,18 +101,19 @@ CURVE, SPIN_MIN, SPIN_MAX, LOW, HIGH = 1.0, 0.15, 0.95, 1100.0, 1900.0
 def simulated(**spec):
     (flight,) = simulate_vertical_flights([VerticalFlightSpec(**spec)])
     assert flight.flew
-    return flight
+    return flight.recording
 
 
-def flight_log(flight, dialect="4.6", vehicle="", high=HIGH):
+def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES):
     """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz."""
-    values = {name: channel.values for name, channel in flight.recording.channels.items()}
-    t = flight.recording.channels["position_z"].time_s
+    values = {name: channel.values for name, channel in flown.channels.items()}
+    t = flown.channels["position_z"].time_s
     writer = DataflashWriter("TimeMS" if dialect == "3.3" else "TimeUS")
     writer.text(vehicle or FIRMWARES[dialect]).text("Frame: QUAD")
     writer.parameters(MOT_PWM_MIN=0.0, MOT_PWM_MAX=0.0, RC3_MIN=LOW, RC3_MAX=HIGH)
     writer.parameters(MOT_SPIN_MIN=SPIN_MIN, MOT_SPIN_MAX=SPIN_MAX, MOT_THST_EXPO=CURVE)
-    writer.add("MODE", 0.0, "MBB", Mode=3, ModeNum=3, Rsn=1)
+    numbers = list(modes.values())
+    writer.add("MODE", list(modes), "MBB", Mode=numbers, ModeNum=numbers, Rsn=1)
     writer.add("EV", [0.0, 0.0, t[-1]], "B", Id=[10, 28, 18])
     add_fast(writer, t, values, dialect)
     add_estimates(writer, t[::4], {name: one[::4] for name, one in values.items()}, dialect)

@@ -35,7 +35,7 @@ SOURCES = {
 @pytest.mark.parametrize("dialect", SOURCES)
 def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
     r = read(tmp_path, flight_log(flight, dialect))
-    truth = flight.recording.channels
+    truth = flight.channels
     channels = r.channels
     assert (r.format, r.frame, r.vehicle) == ("dataflash", Frame.NED, "rotary wing")
     names = ("velocity_z", "reference_position_z", "battery_voltage")
@@ -64,7 +64,7 @@ def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
 
 def test_attitude_turns_without_a_jump(tmp_path, flight):
     r = read(tmp_path, flight_log(flight, "3.4"))
-    tilt = flight.recording.channels["cos_tilt"].values
+    tilt = flight.channels["cos_tilt"].values
     w, x, y, z = (r.channels[f"attitude_{part}"].values for part in "wxyz")
     np.testing.assert_allclose(1.0 - 2.0 * (x * x + y * y), tilt, atol=2e-5)
     assert max(np.abs(np.diff(one)).max() for one in (w, z)) < 0.01  # yaw goes from 350 to 10 degrees
@@ -107,7 +107,7 @@ def without(writer, *names):
 
 def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(tmp_path, flight):
     r = read(tmp_path, without(flight_log(flight, "4.6"), "RATE", "CTUN"))
-    share = flight.recording.channels["rotor_command_1"].values[::10]
+    share = flight.channels["rotor_command_1"].values[::10]
     np.testing.assert_allclose(r.channels["input"].values, share**2, atol=2e-3)
     assert r.channels["input"].source == "RCOU through the thrust curve"
 
@@ -146,6 +146,7 @@ def test_delays_of_filters_are_taken_off(tmp_path, flight):
     ("axis", "name", "factor"),
     [
         (11, "injected_torque_y", 1.0),
+        (13, "injected_throttle", 1.0),
         (7, "reference_angular_rate_x", np.pi / 180.0),
         (3, "reference_yaw", np.pi / 180.0),
     ],
@@ -160,11 +161,21 @@ def test_sweeps_of_system_identification(tmp_path, flight, axis, name, factor):
     within = (channel.time_s > 4.99) & (channel.time_s < 9.995)
     np.testing.assert_allclose(channel.values[within], wave * factor, atol=1e-6)
     outside = channel.values[~within]
-    assert np.all(outside == 0.0) if axis == 11 else np.all(np.isnan(outside))
+    assert np.all(outside == 0.0) if axis > 10 else np.all(np.isnan(outside))
 
 
-def test_a_sweep_into_the_throttle_is_named(tmp_path, flight):
-    writer = flight_log(flight, "4.6").add("SIDS", 4.9, "B", Ax=13)
+@pytest.mark.parametrize(("axis", "by_sticks"), [(7, True), (13, True), (14, False), (0, False)])
+def test_who_flies_in_system_identification(tmp_path, flight, axis, by_sticks):
+    """A sweep of position or velocity has its loops; beside others the sticks set throttle and attitude."""
+    r = read(tmp_path, flight_log(flight, "3.4", modes={0.0: 25}).parameters(SID_AXIS=axis))
+    for name in ("pilot_in_control", "input_open_loop", "pilot_sets_attitude"):
+        assert r.channels[name].values.tolist() == [float(by_sticks)], name
+    assert ("reference_roll" in r.channels) is by_sticks
+    assert ("reference_position_z" in r.channels) is not by_sticks
+
+
+def test_a_sweep_of_the_position_is_named(tmp_path, flight):
+    writer = flight_log(flight, "4.6").add("SIDS", 4.9, "B", Ax=14)
     writer.add("SIDD", [5.0, 5.1], "f", Targ=[0.1, 0.2])
     assert "sweep_unused" in findings(read(tmp_path, writer))
 

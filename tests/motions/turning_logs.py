@@ -48,8 +48,9 @@ def turned(
     rate_hz: float = 200.0,
     disturbance: float = 3.0,
     noise: float = 0.1,
+    injected: np.ndarray | None = None,
 ) -> Recording:
-    """A log of attitude steps of some size [rad] about each axis."""
+    """A log of attitude steps of some size [rad] about each axis; `injected` is added to the torques."""
     flown, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
     effect = np.array(flown.effectiveness)
     reference = np.stack([steps(rng, count, size) for _ in AXES], axis=1)
@@ -74,7 +75,8 @@ def turned(
         slope = kept * slope + (1.0 - kept) * (before - rate) / STEP_S
         before = rate
         wanted = outer * (reference[k] - state[:, 2]) - rate
-        issued[k + flown.delayed] = np.clip(gain * wanted + derivative * slope, -1.0, 1.0)
+        asked = gain * wanted + derivative * slope + (0.0 if injected is None else injected[k])
+        issued[k + flown.delayed] = np.clip(asked, -1.0, 1.0)
         inputs = np.stack([issued[k], torque[k]], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S

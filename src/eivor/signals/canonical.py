@@ -100,6 +100,7 @@ BUILT_IN: tuple[CanonicalChannel, ...] = (
     CanonicalChannel("injected_torque_x", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("injected_torque_y", "", held=True, flipped=True, free_unit=True, exogenous=True),
     CanonicalChannel("injected_torque_z", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    CanonicalChannel("injected_throttle", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("pilot_throttle", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("pilot_in_control", "", held=True, exogenous=True),
     CanonicalChannel("input_open_loop", "", held=True, exogenous=True),

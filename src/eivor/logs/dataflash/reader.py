@@ -186,7 +186,8 @@ def _add(reading: Reading, name: str, source: Source) -> None:
     if source.zero_is_absent and not np.any(np.nan_to_num(values)):
         return
     if source.needs_height_loop:
-        values[reading.modes_at(table, WITHOUT_HEIGHT_MODES, before=True)] = np.nan
+        manual = reading.with_sweeps(WITHOUT_HEIGHT_MODES)
+        values[reading.modes_at(table, manual, before=True)] = np.nan
         values[reading.landed_at(table)] = np.nan
     reading.add(
         name,

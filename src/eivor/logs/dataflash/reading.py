@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eivor.logs.dataflash.messages import Messages
-from eivor.logs.dataflash.sources import LANDED_EVENTS
+from eivor.logs.dataflash.sources import LANDED_EVENTS, LAST_STICK_AXIS, SWEEP_MODE
 from eivor.logs.silences import silenced
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
@@ -107,6 +107,14 @@ class Reading:
             The answer where the mode is not known.
         """
         return self._stated(table, "MODE", "ModeNum", {float(mode): 1.0 for mode in modes}, before)
+
+    def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
+        """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
+        settings = self.tables.get("SIDS")
+        told = [self.parameters.get("SID_AXIS", 0.0)]
+        if settings is not None and settings.has("Ax") and settings.count:
+            told = settings.values("Ax").tolist()
+        return (*modes, SWEEP_MODE) if all(0 < axis <= LAST_STICK_AXIS for axis in told) else modes
 
     def landed_at(self, table: Messages) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was on the ground at each message, by its events; no where they do not say."""

@@ -151,8 +151,12 @@ OPEN_LOOP_MODES = (0, 1)
 #: Sticks set the attitude in stabilize and altitude hold, rates in acro.
 ATTITUDE_MODES = (0, 2)
 RATE_MODES = (1,)
-#: Modes without a loop that holds the height: stabilize, acro, drift, flip, and system identification.
-WITHOUT_HEIGHT_MODES = (0, 1, 11, 14, 25)
+#: In system identification sticks set throttle and attitude as in stabilize, while the sweep is on an axis up
+#: to this one; sweeps of position and velocity, behind it, have a loop for all.
+SWEEP_MODE = 25
+LAST_STICK_AXIS = 13
+#: Modes without a loop that holds the height: stabilize, acro, drift and flip.
+WITHOUT_HEIGHT_MODES = (0, 1, 11, 14)
 
 #: Events: disarmed and landed, and what ends either.
 LANDED_EVENTS = {11: 1.0, 18: 1.0, 28: 0.0}
@@ -184,6 +188,7 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
         for kind, mode in (("", "in acro mode"), ("feedback_", "in other modes"))
     },
     **{f"injected_torque_{axis}": ("SIDD.Targ of a sweep into the mixer",) for axis in "xyz"},
+    "injected_throttle": ("SIDD.Targ of a sweep into the throttle",),
     "pilot_throttle": ("RCIN.C3",),
     "pilot_in_control": ("MODE.ModeNum",),
     "pilot_sets_attitude": ("MODE.ModeNum",),

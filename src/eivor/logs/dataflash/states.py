@@ -26,7 +26,7 @@ def add_states(reading: Reading) -> None:
     column = next((name for name in ("ModeNum", "Mode") if modes is not None and modes.has(name)), "")
     if modes is not None and column and modes.clock:
         for name, known in _BY_MODE.items():
-            within = np.isin(modes.values(column), known).astype(np.float64)
+            within = np.isin(modes.values(column), reading.with_sweeps(known)).astype(np.float64)
             reading.add(name, modes, within, f"MODE.{column}")
     _add_landed(reading)
     _add_throttle(reading)

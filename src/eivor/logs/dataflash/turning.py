@@ -2,7 +2,8 @@
 
 ATT holds angles in degrees: yaw first, then pitch, then roll. Its setpoints, and the rates' in RATE, are the
 pilot's in some modes and a loop's in the others. System identification (SIDD, with the axis in SIDS.Ax) adds
-a sweep: to the attitude asked for (1 to 6), to the rates asked for (7 to 9), or to the torques (10 to 12).
+a sweep: to the attitude asked for (1 to 6), to the rates asked for (7 to 9), to the torques (10 to 12), or to
+the throttle (13).
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ SWEPT = {
     **{4 + n: (f"reference_{angle}", _DEG) for n, angle in enumerate(_ANGLES)},
     **{7 + n: (f"reference_angular_rate_{axis}", _DEG) for n, axis in enumerate("xyz")},
     **{10 + n: (f"injected_torque_{axis}", 1.0) for n, axis in enumerate("xyz")},
+    13: ("injected_throttle", 1.0),
 }
 
 
@@ -66,7 +68,8 @@ def _quaternion(
 def add_setpoints(reading: Reading) -> None:
     """Add the setpoints of attitude and of rates, told apart by who makes them."""
     wanted: list[tuple[str, str, str, tuple[int, ...]]] = [
-        (f"reference_{angle}", "ATT", column, ATTITUDE_MODES) for angle, column in ATTITUDE_SETPOINTS.items()
+        (f"reference_{angle}", "ATT", column, reading.with_sweeps(ATTITUDE_MODES))
+        for angle, column in ATTITUDE_SETPOINTS.items()
     ]
     wanted += [
         (f"reference_angular_rate_{axis}", "RATE", column, RATE_MODES)
@@ -126,9 +129,11 @@ def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.n
 
 
 def _add_injection(reading: Reading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
-    """Add a sweep into the mixer: nothing is injected before, between and after its samples."""
+    """Add a sweep into mixer or throttle: nothing is injected before, between and after its samples."""
     reading.add(name, sweep, values, "SIDD.Targ")
-    channel = reading.channels[name]
+    channel = reading.channels.get(name)
+    if channel is None:
+        return
     ends = np.append(channel.time_s[1:], np.inf)
     last = np.flatnonzero(ends - channel.time_s > SILENCE_S)
     step = float(np.median(np.diff(channel.time_s))) if channel.time_s.size > 1 else 0.01

@@ -26,11 +26,13 @@ INPUTS = (
 )
 #: Measured states that tell the lag where commands are the input.
 TELEMETRY = ("rotor_speed",)
-#: What the vehicle was asked to do: the setpoints of a trajectory, and the pilot's stick. The velocity
+#: What the vehicle was asked to do: what an identification mode adds to the throttle, the setpoints of a
+#: trajectory, and the pilot's stick. The velocity
 #: setpoint that a position loop computes answers the vehicle. In modes without height control nothing feeds
 #: back to the thrust, which is its own instrument: the stick is what it was made of, logged more slowly.
 REFERENCES = (
     ReferenceSource("input", open_loop="input_open_loop"),
+    ReferenceSource("injected_throttle"),
     ReferenceSource("reference_position_z"),
     ReferenceSource("reference_velocity_z"),
     ReferenceSource("reference_acceleration_z"),
