@@ -287,6 +287,8 @@ def test_compare_lists_every_method_as_if_it_had_been_asked_for(log, coarse_fit)
         "generalized_iv",
         "generalized_iv_tls",
         "bias_compensated_least_squares",
+        "spectral_giv",
+        "whittle_ml",
     ]
     assert result.quantities["viscous_friction"] == coarse_fit.quantities["viscous_friction"]
     for row in result.comparisons[:2]:

@@ -37,7 +37,7 @@ from eivor.simulation.flights.vertical_flight_spec import STEP_S, VerticalFlight
 
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
 #: Methods that listen to the differentiated velocity too.
-WHITENED = ("reference_iv", "whitened_least_squares")
+WHITENED = ("reference_iv", "whitened_least_squares", "spectral_giv", "whittle_ml")
 #: Relative tolerance of K and of K_u.
 EXACT, SPECTRAL = 1e-6, 0.015
 #: Vehicles at the corners of the study's grid: lag [s], delay [s], K [1/s].

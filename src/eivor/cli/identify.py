@@ -71,7 +71,7 @@ def identify(
         typer.Option(
             metavar="NAME",
             help="reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv, "
-            "generalized_iv, generalized_iv_tls, bias_compensated_least_squares.",
+            "generalized_iv, generalized_iv_tls, bias_compensated_least_squares, spectral_giv, whittle_ml.",
         ),
     ] = "reference_iv",
     lag: arguments.LagOption = "",

@@ -35,8 +35,9 @@ class Candidate:
         How the covariance is estimated.
     streamed_covariance : JointCovariance, optional
         Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
-    pooled_criterion : float, optional
-        Criterion of the pool that the estimate is a part of.
+    own_criterion : float, optional
+        What it is compared by, in place of `Inference.criterion`: of the pool that it is a part of, or a
+        likelihood with spectra of its own.
     origin : ndarray, shape (n,), optional
         What the solution's unknowns are changes of, where the equations were made linear. Default: zero.
     """
@@ -46,7 +47,7 @@ class Candidate:
     profiles: tuple[NuisanceProfile, ...] = ()
     covariance_estimator: CovarianceEstimator = DEFAULT
     streamed_covariance: JointCovariance | None = field(default=None, repr=False)
-    pooled_criterion: float | None = None
+    own_criterion: float | None = None
     origin: Float[np.ndarray, " n"] | None = None
 
     @cached_property
@@ -119,7 +120,7 @@ class Candidate:
     @property
     def criterion(self) -> float:
         """What candidates are compared by, see `Inference.criterion`."""
-        return self.inference.criterion if self.pooled_criterion is None else self.pooled_criterion
+        return self.inference.criterion if self.own_criterion is None else self.own_criterion
 
     @cached_property
     def covariance(self) -> JointCovariance:

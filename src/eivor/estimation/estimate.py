@@ -21,6 +21,7 @@ from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import least_of_competitors
+from eivor.estimation.fitted_noise import FittedNoise
 from eivor.inference.covariances.estimators import CovarianceEstimator, check_covariance_estimator
 from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.sets.ellipse import Ellipse, joint_ellipse
@@ -53,6 +54,8 @@ class Estimate:
     bounded : tuple of tuple of str
         Discrete nuisances whose sum is known between bounds: every value of it counts, and candidates are
         compared with those of the same value only.
+    noises : tuple of FittedNoise
+        Noises that were fitted together with the parameters, by a spectral method.
     """
 
     method: str
@@ -60,6 +63,7 @@ class Estimate:
     candidates: tuple[Candidate, ...]
     reasons: tuple[Reason, ...] = ()
     bounded: tuple[tuple[str, ...], ...] = ()
+    noises: tuple[FittedNoise, ...] = ()
 
     @property
     def status(self) -> Status:
@@ -294,5 +298,6 @@ class Estimate:
                 f"{parameter.name:<20}{self.parameters[parameter.name]:>12.5g}"
                 f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>30}  {parameter.unit}"
             )
+        lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

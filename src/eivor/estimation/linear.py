@@ -244,7 +244,9 @@ def _candidate(
     )
     at = {nuisance.name: found.at[nuisance.name] for nuisance in problem.nuisances}
     covariance = FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT
-    return Candidate(at, solved, found.profiles, covariance)
+    own = weights.criterion(solved.solution.theta, found.at)
+    criterion = None if own is None else own + sum(solved.misfits)
+    return Candidate(at, solved, found.profiles, covariance, own_criterion=criterion)
 
 
 def _minimum(

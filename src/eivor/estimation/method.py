@@ -46,6 +46,11 @@ class Method(ABC):
         """True when problems must have instruments."""
 
     @property
+    def needs_instruments_of_flights(self) -> bool:
+        """True when flights must give instruments, even where other problems need none."""
+        return self.needs_instruments
+
+    @property
     def takes_out_own_noise(self) -> bool:
         """True when the noise of the regressors must be known; not so by default."""
         return False

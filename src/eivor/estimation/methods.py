@@ -253,6 +253,8 @@ TABLE: dict[str, Callable[[], Method]] = {
     "generalized_iv": generalized_iv,
     "generalized_iv_tls": generalized_iv_tls,
     "bias_compensated_least_squares": bias_compensated_least_squares,
+    "spectral_giv": spectral_giv,
+    "whittle_ml": whittle_ml,
 }
 
 

@@ -45,12 +45,15 @@ class NoiseLevel:
         The channel's.
     source : str
         Where it is from, in words; empty for what nothing is declared of, which is read off the grid.
+    density : float
+        Amplitude density at frequencies far below the rate of the log, in the channel's unit per root of Hz.
     """
 
     std: float
     logged_std: float
     unit: str
     source: str = ""
+    density: float = math.nan
 
     @property
     def sentence(self) -> str:
@@ -102,7 +105,8 @@ def noise_levels(
             levels[name] = NoiseLevel(level, level, unit_of(name))
         else:
             std = logged if channel.held else logged * math.sqrt(share_left(channel, grid, used))
-            levels[name] = NoiseLevel(std, logged, unit_of(name), source)
+            density = logged * math.sqrt(2.0 / channel.rate_hz) if channel.rate_hz else math.nan
+            levels[name] = NoiseLevel(std, logged, unit_of(name), source, density)
     return levels
 
 

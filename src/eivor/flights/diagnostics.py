@@ -237,6 +237,14 @@ def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> tuple
     return tuple(found)
 
 
+def fitted_noise_findings(estimate: Estimate) -> tuple[Finding, ...]:
+    """Noises that were fitted together with the parameters, if the method fits any."""
+    if not estimate.noises:
+        return ()
+    told = "; ".join(noise.sentence for noise in estimate.noises)
+    return (Finding("fitted_noise", f"Noises that fit what the estimate leaves: {told}."),)
+
+
 def _saturation(flight: PreparedFlight, prefix: str) -> list[Finding]:
     channels = flight.recording.family(flight.input.name)
     samples = sum(channel.values.size for channel in channels)

@@ -19,6 +19,7 @@ from eivor.flights.declared_noise import check_declared
 from eivor.flights.diagnostics import (
     fit_diagnostics,
     fit_numbers,
+    fitted_noise_findings,
     flight_diagnostics,
     flight_findings,
 )
@@ -73,7 +74,7 @@ def estimated(
         return without_fit(motion, prepared, options, reason)
     method = by_name(options.method)
     chosen = instruments(flying, options, method)
-    if method.needs_instruments and chosen.absent:
+    if method.needs_instruments_of_flights and chosen.absent:
         method = by_name(motion.direct)
     try:
         check_declared(
@@ -205,7 +206,7 @@ def with_fit(
     unjudged = with_allowances(
         motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged, at)
     )
-    overall, quantities = judged(motion, unjudged, strength(fit), at)
+    overall, quantities = judged(motion, unjudged, strength(fit), at, fit.estimate.reasons)
     return FlightEstimate(
         motion,
         options,
@@ -217,7 +218,11 @@ def with_fit(
         | fit_numbers(fit.checks, fit.estimate, motion.headline)
         | ({} if fit.sensors is None else fit.sensors.numbers)
         | dict(at.numbers),
-        (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities)),
+        (
+            *flight_findings(prepared, motion.words),
+            *fitted_noise_findings(fit.estimate),
+            *motion.findings(prepared, quantities),
+        ),
     )
 
 
@@ -266,13 +271,21 @@ def strength(fit: Fit) -> Strength:
 
 
 def judged(
-    motion: Motion[Any], unjudged: Mapping[str, Unjudged], numbers: Strength, at: Circumstances
+    motion: Motion[Any],
+    unjudged: Mapping[str, Unjudged],
+    numbers: Strength,
+    at: Circumstances,
+    of_estimate: tuple[Reason, ...] = (),
 ) -> tuple[Verdict, dict[str, Quantity]]:
-    """The overall verdict, and the quantities with their own."""
+    """The overall verdict, and the quantities with their own; grounds of the estimate are each one's."""
     grounds = {
-        name: (*reasons, *unbounded_reasons(unjudged[name], motion.wording[name].words, reasons))
+        name: (
+            *reasons,
+            *of_estimate,
+            *unbounded_reasons(unjudged[name], motion.wording[name].words, reasons),
+        )
         if name in unjudged
-        else tuple(reasons)
+        else (*reasons, *of_estimate)
         for name, reasons in motion.grounds(unjudged, numbers, at).items()
     }
     against = dict.fromkeys(reason for name in motion.headline for reason in grounds[name])

@@ -247,6 +247,28 @@ def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
             yield at | {nuisance.name: max(at[nuisance.name], 0.0) for nuisance in bounded}
 
 
+@dataclass(frozen=True, slots=True)
+class SampledState:
+    """A state whose derivative was measured as well, so that bins have two candidates for one response.
+
+    Parameters
+    ----------
+    place : int
+        Number of the linear parameter whose regressor is minus the state. The last candidate is the state's
+        central difference.
+    state_density, response_density : float
+        Amplitude densities of the declared noises of the state and of the response, in their units per root
+        of Hz, far below the rate of the log; NaN where nothing is declared.
+    driven_density : ndarray, shape (n,)
+        Of the regressors' declared noises; zero for the state's own, and for what is exact.
+    """
+
+    place: int
+    state_density: float
+    response_density: float
+    driven_density: Float[np.ndarray, " n"]
+
+
 class SeparableProblem(ABC):
     """A regression for each value of the nuisances.
 
@@ -270,6 +292,10 @@ class SeparableProblem(ABC):
     @abstractmethod
     def bins(self, at: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
+
+    def sampled_state(self, _at: Values, /) -> SampledState | None:
+        """The state whose derivative the candidates for the response are; by default there is none."""
+        return None
 
     @property
     def few_rows(self) -> bool:

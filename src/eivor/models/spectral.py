@@ -130,6 +130,12 @@ class SpectralRun:
         position = np.arange(self.count)
         return np.maximum(position - half, 0), np.minimum(position + half + 1, self.count)
 
+    @property
+    def smoothed_over(self) -> Float[np.ndarray, " bins"]:
+        """How many bins `smoothed` takes the mean of."""
+        lower, upper = self._windows
+        return (upper - lower).astype(np.float64)
+
     def smoothed(self, values: Float[np.ndarray, "bins columns"]) -> Float[np.ndarray, "bins columns"]:
         """Mean over the bins within +-30 % of each frequency, and at least +-10 bins."""
         lower, upper = self._windows

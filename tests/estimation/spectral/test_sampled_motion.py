@@ -88,7 +88,7 @@ def test_the_noise_fit_knows_its_gradient() -> None:
     fit = _Fit(motion, residual, start)
     at = fit.vector(start) + 0.1
     slopes: list[float] = []
-    for unit in np.eye(5):
+    for unit in np.eye(6):
         ahead, behind = (fit.value_and_gradient(at + sign * 1e-5 * unit)[0] for sign in (1, -1))
         slopes.append((ahead - behind) / 2e-5)
     np.testing.assert_allclose(fit.value_and_gradient(at)[1], slopes, rtol=1e-6)

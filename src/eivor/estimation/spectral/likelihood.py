@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.estimation.spectral.noise_fit import fitted_noise
+from eivor.estimation.fitted_noise import FittedNoise
+from eivor.estimation.spectral.noise_fit import MEASURE, fitted_noise, told_noises
 from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.pair_spectrum import Pair
 from eivor.estimation.spectral.pilot import Pilot
@@ -41,12 +42,15 @@ class Likelihood:
         Spectra that were fitted or declared.
     settled : bool
         False when passes or evaluations ran out.
+    noises : tuple of FittedNoise
+        The same noises with their errors; those that were declared have none.
     """
 
     motion: SampledMotion
     transient: float
     noise: NoiseModel
     settled: bool
+    noises: tuple[FittedNoise, ...]
 
 
 def maximum_likelihood(pilot: Pilot) -> Likelihood:
@@ -61,7 +65,8 @@ def maximum_likelihood(pilot: Pilot) -> Likelihood:
         if settled:
             break
         noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
-    return Likelihood(motion, transient, noise, settled)
+    told = told_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
+    return Likelihood(motion, transient, noise, settled, told)
 
 
 def _residual(motion: SampledMotion, transient: float) -> Pair:

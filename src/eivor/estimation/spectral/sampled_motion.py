@@ -67,9 +67,15 @@ class SampledRecord:
         """Spectrum of a line from -1/2 to 1/2 over the record."""
         return unitary_bins(np.linspace(-0.5, 0.5, self.count))
 
+    @cached_property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """log(2 sin(w/2))."""
+        scale: Float[np.ndarray, " bins"] = np.log(2.0 * np.sin(0.5 * self.angle))
+        return scale
+
     def power(self, order: float) -> Float[np.ndarray, " bins"]:
         """Spectrum of Delta^order of white noise of variance one."""
-        spectrum: Float[np.ndarray, " bins"] = (2.0 * np.sin(0.5 * self.angle)) ** (2.0 * order)
+        spectrum: Float[np.ndarray, " bins"] = np.exp(2.0 * order * self.log_scale)
         return spectrum
 
 
@@ -91,6 +97,11 @@ class SampledMotion:
     friction: float
     gain: float
     blend: float = 0.0
+
+    @property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """Of the record, see `SampledRecord.log_scale`."""
+        return self.record.log_scale
 
     @property
     def decay(self) -> float:

@@ -15,7 +15,8 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import EstimationError
-from eivor.estimation.spectral.noise_fit import fitted_noise
+from eivor.estimation.fitted_noise import FittedNoise
+from eivor.estimation.spectral.noise_fit import MEASURE, fitted_noise, told_noises
 from eivor.estimation.spectral.pair_spectrum import Pair, PairSpectrum
 from eivor.estimation.spectral.pilot import Pilot
 from eivor.estimation.spectral.sampled_motion import SampledMotion
@@ -54,6 +55,8 @@ class SpectralSolution:
         Whether rho is a parameter.
     change : float
         Relative change of the parameters in the last pass.
+    noises : tuple of FittedNoise
+        Of the noise model, as it was fitted last.
     """
 
     motion: SampledMotion
@@ -65,6 +68,7 @@ class SpectralSolution:
     factors: Float[np.ndarray, " bins"]
     free_blend: bool
     change: float = np.inf
+    noises: tuple[FittedNoise, ...] = ()
 
     @property
     def settled(self) -> bool:
@@ -206,7 +210,7 @@ def solved_equations(
         now = replace(now, change=change)
         if now.settled:
             break
-    return now
+    return replace(now, noises=told_noises(now.motion, now.residual, noise, pilot.prior, MEASURE))
 
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:

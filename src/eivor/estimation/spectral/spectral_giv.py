@@ -16,6 +16,7 @@ from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
+from eivor.estimation.spectral.of_flights import spectral_giv_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
@@ -32,6 +33,7 @@ from eivor.inference.covariances.estimators import EqualWeightedCosines
 from eivor.inference.sets.ellipse import hotelling_quantile
 from eivor.inference.verdict import Reason
 from eivor.models.equation import Parameter
+from eivor.models.separable import SeparableProblem
 from eivor.shapes import Float
 
 #: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
@@ -65,14 +67,23 @@ class SpectralGeneralizedIV(Method):
         """No: without others, the input's own spectrum serves, less what its noise adds."""
         return False
 
+    @property
+    def needs_instruments_of_flights(self) -> bool:
+        """Yes: their input answers the disturbances."""
+        return True
+
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2.
+
+        Of flights lag and delay are searched for, and the state of the actuators is linear between samples.
 
         Raises
         ------
         UsageError, MissingNoiseError, TooFewSamplesError
             When the problem is no evenly sampled motion with a declared noise of its input.
         """
+        if isinstance(problem, SeparableProblem):
+            return spectral_giv_of_flights(self.name, problem)
         return _estimated(self.name, problem, alone_from=SHORT_RECORD)
 
 
@@ -128,7 +139,8 @@ class _Found:
         candidate = Candidate(
             {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
         )
-        return with_grounds(Estimate(name, parameters, (candidate,)), settled=self.solution.settled)
+        answer = Estimate(name, parameters, (candidate,), noises=self.solution.noises)
+        return with_grounds(answer, settled=self.solution.settled)
 
 
 def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
@@ -219,4 +231,5 @@ def _combined(name: str, sampled: SampledProblem, plain: Estimate, found: _Found
     alone = joint_covariance(found.covariance)
     of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
     candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
-    return with_grounds(Estimate(name, parameters, (candidate,)), settled=found.solution.settled)
+    answer = Estimate(name, parameters, (candidate,), noises=found.solution.noises)
+    return with_grounds(answer, settled=found.solution.settled)

@@ -66,12 +66,30 @@ def corrected_spectrum(
         sums = np.concatenate([np.zeros(1, values.dtype), np.cumsum(values)])
         return (sums[last] - sums[first]) / count
 
-    share = count / (count + IDENTITY)
-    one = share * averaged(np.abs(white[0]) ** 2) + 1.0 - share
-    two = share * averaged(np.abs(white[1]) ** 2) + 1.0 - share
-    across = share * averaged(white[0] * white[1].conj())
+    products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2], axis=1)
+    one, two = shrunk(np.stack([averaged(each) for each in products.T], axis=1), count).T
+    across = averaged(white[0] * white[1].conj()) * (count / (count + IDENTITY))
+    return recoloured(model, one, two, across)
+
+
+def shrunk(
+    powers: Float[np.ndarray, "bins k"], count: Float[np.ndarray, " bins"]
+) -> Float[np.ndarray, "bins k"]:
+    """Averaged powers of what should be one, drawn to that by as much as it counts beside them."""
+    share = (count / (count + IDENTITY))[:, None]
+    drawn: Float[np.ndarray, "bins k"] = share * powers + 1.0 - share
+    return drawn
+
+
+def recoloured(
+    model: PairSpectrum,
+    one: Float[np.ndarray, " bins"],
+    two: Float[np.ndarray, " bins"],
+    across: Complex[np.ndarray, " bins"],
+) -> PairSpectrum:
+    """L P L^H of a model L L^H and powers P of what it whitened."""
     top, below, bottom = model.root
-    # L P L^H with L = [top 0; below bottom]
+    # L = [top 0; below bottom]
     return PairSpectrum(
         top**2 * one,
         np.abs(below) ** 2 * one + bottom**2 * two + 2.0 * (below * across * bottom).real,

@@ -12,6 +12,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
+from eivor.estimation.spectral.of_flights import whittle_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
@@ -19,6 +20,7 @@ from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.estimation.spectral.weights import signal_weights
 from eivor.estimation.spectral.whitened_rows import solved_rows
 from eivor.inference.verdict import Reason
+from eivor.models.separable import SeparableProblem
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +55,8 @@ class WhittleLikelihood(Method):
         UsageError, MissingNoiseError, TooFewSamplesError
             When the problem is no evenly sampled motion with a declared noise of its input.
         """
+        if isinstance(problem, SeparableProblem):
+            return whittle_of_flights(self.name, problem)
         sampled = sampled_problem(problem, self.name)
         if sampled.instrument is not None:
             raise MissingNoiseError(
@@ -70,7 +74,7 @@ class WhittleLikelihood(Method):
         solved = replace(solved, solution=replace(solved.solution, theta=values))
         covariance = joint_covariance(spectral_covariance(solution))
         candidate = Candidate({}, solved, streamed_covariance=covariance)
-        answer = Estimate(self.name, sampled.parameters, (candidate,))
+        answer = Estimate(self.name, sampled.parameters, (candidate,), noises=found.noises)
         return with_grounds(answer, settled=found.settled)
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:

@@ -28,6 +28,10 @@ class WeightedRows(ABC):
         """Mean of psi [phi' y] at many values of the nuisances."""
         return np.stack([_mean_products(self.rows(at)) for at in points])
 
+    def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
+        """What candidates are compared by, where weights know better than the estimate; by default None."""
+        return None
+
     @property
     @abstractmethod
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:

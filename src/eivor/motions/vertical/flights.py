@@ -5,6 +5,7 @@ One separable problem: friction, gain and lag are shared by all flights, the int
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -22,11 +23,11 @@ from eivor.models.lagged_runs import (
     measured_state,
 )
 from eivor.models.regression import Regression
-from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.motions.vertical.row_noise import row_noise
+from eivor.motions.vertical.row_noise import noise_powers, row_noise
 from eivor.motions.vertical.terms import OptionalTerm, TermIngredients, term_instruments
 from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
@@ -53,6 +54,8 @@ class VerticalFlight:
     radii, voltage : ndarray, shape (n,), optional
         Height over the ground in rotor radii, and the supply's voltage over that which the gain belongs to,
         less one: for terms that need them.
+    densities : mapping of str to float
+        Amplitude densities of declared noises by channel, in the channel's unit per root of Hz.
     """
 
     signals: Signals
@@ -62,6 +65,7 @@ class VerticalFlight:
     band_hz: tuple[float, float] = BAND_HZ
     radii: Float[np.ndarray, " n"] | None = None
     voltage: Float[np.ndarray, " n"] | None = None
+    densities: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def velocity(self) -> Float[np.ndarray, " n"]:
@@ -251,3 +255,16 @@ class VerticalFlights(SeparableProblem):
     def bins(self, at: Values) -> SpectralRegression:
         """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
         return self.runs.bins(at)
+
+    def sampled_state(self, _at: Values) -> SampledState | None:
+        """The vertical velocity, where every flight has an accelerometer."""
+        if any(flight.acceleration is None for flight in self.flights):
+            return None
+        lengths = [
+            sum(one.shape[0] for one in flight.cut(flight.velocity[:, None])) for flight in self.flights
+        ]
+        each = [noise_powers(flight, self.motion.input_map) for flight in self.flights]
+        velocity, driving, response = np.sqrt(np.average(each, axis=0, weights=lengths)).tolist()
+        driven = np.zeros(len(self.parameters))
+        driven[1] = driving
+        return SampledState(0, velocity, response, driven)

@@ -395,5 +395,10 @@ class Vertical(Motion[VerticalFlights]):
 def vertical_flight(flight: PreparedFlight) -> VerticalFlight:
     """Return what the regressions of vertical motion need of a flight."""
     return VerticalFlight(
-        flight.signals, flight.input.name, flight.input.measured, flight.runs, flight.band_hz
+        flight.signals,
+        flight.input.name,
+        flight.input.measured,
+        flight.runs,
+        flight.band_hz,
+        densities={name: level.density for name, level in flight.noise.items() if level.source},
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from eivor.shapes import Float
 from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.families import family_members
 from eivor.signals.input_map import InputMap
+from eivor.signals.noise import WhiteNoise
 
 if TYPE_CHECKING:
     from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
@@ -63,6 +65,17 @@ def input_variance(flight: VerticalFlight, level: InputMap) -> float:
     tilt = flight.signals.channel("cos_tilt")[:, None]
     each = np.concatenate(flight.cut((tilt * slopes / len(names)) ** 2))
     return float(each.mean(axis=0) @ variances)
+
+
+def noise_powers(flight: VerticalFlight, level: InputMap) -> tuple[float, float, float]:
+    """Powers per Hz of the errors in z', U and z'' at low frequencies; NaN for what nothing is declared of.
+
+    There the actuators' response is one. An input that nothing is declared of is exact.
+    """
+    noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
+    driving = input_variance(replace(flight, signals=replace(flight.signals, noise=noise)), level)
+    velocity, response = (flight.densities.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
+    return velocity**2, driving, response**2
 
 
 def _response(flight: VerticalFlight, at: Values) -> Float[np.ndarray, " lags"]:
