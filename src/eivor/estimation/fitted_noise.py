@@ -34,5 +34,5 @@ class FittedNoise:
         strength = f"{self.strength:.3g}"
         if self.strength_error:
             strength += f" ± {self.strength_error:.1g}"
-        order = f"{self.order:.2f}" + (f" ± {self.order_error:.1g}" if self.order_error else "")
+        order = f"{self.order:z.2f}" + (f" ± {self.order_error:.1g}" if self.order_error else "")
         return f"{self.of} {strength} {self.measure}, order {order}"
