@@ -54,8 +54,10 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "--to TARGET or --draws N"),
-        (["--to", "px4", "--draws", "5"], "--to TARGET or --draws N"),
+        ([], "--to TARGET, --draws N or both"),
+        (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
+        (["--to", "isaaclab"], "It takes draws: --draws 1000"),
+        (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
         (["--to", "px"], "a target out of px4"),
         (["--draws", "5"], "-o draws.parquet"),
         (["--draws", "0", "-o", "d.parquet"], "0 draws"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,7 +18,7 @@ from eivor.errors import NotIdentifiedError, UsageError
 from eivor.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from eivor.exports.fitted import Known, Supplied
+    from eivor.exports.fitted import Exported, Known, Supplied
     from eivor.report.saved_fit import SavedFit
 
 EXIT_CODES = (
@@ -47,7 +48,8 @@ def export(
         typer.Option(
             "--draws",
             metavar="N",
-            help="In place of --to: N joint draws of the identified parameters, as Parquet.",
+            help="N joint draws of the identified parameters: without --to as Parquet, else as the "
+            "simulator's randomisation (rotorpy, mujoco, isaaclab).",
             show_default=False,
         ),
     ] = None,
@@ -87,10 +89,10 @@ def export(
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
-    if bool(to) == (draws is not None):
-        raise UsageError("either --to TARGET or --draws N", "both" if to else "neither", "Give one of them.")
+    if not to and draws is None:
+        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
     supplied = _supplied(mass, prior or [], vehicle)
-    if draws is not None and output == STANDARD_OUTPUT:
+    if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if output != STANDARD_OUTPUT:
         keep_apart({"-o": output_file(output, option="-o")}, {"the result": [fit]})
@@ -98,18 +100,15 @@ def export(
 
     result = load_fit(fit)
     try:
-        if draws is None:
-            return _export(result, to, supplied, output)
+        if draws is None or to:
+            return _export(result.exported(to, supplied, draws, seed), output)
         return _draw(result, draws, seed, supplied, Path(output))
     except NotIdentifiedError as error:
         complain(str(error))
         return ExitCode.NOT_IDENTIFIED
 
 
-def _export(result: SavedFit, to: str, supplied: Supplied, output: str) -> ExitCode:
-    from eivor.exports.targets import target_by_name
-
-    made = target_by_name(to).export(result.fitted, supplied)
+def _export(made: Exported, output: str) -> ExitCode:
     write_out(made.text, output)
     if made.left_out:
         complain(*made.left_out)
@@ -119,7 +118,7 @@ def _export(result: SavedFit, to: str, supplied: Supplied, output: str) -> ExitC
 def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path) -> ExitCode:
     from eivor.report.draws_table import draws_table
 
-    supplied.check_only((), "draws", body=True)
+    replace(supplied, mass=None).check_only((), "draws of a table", body=False)
     table = draws_table(result, count, seed, supplied.mass)
     buffer = io.BytesIO()
     table.write_parquet(buffer)

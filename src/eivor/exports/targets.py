@@ -5,6 +5,7 @@ from __future__ import annotations
 from eivor.errors import UsageError, did_you_mean
 from eivor.exports.ardupilot import ArduPilotParameters
 from eivor.exports.px4 import Px4Parameters
+from eivor.exports.randomisations import RANDOMISATIONS
 from eivor.exports.simulators.drone_models import DroneModelsParameters
 from eivor.exports.simulators.gazebo import GazeboModel
 from eivor.exports.simulators.mujoco import MujocoModel
@@ -40,7 +41,6 @@ def target_by_name(name: str) -> Target:
     """
     if name not in TARGETS:
         known = ", ".join(TARGETS)
-        raise UsageError(
-            f"a target out of {known}", f"'{name}'", did_you_mean(name, TARGETS, "Name one of them.")
-        )
+        remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."
+        raise UsageError(f"a target out of {known}", f"'{name}'", did_you_mean(name, TARGETS, remedy))
     return TARGETS[name]

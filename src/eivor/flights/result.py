@@ -385,11 +385,13 @@ class FlightEstimate:
         mass: tuple[float, float] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
         vehicle: str | Path | None = None,
+        draws: int | None = None,
+        seed: int = 0,
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
         from eivor.report.saved_fit import saved_fit
 
-        return saved_fit(self).export(to, mass=mass, priors=priors, vehicle=vehicle)
+        return saved_fit(self).export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.

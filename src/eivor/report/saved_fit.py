@@ -14,7 +14,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, InputError, UsageError
 from eivor.estimation.derived import JointEstimate
-from eivor.exports.fitted import Fitted, Known, Supplied
+from eivor.exports.fitted import Exported, Fitted, Known, Supplied
+from eivor.exports.randomisations import randomisation_by_name
 from eivor.exports.state_space import StateSpace, state_space
 from eivor.exports.targets import target_by_name
 from eivor.flights.allowance import Allowance, Counts
@@ -220,6 +221,8 @@ class SavedFit:
         mass: tuple[float, float] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
         vehicle: str | Path | None = None,
+        draws: int | None = None,
+        seed: int = 0,
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, as ``eivor export`` writes it.
 
@@ -234,6 +237,10 @@ class SavedFit:
         vehicle : str or path, optional
             A vehicle's file, or the name of a shipped one, for simulators: where its rotors are. Without it
             that of the result, when it has one.
+        draws : int, optional
+            For "rotorpy", "mujoco" and "isaaclab": in place of one vehicle as many joint draws of it.
+        seed : int
+            Of the draws.
 
         Returns
         -------
@@ -254,7 +261,13 @@ class SavedFit:
             {name: _known(name, one) for name, one in (priors or {}).items()},
             None if vehicle is None else load_vehicle(vehicle),
         )
-        return target_by_name(to).export(self.fitted, supplied).text
+        return self.exported(to, supplied, draws, seed).text
+
+    def exported(self, to: str, supplied: Supplied, draws: int | None, seed: int) -> Exported:
+        """What `export` returns, with what is left out of it."""
+        if draws is None:
+            return target_by_name(to).export(self.fitted, supplied)
+        return randomisation_by_name(to).export(self.fitted, supplied, self.sample(draws, seed), seed)
 
     @property
     def fitted(self) -> Fitted:

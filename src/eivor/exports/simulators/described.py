@@ -11,7 +11,7 @@ from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import VERTICAL, Fitted, Known, Number, Supplied
 from eivor.exports.simulators.bodily import bodily
 from eivor.exports.simulators.of_vertical import vertical_parts
-from eivor.exports.simulators.parts import INERTIAS, WORDS, Column, Columns, Part, Parts, itself
+from eivor.exports.simulators.parts import DRAGS, INERTIAS, WORDS, Column, Columns, Part, Parts, itself
 from eivor.inference.quantiles import normal_quantile
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
@@ -29,8 +29,8 @@ FLIGHT = {
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 #: What is given for a thrust, which is this times the mass.
 GAINS = {VERTICAL: "input_gain", RIGID_BODY: "thrust_gain"}
-#: Simulators divide by the lag [s].
-LEAST_LAG = 1e-3
+#: Simulators divide by the lag, and fly off with a drag below zero.
+LEAST = {"actuator_lag": 1e-3} | dict.fromkeys(DRAGS, 0.0)
 #: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
 GIVEN_STREAM = 2
 #: Least value of a draw of what is given, as a share of it.
@@ -208,4 +208,4 @@ def _std(one: Number) -> float:
 
 
 def _at_least(name: str, column: Column) -> Column:
-    return np.maximum(column, LEAST_LAG) if name == "actuator_lag" else column
+    return np.maximum(column, LEAST[name]) if name in LEAST else column

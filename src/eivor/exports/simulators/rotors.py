@@ -16,6 +16,11 @@ from eivor.exports.simulators.parts import Column
 from eivor.motions.vertical.model import GRAVITY
 
 
+def mapped_hover(made: Described) -> Column:
+    """Mapped command at hover."""
+    return made.values["mass"] * GRAVITY / (made.count * made.values["thrust"])
+
+
 @dataclass(frozen=True)
 class Rotors:
     """Numbers of a rotor, a row for each vehicle.
@@ -53,7 +58,7 @@ def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
     """
     values = made.values
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
-    hover = scale * np.sqrt(values["mass"] * GRAVITY / (made.count * thrust))
+    hover = scale * np.sqrt(mapped_hover(made))
     constant = thrust / scale**2 * (gravity / GRAVITY)
     largest = made.thrust_map(values.get("largest_command", zero + np.inf))
     across = [values[name] for name in ("drag_x", "drag_y") if name in values]
