@@ -1,4 +1,4 @@
-"""`eivor identify`: logs in; table, JSON and figure out."""
+"""`eivor identify`: logs in; table, JSON, figure and page out."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, write_out, writing
-from eivor.cli.recordings import chosen_logs, flight_options, named_motion
+from eivor.cli.recordings import ChosenLogs, chosen_logs, flight_options, named_motion
 from eivor.cli.terminal import show, step
 from eivor.errors import MissingChannelError, UsageError
 from eivor.motions import DEFAULT as DEFAULT_MODEL
@@ -44,12 +44,15 @@ class Outputs:
         File, "-" for standard output, empty for none.
     figure : Path or None
         File.
+    html : str
+        File of the page, empty for none.
     card : bool
         Whether the report ends with the flight card.
     """
 
     json: str
     figure: Path | None
+    html: str = ""
     card: bool = False
 
 
@@ -92,6 +95,12 @@ def identify(
             metavar="FILE", help="Draw the fit: FILE.png, FILE.svg or FILE.pdf.", show_default=False
         ),
     ] = "",
+    html: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Write everything as one page that opens in any browser.", show_default=False
+        ),
+    ] = "",
     card: Annotated[
         bool, typer.Option("--card", help="Print the flight card too: what to fly and to log instead.")
     ] = False,
@@ -99,7 +108,7 @@ def identify(
     """Identify a motion from logs: the vertical one of a drone, or another with --model."""
     motion = named_motion(model, vehicle)
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
-    outputs = chosen_outputs(json, figure, chosen.files)
+    outputs = chosen_outputs(json, figure, chosen.files, html)
     options = flight_options(
         motion,
         window=window,
@@ -118,20 +127,31 @@ def identify(
         rotor_radius=rotor_radius,
         noise=noise or (),
     )
-    recordings, windows = chosen.read(options)
-    check_named_instruments(recordings, options.instruments)
-    result = identified(recordings, motion, options, windows)
+    result = result_of(chosen, motion, options)
     deliver(*deliveries(result, replace(outputs, card=card)))
     return exit_code(result)
 
 
-def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]]) -> Outputs:
+def result_of(chosen: ChosenLogs, motion: Motion[Any], options: FlightOptions) -> FlightEstimate:
+    """Read logs and identify them.
+
+    Raises
+    ------
+    EivorError
+        When one cannot be read, or lacks what the motion needs.
+    """
+    recordings, windows = chosen.read(options)
+    check_named_instruments(recordings, options.instruments)
+    return identified(recordings, motion, options, windows)
+
+
+def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]], html: str = "") -> Outputs:
     """Outputs that can be written, and over nothing that is read.
 
     Raises
     ------
     UsageError
-        When one of them is a log, the map, or the other one.
+        When one of them is a log, the map, or another one.
     InputError
         When one cannot be written.
     """
@@ -140,8 +160,10 @@ def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]])
         files["--json"] = output_file(json, option="--json")
     if figure:
         files["--figure"] = figure_file(figure)
+    if html:
+        files["--html"] = output_file(html, option="--html")
     keep_apart(files, inputs)
-    return Outputs(json, files.get("--figure"))
+    return Outputs(json, files.get("--figure"), html)
 
 
 def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
@@ -206,6 +228,8 @@ def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[]
         yield partial(_write_json, result, outputs.json)
     if outputs.figure is not None:
         yield partial(_draw, result, outputs.figure)
+    if outputs.html:
+        yield partial(write_page, result, outputs.html)
 
 
 def _print_report(result: FlightEstimate, *, card: bool) -> None:
@@ -219,6 +243,21 @@ def _write_json(result: FlightEstimate, place: str) -> None:
     from eivor.report.json_document import json_document, json_text
 
     write_out(json_text(json_document(result)), place)
+
+
+def write_page(result: FlightEstimate, place: str) -> None:
+    """Write the page of a result to a file, or to standard output where the place is "-".
+
+    Raises
+    ------
+    InputError
+        When the system refuses the file.
+    """
+    from eivor.report.page.flight_page import flight_page
+
+    with step(f"Writing {Path(place).name}"):
+        page = flight_page(result)
+    write_out(page, place)
 
 
 def _draw(result: FlightEstimate, path: Path) -> None:

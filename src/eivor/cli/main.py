@@ -23,7 +23,18 @@ if TYPE_CHECKING:
     app: typer.Typer
 
 #: Each is a module beside this one, with a function of the same name and its exit codes.
-COMMANDS = ("identify", "inspect", "track", "validate", "export", "plan", "simulate", "study", "paper")
+COMMANDS = (
+    "identify",
+    "report",
+    "inspect",
+    "track",
+    "validate",
+    "export",
+    "plan",
+    "simulate",
+    "study",
+    "paper",
+)
 
 
 def application(*names: str) -> typer.Typer:

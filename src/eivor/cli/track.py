@@ -13,7 +13,7 @@ import typer
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.identify import check_named_instruments, chosen_outputs, identified
+from eivor.cli.identify import chosen_outputs, result_of
 from eivor.cli.outputs import deliver, write_out, writing
 from eivor.cli.recordings import chosen_logs, flight_options, named_motion
 from eivor.cli.terminal import show, step
@@ -93,9 +93,7 @@ def track(
     )
     if accelerometer_bias is not None:
         options = replace(options, accelerometer_bias=accelerometer_bias)
-    recordings, windows = chosen.read(options)
-    check_named_instruments(recordings, options.instruments)
-    result = identified(recordings, motion, options, windows)
+    result = result_of(chosen, motion, options)
 
     from eivor.flights.track import track as followed
 

@@ -286,7 +286,7 @@ def joined(traces: tuple[Trace, ...]) -> Trace:
 
 @dataclass(frozen=True)
 class Panel:
-    """A series of a flight to look at when nothing could be estimated.
+    """A series of a flight to look at, whether or not something could be estimated.
 
     Parameters
     ----------
@@ -294,10 +294,13 @@ class Panel:
         With its unit.
     values : ndarray, shape (n,)
         On the flight's grid.
+    asked : ndarray, shape (n,), optional
+        What the vehicle was asked for, in the same unit.
     """
 
     label: str
     values: Float[np.ndarray, " n"]
+    asked: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True, slots=True)

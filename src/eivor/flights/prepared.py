@@ -113,6 +113,10 @@ class PreparedFlight:
         """Names of the references that may serve as instruments."""
         return tuple(reference.name for reference in self.references if reference.usable)
 
+    def asked(self, name: str) -> Float[np.ndarray, " n"] | None:
+        """Values of a reference on the grid; None for one that is not logged."""
+        return next((one.values for one in self.references if one.name == name), None)
+
     @property
     def used(self) -> Bool[np.ndarray, " n"]:
         """Samples of the runs that count."""

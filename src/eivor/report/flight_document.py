@@ -59,16 +59,19 @@ def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
     yield from section("What to do", Bullets, (*told.remedies, *where))
     yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
     if told.ahead is not None:
-        yield Section("Predicted ahead, from many starts of this flight", ahead_parts(told.ahead))
+        parts_ahead = (*ahead_parts(told.ahead), Figure("ahead"))
+        yield Section("Predicted ahead, from many starts of this flight", parts_ahead)
     parts = (Fact(words, sentence) for words, sentence in told.systematic)
     yield from section("Systematic parts", Facts, parts)
     if told.by_flight:
         yield Section("What belongs to each flight of the pool", (_own_table(told),))
     if told.flights:
         reasons = _row_reasons(told)
-        yield Section("Flights one by one", (_row_table(told.flights, "log"), *reasons))
+        table = _row_table(told.flights, "log")
+        yield Section("Flights one by one", (table, Figure("flights"), *reasons))
     if told.comparisons:
-        yield Section("Methods side by side", (_row_table(told.comparisons, "method"),))
+        table = _row_table(told.comparisons, "method")
+        yield Section("Methods side by side", (table, Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(told.logs) > 1 else 'log'}"
     yield from section(noticed, Bullets, (finding.message for finding in told.worth_telling))
     if card:

@@ -19,17 +19,11 @@ from matplotlib.gridspec import GridSpec
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.report.figure_without_estimate import flight_panels, page_without_estimate
-from eivor.report.fit_panels import (
-    draw_autocorrelation,
-    draw_excitation,
-    draw_fit,
-    draw_residual,
-    flight_runs,
-    short_name,
-)
+from eivor.report.fit_numbers import flight_runs
+from eivor.report.fit_panels import draw_autocorrelation, draw_excitation, draw_fit, draw_residual
 from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import Panels, page, without_abscissa
-from eivor.report.printable import printable
+from eivor.report.printable import printable, short_name
 from eivor.report.profile_panels import draw_no_profile, draw_profile
 from eivor.report.wording import NO_NUMBER, numbers
 from eivor.whole_file import whole_file

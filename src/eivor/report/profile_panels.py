@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 
-from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.search import NuisanceProfile
 from eivor.flights.result import FlightEstimate
 from eivor.inference.quantiles import chi_square_quantile
+from eivor.report.fit_numbers import profile_curves
 from eivor.report.fit_panels import SHADE
 from eivor.report.plain_figure import legend
 from eivor.shapes import Float
@@ -52,12 +51,9 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     scale = wording.scale
     quantile = chi_square_quantile(0.95)
     tallest = PROFILE_HEIGHT * quantile
-    lowest = min(candidate.criterion for candidate in estimate.candidates)
-    for candidate in estimate.tenable():
-        values, height = _curve(candidate, candidate.profiles[number])
-        excess = height + candidate.criterion - lowest
-        tallest = max(tallest, float(excess.max()))
-        axes.plot(values * scale, excess, "-o", ms=2, lw=1.1, label=_choice(candidate, result))
+    for curve in profile_curves(result, estimate, number):
+        tallest = max(tallest, float(curve.excess.max()))
+        axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label=curve.choice)
     _abscissa(axes, profile.grid * scale)
     first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
     low, high = (float(np.clip(scale * end, first, last)) for end in quantity.interval)
@@ -71,21 +67,6 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     axes.set_ylabel("objective above its least (χ² units)")
     axes.grid(alpha=0.25)
     legend(axes, size=7, place="upper left", columns=2)
-
-
-def _curve(
-    candidate: Candidate, profile: NuisanceProfile
-) -> tuple[Float[np.ndarray, " values"], Float[np.ndarray, " values"]]:
-    """Values of a nuisance, and the objective above its least there, as chi-square."""
-    least = candidate.solution.objective
-    # J of a method with instruments; for a direct one the logarithm's slope at its minimum
-    height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
-    scale = height / least if least > 0.0 and height > 0.0 else 1.0
-    # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
-    values = np.append(profile.grid, candidate.at[profile.nuisance.name])
-    excess = scale * (np.append(profile.objective, least) - least)
-    order = np.argsort(values)
-    return values[order], excess[order]
 
 
 def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
@@ -103,12 +84,3 @@ def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
     shown = [tick for tick in ticks if low <= tick <= high]
     axes.set_xticks(shown, labels=[f"{tick:g}" for tick in shown])
     axes.minorticks_off()
-
-
-def _choice(candidate: Candidate, result: FlightEstimate) -> str:
-    """Values of the discrete nuisances, in the motion's words: "delay 10 ms"."""
-    refined = {profile.nuisance.name for profile in candidate.profiles}
-    told = [
-        (result.motion.wording[name], value) for name, value in candidate.at.items() if name not in refined
-    ]
-    return ", ".join(f"{one.words} {value * one.scale:.3g} {one.shown_unit}".rstrip() for one, value in told)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 
 from eivor.report.ahead_figure import ahead_page, ahead_panels
-from eivor.report.fit_panels import SHOWN_S, short_name
+from eivor.report.fit_panels import SHOWN_S
 from eivor.report.given_axes import GivenAxes, figure_of, given_axes
 from eivor.report.plain_figure import (
     BLUE,
@@ -25,7 +25,7 @@ from eivor.report.plain_figure import (
     page,
     without_abscissa,
 )
-from eivor.report.printable import printable
+from eivor.report.printable import printable, short_name
 from eivor.report.validation import ModelPrediction, Validation
 from eivor.shapes import Float
 

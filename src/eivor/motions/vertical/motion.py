@@ -381,10 +381,13 @@ class Vertical(Motion[VerticalFlights]):
     def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
         """Height where it is logged, and climb rate, see `Motion.overview`."""
         signals = flight.signals
-        panels = [Panel("climb rate\n[m/s]", signals.channel("velocity_z"))]
+        climb = Panel(
+            "climb rate\n[m/s]", signals.channel("velocity_z"), flight.asked("reference_velocity_z")
+        )
+        panels = [climb]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
-            panels.insert(0, Panel("height [m]", height))
+            panels.insert(0, Panel("height [m]", height, flight.asked("reference_position_z")))
         return tuple(panels)
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:

@@ -1,0 +1,1 @@
+"""Documents as a page of HTML: one file that opens anywhere, without a network."""

@@ -1,0 +1,245 @@
+"""The page of a result: its order, its numbers, its policy, and that nothing from a log breaks out of it."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import tomllib
+from dataclasses import replace
+from importlib import resources
+from typing import Any
+
+import pytest
+
+from coarse_search import coarse
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.motions.identify import identify_flight
+from eivor.report.page.flight_page import flight_page
+from eivor.signals.recording import Finding, Recording
+from report.parsed_page import Element, numbers_in, parsed
+
+HOSTILE = (
+    "</script><script>alert(1)</script><!--<img src=x onerror=alert(1)>",
+    "\"'><svg onload=alert(1)>&lt;&amp;\u2028\u2029",
+    "\u202egnp.exe\u0000\ud800\x1b[31m",
+    "x" * 10_000,
+)
+
+
+@pytest.fixture(scope="module")
+def weak(recording: Recording) -> FlightEstimate:
+    with coarse():
+        return identify_flight(recording, FlightOptions(window=(0.0, 15.0)))
+
+
+@pytest.fixture(scope="module")
+def provisional(recording: Recording) -> FlightEstimate:
+    with coarse():
+        return identify_flight(recording, FlightOptions(method="least_squares", window=(0.0, 15.0)))
+
+
+RESULTS = ("fit", "pool", "still", "weak", "provisional")
+
+
+@pytest.fixture(scope="module")
+def pages(request: pytest.FixtureRequest) -> dict[str, tuple[FlightEstimate, str, Element]]:
+    """Five results, each with its page."""
+    made = {}
+    for name in RESULTS:
+        result = request.getfixturevalue(name)
+        text = flight_page(result)
+        made[name] = (result, text, parsed(text))
+    return made
+
+
+def data_of(page: Element, name: str) -> Any:
+    (found,) = page.all("script", id=name)
+    return json.loads(found.text)
+
+
+def test_results_are_of_every_kind(pages):
+    assert {result.verdict.status for result, _, _ in pages.values()} == set(Status)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_the_page_is_told_in_order(pages, name):
+    result, _, page = pages[name]
+    (main,) = page.all("main")
+    (said,) = main.all("p", class_="said")
+    assert (
+        said.text == f"{result.verdict.status.value}: {result.motion.words.meanings[result.verdict.status]}"
+    )
+    assert main.children[0].classes[0] == "verdict"
+    headings = [one.text for one in page.all("h2")]
+    wanted = [
+        "Why",
+        "What to do",
+        "Checks",
+        "Flights one by one",
+        "Methods side by side",
+        "Flight card",
+        "Pictures",
+    ]
+    wanted = [one for one in wanted if one in headings]
+    assert [one for one in headings if one in wanted] == wanted
+    assert {"Pictures", "Provenance"} <= set(headings)
+    assert ("Why" in headings) == bool(result.verdict.reasons)
+    assert len(page.all("h1")) == 1
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_names_of_elements_are_unique_and_lead_somewhere(pages, name):
+    _, _, page = pages[name]
+    names = [one.attributes["id"] for one in page.all() if "id" in one.attributes]
+    assert len(names) == len(set(names))
+    for one in page.all():
+        for key in ("aria-labelledby", "aria-describedby"):
+            assert set(one.attributes.get(key, "").split()) <= set(names)
+        if one.tag == "a" and one.attributes["href"].startswith("#"):
+            assert one.attributes["href"][1:] in names
+    charts = data_of(page, "charts")
+    assert {one.attributes["id"] for one in page.all("div", class_="chart")} == set(charts)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_every_picture_has_its_numbers_beside_it(pages, name):
+    _, _, page = pages[name]
+    figures = page.all("figure")
+    assert figures
+    for section in page.all("section"):
+        beside = [one for one in section.children if isinstance(one, Element) and "table" in one.classes]
+        for figure in section.all("figure"):
+            assert figure.all("details") or beside, figure.all("h4")[0].text
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_the_json_in_the_page_is_that_of_the_command_line(pages, name):
+    result, _, page = pages[name]
+    assert data_of(page, "result") == json.loads(result.to_json())
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_numbers_are_those_of_the_json(pages, name):
+    result, _, page = pages[name]
+    told = json.loads(result.to_json())
+    known = {**told["parameters"], **told["derived"]}
+    by_words = {words.words: key for key, words in result.motion.wording.items()}
+    rows = [row for row in page.all("tr") if row.all("th") and row.all("th")[0].text in by_words]
+    assert {by_words[row.all("th")[0].text] for row in rows} >= set(known)
+    for row in rows[: len(known)]:
+        key = by_words[row.all("th")[0].text]
+        cells = [one.text for one in row.children if isinstance(one, Element)]
+        check(known[key], result.motion.wording[key].scale, cells[2], cells[3])
+        assert cells[-1] == known[key]["verdict"]
+    for reading in page.all("div", class_="reading"):
+        key = reading.attributes["data-quantity"]
+        value = reading.all("span", class_="value")[0].text
+        interval = reading.all("p", class_="interval")[0].text.removesuffix(" 95 %")
+        check(known[key], result.motion.wording[key].scale, value, interval)
+
+
+def check(told: dict[str, Any], scale: float, value: str, interval: str) -> None:
+    """Shown numbers are those told, rounded."""
+    if told["value"] is None:
+        assert value == "–"
+        return
+    ((shown, half),) = numbers_in(value)
+    assert shown == pytest.approx(scale * told["value"], abs=1.001 * half)
+    if interval.startswith("["):
+        for (end, half), wanted in zip(numbers_in(interval), told["interval"], strict=True):
+            assert end == pytest.approx(scale * wanted, abs=1.001 * half)
+
+
+def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
+    result, _, page = pages["pool"]
+    told = json.loads(result.to_json())
+    for identifier, key, label in (
+        ("flights-one-by-one", "flights", "log"),
+        ("methods-side-by-side", "comparisons", "method"),
+    ):
+        (section,) = page.all("section", id=identifier)
+        drawn = section.all("svg", class_="forest")
+        assert len(drawn) == len(result.motion.rows)
+        for svg, name in zip(
+            drawn, [one for one in result.motion.shown if one in result.motion.rows], strict=True
+        ):
+            texts = svg.all("text", class_="row")
+            shown = dict(
+                zip([one.text for one in texts[::2]], [one.text for one in texts[1::2]], strict=True)
+            )
+            assert list(shown)[: len(told[key])] == [row[label] for row in told[key]]
+            for row in told[key]:
+                quantity = {**row["parameters"], **row["derived"]}[name]
+                value, _, interval = shown[row[label]].partition(" ")
+                check(quantity, result.motion.wording[name].scale, value, interval)
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_the_policy_allows_what_is_in_the_page_and_nothing_else(pages, name):
+    _, text, page = pages[name]
+    (policy,) = (one.attributes["content"] for one in page.all("meta") if "http-equiv" in one.attributes)
+    assert text.index("Content-Security-Policy") < text.index("<style")
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    styles = [one.text for one in page.all("style")]
+    scripts = [one.text for one in page.all("script") if one.attributes.get("type") != "application/json"]
+    assert len(styles) == len(scripts) == 1
+    for source, rule in ((styles[0], "style-src"), (scripts[0], "script-src")):
+        digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
+        assert f"{rule} 'sha256-{digest}'" in policy
+    for one in page.all():
+        assert not {
+            key for key in one.attributes if key.startswith("on") or key in {"style", "src", "srcset"}
+        }
+        assert one.attributes.get("href", "#")[0] == "#" or one.attributes["href"] == "data:,"
+    assert not re.search(
+        r"@import|url\(|\beval\b|new Function|innerHTML|document\.write", styles[0] + scripts[0]
+    )
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_what_a_log_says_stays_text(fit, recording, text):
+    flight = replace(fit.prepared[0], recording=replace(recording, name=text, format=text))
+    reasons = (Reason(Status.REFUSED, f"It says {text}.", f"Do {text}."),)
+    hostile = replace(
+        fit,
+        prepared=(flight,),
+        verdict=Verdict(Status.REFUSED, reasons),
+        findings=(Finding("a_finding", f"{text} was seen."),),
+    )
+    made = flight_page(hostile)
+    made.encode("utf-8")
+    page, plain = parsed(made), parsed(flight_page(fit))
+    for tag in ("script", "svg", "img"):
+        assert len(page.all(tag)) == len(plain.all(tag))
+    assert data_of(page, "result")["logs"][0]["name"] == text
+    body = made.partition("<body>")[2]
+    assert not re.search("[\u0000-\u0009\u000b-\u001f\u2028-\u202e\ud800-\udfff]", body)
+    assert body.count("<script") == plain.all("body")[0].all("script").__len__()
+    assert len(page.all("h1")[0].text) <= 120
+
+
+def test_it_is_small(pages):
+    assert all(len(text.encode("utf-8")) < 1_000_000 for _, text, _ in pages.values())
+    assert len(pages["fit"][1].encode("utf-8")) < 400_000
+
+
+def test_what_is_vendored_is_the_release():
+    folder = resources.files("eivor.report").joinpath("vendored", "uplot")
+    release = tomllib.loads(folder.joinpath("release.toml").read_text(encoding="utf-8"))
+    for name, digest in release["sha256"].items():
+        assert hashlib.sha256(folder.joinpath(name).read_bytes()).hexdigest() == digest
+    assert "MIT" in folder.joinpath(release["licence"]).read_text(encoding="utf-8")
+
+
+def test_its_licence_goes_with_it(pages):
+    _, _, page = pages["fit"]
+    (licence,) = [
+        one for one in page.all("details") if one.all("summary")[0].text.startswith("Licence of uPlot")
+    ]
+    assert "Permission is hereby granted" in licence.text
+    assert "Copyright (c) 2022 Leon Sorokin" in licence.text
