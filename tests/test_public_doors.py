@@ -18,6 +18,7 @@ from eivor.linalg import LinearSystem
 from eivor.models.equation import Parameter
 from eivor.models.rows import SampleRows
 from eivor.signals.input_map import Power
+from eivor.signals.log_origin import LogOrigin
 from eivor.signals.recording import Frame
 from fleets.fleet_rows import row, write_fleet
 
@@ -354,6 +355,7 @@ def doors(folder):
                 "input_map": "",
                 "looked_for": {},
                 "findings": (),
+                "origin": LogOrigin(),
                 "vehicle": "",
             },
         ),

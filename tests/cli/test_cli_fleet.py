@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import pytest
+
+from eivor.fleets.table import read_flights
+from eivor.logs import read_log
+from eivor.motions.identify import identify_flight
 from fleets.fleet_rows import row, write_fleet
+from fleets.fleet_tasks import rows_of, write_logs
 
 
 def test_query_prints_and_writes(eivor, tmp_path):
@@ -26,3 +32,74 @@ def test_query_of_nothing(eivor, tmp_path):
     assert (run.code, run.out) == (1, "")
     assert "eivor fleet run" in run.err
     assert eivor("fleet", "query", write_fleet(tmp_path / "fleet", [row("a")]), "nothing").code == 2
+
+
+@pytest.fixture
+def logs(tmp_path, monkeypatch):
+    """Logs whose rows are made here, at once."""
+    rows_of(monkeypatch)
+    monkeypatch.setattr("eivor.fleets.shard.kept_guard", lambda function, _limits: function)
+    return write_logs(tmp_path / "logs", {"a.csv": "one", "b/c.csv": "one", "notes": "none"})
+
+
+def test_run_tells_what_it_found(eivor, logs, tmp_path):
+    run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
+    assert run.code == 0
+    assert run.out.splitlines()[:2] == [
+        "2 logs, each with a row: 1 weak, 1 copy",
+        "1 other file is no log",
+    ]
+    run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
+    assert run.out.splitlines()[1] == "2 of the rows were there before"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "told"),
+    [
+        (("{tmp}/nowhere", "-o", "{tmp}/fleet"), 1, "which does not exist"),
+        (
+            ("{tmp}/logs", "-o", "{tmp}/fleet", "--workers", "1", "--dask", "tcp://a:1"),
+            2,
+            "--workers or --dask",
+        ),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--workers", "0"), 2, "one worker or more"),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--map", "*.csv="), 2, "PATTERN=MAP"),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--map", "*.csv=none.toml"), 1, "none.toml"),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--vehicle-from", "{tail}"), 2, "a pattern with"),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--model", "sideways"), 2, "sideways"),
+        (("{tmp}/logs", "-o", "{tmp}/fleet", "--log-time", "0"), 2, "a limit time_s above zero"),
+        (("{tmp}/logs", "-o", "{tmp}/logs/a.csv"), 2, "a folder for the fleet"),
+    ],
+)
+def test_run_refuses(eivor, logs, tmp_path, arguments, code, told):
+    run = eivor("fleet", "run", *(text.replace("{tmp}", str(tmp_path)) for text in arguments))
+    assert (run.code, run.out) == (code, "")
+    assert told in " ".join(run.err.split())
+    assert "Traceback" not in run.err
+
+
+def test_an_interrupted_run_says_how_to_go_on(eivor, logs, tmp_path, monkeypatch):
+    def interrupted(_options):
+        raise KeyboardInterrupt
+
+    rows_of(monkeypatch, interrupted)
+    run = eivor("fleet", "run", logs, "-o", tmp_path / "fleet", "--workers", 1)
+    assert run.code == 130
+    assert "Run the same command again to go on." in run.err
+
+
+@pytest.mark.thorough
+def test_real_logs_become_rows(eivor, log, tmp_path):
+    """Nothing is replaced: a process of its own reads and identifies."""
+    (tmp_path / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
+    run = eivor("fleet", "run", tmp_path / "*.*", "-o", tmp_path / "fleet", "--workers", 1)
+    assert run.out.startswith("2 logs, each with a row: ")
+    rows = {row["name"]: row for row in read_flights(tmp_path / "fleet").rows(named=True)}
+    assert rows["damaged.ulg"]["verdict"] == "failed"
+    flight = rows["flight.csv"]
+    result = identify_flight(read_log(log))
+    assert flight["input_gain.value"] == result.quantities["input_gain"].value
+    assert flight["covariance"] == result.covariance.ravel().tolist()
+    assert flight["covariance_names"] == list(result.names)
+    assert flight["diagnostic.r_squared"] == result.diagnostics["r_squared"]
+    assert flight["duration_s"] == pytest.approx(29.99)

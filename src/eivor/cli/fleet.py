@@ -2,20 +2,34 @@
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import output_file, write_out
 from eivor.cli.readable_help import ReadableCommand, ReadableGroup
-from eivor.cli.terminal import show
+from eivor.cli.recordings import flight_options, named_motion
+from eivor.cli.terminal import complain, console, show, step
+from eivor.errors import UsageError
+from eivor.motions import DEFAULT as DEFAULT_MODEL
 
 if TYPE_CHECKING:
     import polars as pl
+    from rich.console import RenderableType
     from rich.table import Table
+
+    from eivor.fleets.run import FleetRun, Progress
+    from eivor.studies.executors import Executor
+
+#: Letters of a cell on the terminal; in a CSV cells are whole.
+LONGEST_CELL = 160
 
 app = typer.Typer(
     name="fleet",
@@ -26,6 +40,179 @@ app = typer.Typer(
 )
 
 FleetArgument = Annotated[str, typer.Argument(metavar="FLEET", help="Folder of eivor fleet run.")]
+
+
+@app.command(
+    "run",
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified; 2 wrong "
+    "usage, such as a folder that was begun with other options; 1 no logs, a folder that cannot be read or "
+    "written, one on which another run works, or a worker that was lost; 130 interrupted. Rows that were "
+    "written are kept: the same command goes on.",
+)
+@guarded
+def run_command(
+    logs: Annotated[
+        str,
+        typer.Argument(
+            metavar="FOLDER|GLOB|LIST",
+            help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
+            "line, a .csv with a column 'path'.",
+        ),
+    ],
+    *,
+    out: Annotated[
+        str, typer.Option("-o", "--out", metavar="FLEET", help="Folder of the fleet, new or begun before.")
+    ],
+    model: arguments.ModelOption = DEFAULT_MODEL,
+    vehicle: arguments.VehicleOption = "",
+    channel_map: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--map",
+            metavar="PATTERN=MAP",
+            help="Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
+            "more. Without, a shipped map whose columns all match.",
+            show_default=False,
+        ),
+    ] = None,
+    vehicle_from: Annotated[
+        str,
+        typer.Option(
+            metavar="PATTERN|COLUMN",
+            help="Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
+            "or a column of the list or of the logs. Default: the board's unique id.",
+            show_default=False,
+        ),
+    ] = "",
+    input_channel: arguments.InputOption = "",
+    input_map: arguments.InputMapOption = "",
+    max_tilt: arguments.MaxTiltOption = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
+        ),
+    ] = None,
+    dask: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
+            show_default=False,
+        ),
+    ] = "",
+    log_time: Annotated[
+        float, typer.Option(metavar="S", help="Longest time for one log, in seconds.")
+    ] = 600.0,
+    log_memory: Annotated[float, typer.Option(metavar="GB", help="Most memory for one log, in GB.")] = 4.0,
+) -> ExitCode:
+    """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
+    if workers is not None and dask:
+        raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
+    from eivor.fleets.fleet_options import FleetOptions, given_maps
+    from eivor.fleets.limits import Limits
+    from eivor.fleets.logs_found import logs_found
+    from eivor.fleets.run import run_fleet
+
+    motion = named_motion(model, vehicle)
+    options = FleetOptions(
+        motion=model,
+        vehicle_file=vehicle,
+        flight=flight_options(motion, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map),
+        maps=given_maps(tuple(channel_map or ())),
+        vehicle_from=vehicle_from,
+        limits=Limits(log_time, log_memory),
+    )
+    with step(f"Looking for logs in {logs}"):
+        found = logs_found(logs)
+    executor = _executor(workers, dask, len(found.logs))
+    try:
+        with _bar() as progress:
+            done = run_fleet(
+                found, Path(out), options, executor=executor, shared=bool(dask), progress=progress
+            )
+    except KeyboardInterrupt:
+        complain("interrupted", f"Rows that were written are in {out}. Run the same command again to go on.")
+        return ExitCode.INTERRUPTED
+    show(_told(done, out))
+    return ExitCode.IDENTIFIED
+
+
+def _executor(workers: int | None, dask: str, logs: int) -> Executor:
+    from eivor.studies.executors import local_executor
+
+    if dask:
+        from eivor.studies.dask_executor import DaskCluster
+
+        return DaskCluster(dask)
+    return local_executor(workers, logs)
+
+
+@contextmanager
+def _bar() -> Iterator[Progress]:
+    """Bar with rate and time left on standard error, when that is a terminal."""
+    from eivor.fleets.run import no_progress
+
+    screen = console(error=True)
+    if not screen.is_terminal:
+        yield no_progress
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task("Hashing", total=None, rate="")
+
+        def update(done: int, total: int) -> None:
+            if bar.tasks[0].total is None:  # what was there before says nothing about the rate
+                bar.reset(task, total=total, completed=done, description="Flights")
+            bar.update(task, completed=done, rate=_rate(bar.tasks[0].speed))
+
+        yield update
+
+
+def _rate(speed: float | None) -> str:
+    """Logs in a second, or in a minute where that is less than one."""
+    if not speed:
+        return ""
+    return f"{speed:.1f} logs/s" if speed >= 1.0 else f"{60.0 * speed:.0f} logs/min"
+
+
+def _told(done: FleetRun, out: str) -> RenderableType:
+    """What a run found, in some lines."""
+    from rich.console import Group
+    from rich.text import Text
+
+    from eivor.fleets.table import COPY, FAILED
+    from eivor.inference.verdict import Status
+    from eivor.report.printable import printable
+
+    words = [*(status.value for status in Status), FAILED, COPY]
+    plural = {COPY: "copies"}
+    counts = [(done.verdicts[word], word) for word in words if word in done.verdicts]
+    told = [f"{count} {plural.get(word, word) if count > 1 else word}" for count, word in counts]
+    lines = [
+        Text(f"{done.logs} logs, each with a row: {', '.join(told)}", style="bold"),
+        Text(f"{done.before} of the rows were there before") if done.before else None,
+        Text(_others(done.others)) if done.others else None,
+        Text(f"{done.elsewhere} further rows are of logs that are not among these")
+        if done.elsewhere
+        else None,
+        *(Text(f"not looked into: {printable(one)}") for one in done.unread_folders),
+        Text(f"Table: {printable(out.rstrip('/'))}/flights/part-*.parquet", style="dim"),
+    ]
+    return Group(*(line for line in lines if line is not None))
+
+
+def _others(count: int) -> str:
+    return "1 other file is no log" if count == 1 else f"{count} other files are no logs"
 
 
 @app.command(
@@ -60,7 +247,9 @@ def query(
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
     if csv:
-        write_out(answer.write_csv(), place)
+        buffer = io.StringIO()
+        answer.write_csv(buffer)
+        write_out(buffer.getvalue(), place)
     return ExitCode.IDENTIFIED
 
 
@@ -94,4 +283,7 @@ def _cell(value: object) -> str:
         return "-"
     if isinstance(value, float):
         return f"{value:.4g}"
-    return f"{value:%Y-%m-%d %H:%M}" if isinstance(value, datetime) else str(value)
+    if isinstance(value, datetime):
+        return f"{value:%Y-%m-%d %H:%M}"
+    text = str(value)
+    return text if len(text) <= LONGEST_CELL else f"{text[:LONGEST_CELL].rpartition(' ')[0]} ..."

@@ -74,12 +74,22 @@ def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
     rows : sequence of mapping
         Values by column; what a row does not name, and numbers that are not finite, are null.
     """
-    own = dict.fromkeys(name for row in rows for name in row if name not in LEADING and name not in TRAILING)
-    quantities = {name: _type(name) for name in own if not name.startswith(DIAGNOSTIC)}
-    diagnostics = {name: _type(name) for name in sorted(own) if name.startswith(DIAGNOSTIC)}
-    schema = {**LEADING, **quantities, **TRAILING, **diagnostics}
+    own = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
+    schema = {name: LEADING.get(name) or TRAILING.get(name) or _type(name) for name in _in_order(own)}
     columns = {name: [_known(row.get(name)) for row in rows] for name in schema}
     return pl.DataFrame(columns, schema=schema).sort(ORDER, nulls_last=True)
+
+
+def _in_order(own: set[str]) -> list[str]:
+    """Every column that all fleets have, quantities by their names between them, diagnostics at the end."""
+    parts = {part: place for place, part in enumerate((*NUMBERS, VERDICT))}
+
+    def place(name: str) -> tuple[str, int]:
+        quantity, _, part = name.rpartition(".")
+        return quantity, parts.get(part, len(parts))
+
+    diagnostics = sorted(name for name in own if name.startswith(DIAGNOSTIC))
+    return [*LEADING, *sorted(own.difference(diagnostics), key=place), *TRAILING, *diagnostics]
 
 
 def _type(name: str) -> Any:
@@ -129,8 +139,9 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
     if columns is not None:
         absent = [name for name in columns if name not in table.columns]
         table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
-    table = table.sort(ORDER, nulls_last=True)
-    return table if columns is None else table.select(columns)
+    if columns is None:
+        columns = _in_order({name for name in table.columns if name not in LEADING and name not in TRAILING})
+    return table.sort(ORDER, nulls_last=True).select(columns)
 
 
 def _part(file: Path, columns: Sequence[str] | None) -> pl.DataFrame:

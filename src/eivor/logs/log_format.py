@@ -64,6 +64,9 @@ class LogFormat:
         flight when it is given an empty name.
     setpoints : str
         Sentence that names the setpoints and commands to log; empty when nothing special is known.
+    endings : tuple of str
+        How names of such logs end, in small letters: a file of such a name is taken for a log in a folder of
+        many, whatever is in it.
     """
 
     name: str
@@ -74,3 +77,4 @@ class LogFormat:
     takes_map: bool = False
     advice: Callable[[str], tuple[str, ...]] = no_advice
     setpoints: str = ""
+    endings: tuple[str, ...] = ()

@@ -28,6 +28,7 @@ from eivor.notebook import html_table
 from eivor.shapes import Float
 from eivor.signals.data_sheet import DataSheet
 from eivor.signals.families import family_members
+from eivor.signals.log_origin import LogOrigin
 from eivor.signals.stamps import evened
 
 if TYPE_CHECKING:
@@ -236,6 +237,8 @@ class Recording:
         Named diagnostics of the reader.
     vehicle : str
         What kind of vehicle the log says that it is of ("rotary wing", "fixed wing"); empty when it does not.
+    origin : LogOrigin
+        Which machine wrote the log, with which firmware, and when, as far as it says.
     """
 
     name: str
@@ -248,6 +251,7 @@ class Recording:
     looked_for: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     vehicle: str = ""
+    origin: LogOrigin = field(default_factory=LogOrigin)
 
     def __post_init__(self) -> None:
         for name in ("name", "format", "sha256", "input_map", "vehicle"):
@@ -257,6 +261,7 @@ class Recording:
         checks.mapping("parameters", self.parameters, checks.NUMBERS, "numbers")
         checks.mapping("looked_for", self.looked_for, tuple, "tuples of names")
         checks.items("findings", self.findings, Finding, "findings")
+        checks.kind("origin", self.origin, LogOrigin, "a LogOrigin", "Leave it out when nothing is known.")
 
     def __repr__(self) -> str:
         if not self.channels:

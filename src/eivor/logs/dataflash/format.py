@@ -50,4 +50,5 @@ DATAFLASH = LogFormat(
     advice=_advice,
     setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "
     "RCIN.C3 (the stick, when a pilot flies).",
+    endings=(".bin", ".log"),
 )

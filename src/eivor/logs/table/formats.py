@@ -55,7 +55,16 @@ def _advice(channel: str) -> tuple[str, ...]:
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
 
 
-CSV = LogFormat("csv", "CSV", _is_csv, _read_csv, takes_map=True, advice=_advice, setpoints=_SETPOINTS)
+CSV = LogFormat(
+    "csv",
+    "CSV",
+    _is_csv,
+    _read_csv,
+    takes_map=True,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    endings=(".csv", ".tsv"),
+)
 PARQUET = LogFormat(
     "parquet",
     "Parquet",
@@ -64,4 +73,5 @@ PARQUET = LogFormat(
     takes_map=True,
     advice=_advice,
     setpoints=_SETPOINTS,
+    endings=(".parquet",),
 )

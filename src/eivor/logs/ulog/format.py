@@ -61,4 +61,5 @@ ULOG = LogFormat(
     advice=_advice,
     setpoints="trajectory_setpoint or vehicle_local_position_setpoint (the height reference), "
     "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies).",
+    endings=(".ulg", ".ulog"),
 )

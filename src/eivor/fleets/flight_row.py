@@ -1,0 +1,145 @@
+"""One log to one row of the fleet's table: its numbers, or the reason why it has none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eivor.errors import EivorError
+from eivor.fleets.fleet_options import FleetOptions
+from eivor.fleets.logs_found import Log
+from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED, NUMBERS, VERDICT
+from eivor.flights.result import FlightEstimate
+from eivor.logs.formats import format_of
+from eivor.logs.log_format import HEAD_BYTES
+from eivor.logs.read import read_log
+from eivor.motions.identify import identify_flight
+from eivor.signals.recording import Recording
+
+#: Channels whose mean over the log is a column of their own.
+SURROUNDINGS = {
+    "battery_voltage": "battery_voltage",
+    "temperature": "air_temperature",
+    "air_density": "air_density",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FlightRow:
+    """The function from a log to its row.
+
+    Parameters
+    ----------
+    options : FleetOptions
+        What is asked of every log.
+    """
+
+    options: FleetOptions
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """Row of a log that could be opened; also of one without a result."""
+        motion = self.options.chosen_motion()
+        about = named_row(log, self.options.marks())
+        try:
+            recording = read_log(log.path, channel_map=self._map(log))
+            if recording.sha256 != log.sha256:
+                return failed_row(about, "The file changed while the fleet was run: run it again.")
+            about = {**about, **_of_recording(recording), **self._whose(log, recording)}
+            result = identify_flight(recording, self.options.flight, model=motion)
+        except EivorError as error:
+            return failed_row(about, str(error))
+        return {**about, **_of_result(result)}
+
+    def _map(self, log: Log) -> str | None:
+        """Channel map of a log, when it is of a format that takes one."""
+        chosen = self.options.map_of(log.name)
+        if not chosen:
+            return None
+        path = Path(log.path)
+        with path.open("rb") as stream:
+            return chosen if format_of(stream.read(HEAD_BYTES), path).takes_map else None
+
+    def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
+        """Vehicle and type: as the user says where it is said, else as the log does."""
+        origin = recording.origin
+        told = {"vehicle": origin.board, "type": origin.airframe}
+        pattern, column = self.options.pattern(), self.options.vehicle_from
+        if pattern is not None:
+            told |= pattern.told(log.name)
+        elif column:
+            told["vehicle"] = log.told.get(column) or _in_table(Path(log.path), column) or told["vehicle"]
+        return {key: text for key, text in told.items() if text}
+
+
+def named_row(log: Log, marks: Mapping[str, str]) -> dict[str, Any]:
+    """What every row of a log has, beside `FleetOptions.marks`."""
+    return {"sha256": log.sha256 or None, "name": log.name, **marks}
+
+
+def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
+    """Row of a log without a result."""
+    return {**about, "verdict": FAILED, "reason": reason}
+
+
+def copy_row(log: Log, first: str, marks: Mapping[str, str]) -> dict[str, Any]:
+    """Row of a copy: it names the first, and has no numbers of its own."""
+    told = {
+        "copy_of": log.sha256,
+        "verdict": COPY,
+        "reason": f"A copy of {first}, whose row has the numbers.",
+    }
+    return {**named_row(log, marks), **told}
+
+
+def _of_recording(recording: Recording) -> dict[str, Any]:
+    start, end = recording.span_s
+    origin = recording.origin
+    found: dict[str, Any] = {
+        "firmware": origin.firmware or None,
+        "start": origin.start,
+        "duration_s": end - start,
+    }
+    for column, name in SURROUNDINGS.items():
+        channel = recording.channels.get(name)
+        if channel is not None and np.isfinite(channel.values).any():
+            found[column] = float(np.nanmean(channel.values))
+    return found
+
+
+def _of_result(result: FlightEstimate) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "verdict": result.verdict.status.value,
+        "reason": " ".join(result.verdict.sentences) or None,
+    }
+    for name, one in result.quantities.items():
+        numbers = (one.value, one.std_error, *one.interval)
+        row |= {f"{name}.{part}": float(number) for part, number in zip(NUMBERS, numbers, strict=True)}
+        row[f"{name}.{VERDICT}"] = one.verdict.value
+    if result.fit is not None:
+        row["covariance"] = result.covariance.ravel().tolist()
+        row["covariance_names"] = list(result.names)
+    row |= {f"{DIAGNOSTIC}{name}": float(value) for name, value in result.diagnostics.items()}
+    return row
+
+
+def _in_table(path: Path, column: str) -> str:
+    """First text of a column of a log that is a table; empty when it has no such column."""
+    import polars as pl
+
+    scans: dict[str, Callable[[Path], pl.LazyFrame]] = {
+        "csv": lambda place: pl.scan_csv(place, infer_schema=False),
+        "parquet": pl.scan_parquet,
+    }
+    try:
+        with path.open("rb") as stream:
+            scan = scans.get(format_of(stream.read(HEAD_BYTES), path).name)
+        if scan is None:
+            return ""
+        text = scan(path).select(pl.col(column).drop_nulls().first()).collect().item()
+    except (EivorError, OSError, pl.exceptions.PolarsError):
+        return ""
+    return "" if text is None else str(text)

@@ -1,0 +1,194 @@
+"""Calls of a function under limits of time and memory, in a process that may die of it and nobody else.
+
+The process is begun once and takes one item after the other, so that what it loads is loaded once. An item
+that takes too long or too much, or at which the process dies, is told by an exception; the next one begins a
+new process. An item at which a process dies that had others before is tried once more in a new one, so that
+no item pays for what those before it left behind.
+
+Processes are no children of `multiprocessing`: workers of a cluster, which may have none, begin them too.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, BinaryIO, cast
+
+from eivor.fleets.limits import Limits
+from eivor.studies.executors import abandoned
+
+#: How often it is looked at whether anybody waits for the result [s].
+LOOK_S = 0.2
+#: How long a process may take to begin, beside what its limits say [s].
+BEGIN_S = 120.0
+#: Times that an item is tried at which its process dies.
+TRIES = 2
+#: Bytes of what a process that died said last.
+LAST_WORDS = 500
+#: One thread of linear algebra and of tables, as everywhere where logs are identified beside each other.
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
+)
+
+
+class LimitError(Exception):
+    """An item that took more than it may, or at which its process died; the sentence says which."""
+
+
+class AbandonedError(Exception):
+    """Nobody waits for the result any more."""
+
+
+class Guard:
+    """A function of one item, called in a process of its own.
+
+    Parameters
+    ----------
+    function : callable
+        That can be pickled, as can its items and results.
+    limits : Limits
+        Of each call.
+    """
+
+    def __init__(self, function: Callable[[Any], Any], limits: Limits) -> None:
+        self._function = function
+        self._limits = limits
+        self._process: _Process | None = None
+
+    def __call__(self, item: Any) -> Any:
+        """Result of an item.
+
+        Raises
+        ------
+        LimitError
+            When it takes more than it may, or its process dies.
+        AbandonedError
+            When the task that this is part of is abandoned.
+        """
+        for _ in range(TRIES - 1):
+            with suppress(_DiedError):
+                return self._tried(item)
+        try:
+            return self._tried(item)
+        except _DiedError as died:
+            raise LimitError(str(died)) from None
+
+    def _tried(self, item: Any) -> Any:
+        process = self._process or _Process(self._function, self._limits)
+        self._process = None  # until it has answered
+        try:
+            result = process.result(item, self._limits)
+        except BaseException:
+            process.end()
+            raise
+        self._process = process
+        return result
+
+    @property
+    def pid(self) -> int | None:
+        """Process that waits for the next item; None without one."""
+        return None if self._process is None else self._process.pid
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
+
+class _DiedError(Exception):
+    """A process that ended before it answered, or ran out of memory; it may have been for those before."""
+
+
+class _Process:
+    """A process with its two pipes: items go in, results come out."""
+
+    def __init__(self, function: Callable[[Any], Any], limits: Limits) -> None:
+        self._popen = subprocess.Popen(
+            [sys.executable, "-m", "eivor.fleets.guarded_process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            start_new_session=True,  # an interrupt is the business of who waits for it
+        )
+        self.pid = self._popen.pid
+        self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._words = bytearray()
+        self._items = cast("BinaryIO", self._popen.stdin)
+        results, said = cast("BinaryIO", self._popen.stdout), cast("BinaryIO", self._popen.stderr)
+        self._readers = [
+            threading.Thread(target=target, args=(pipe,), daemon=True)
+            for target, pipe in ((self._take, results), (self._hear, said))
+        ]
+        for reader in self._readers:
+            reader.start()
+        self._is_new = True
+        self._send((function, limits.memory_gb))
+
+    def result(self, item: Any, limits: Limits) -> Any:
+        """Answer to an item."""
+        if self._is_new:
+            self._answer(BEGIN_S, "begin")  # what it loads is nobody's time
+            self._is_new = False
+        self._send(item)
+        kind, value = self._answer(limits.time_s, "answer")
+        if kind == "memory":
+            raise _DiedError(f"It took more than {limits.memory_gb:g} GB of memory.")
+        return value
+
+    def _answer(self, patience_s: float, what: str) -> tuple[str, Any]:
+        end = time.monotonic() + patience_s
+        while True:
+            try:
+                found = self._answers.get(timeout=LOOK_S)
+            except queue.Empty:
+                if abandoned():
+                    raise AbandonedError from None
+                if time.monotonic() > end:
+                    raise LimitError(f"It took longer than {patience_s:g} s to {what}.") from None
+                continue
+            if found is None:
+                raise _DiedError(self._last_words())
+            return found
+
+    def _send(self, item: Any) -> None:
+        with suppress(OSError):  # that it died is told where its answer is missed
+            pickle.dump(item, self._items)
+            self._items.flush()
+
+    def _take(self, pipe: BinaryIO) -> None:
+        """Results as they come; None for their end."""
+        with pipe, suppress(EOFError, OSError, pickle.UnpicklingError):
+            while True:
+                self._answers.put(pickle.load(pipe))  # noqa: S301 - our own process wrote it
+        self._answers.put(None)
+
+    def _hear(self, pipe: BinaryIO) -> None:
+        """What it says, of which the last is kept; a pipe that nobody reads would stop it."""
+        with pipe, suppress(OSError):
+            for line in pipe:
+                self._words = (self._words + line)[-LAST_WORDS:]
+
+    def _last_words(self) -> str:
+        code = self._popen.wait()
+        lines = self._words.decode("utf-8", "replace").strip().splitlines()
+        said = f", and said last: {lines[-1]}" if lines else ""
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        return f"The process that worked on it died ({how}){said}."
+
+    def end(self) -> None:
+        """End it, whatever it does."""
+        self._popen.kill()
+        self._popen.wait()
+        with suppress(OSError):
+            self._items.close()
+        for reader in self._readers:
+            reader.join()

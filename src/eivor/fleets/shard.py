@@ -1,0 +1,111 @@
+"""The task of a fleet's run: some logs to one part of the table, of which only a receipt comes back."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from eivor.fleets.fleet_folder import FleetFolder, SupersededError
+from eivor.fleets.fleet_options import FleetOptions
+from eivor.fleets.flight_row import FlightRow, failed_row, named_row
+from eivor.fleets.guard import AbandonedError, Guard, LimitError
+from eivor.fleets.limits import Limits
+from eivor.fleets.logs_found import Log
+from eivor.studies.executors import abandoned
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    """What comes back of a task.
+
+    Parameters
+    ----------
+    rows : int
+        Rows that were written.
+    verdicts : mapping of str to int
+        How many of them have which verdict.
+    """
+
+    rows: int
+    verdicts: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Shard:
+    """The task.
+
+    Parameters
+    ----------
+    folder : FleetFolder
+        Where the rows go.
+    options : FleetOptions
+        What is asked of every log.
+    guarded : bool
+        Whether each log has its limits, in a process that may die of it; else it is read in this one.
+    """
+
+    folder: FleetFolder
+    options: FleetOptions
+    guarded: bool = True
+
+    def __call__(self, logs: tuple[Log, ...]) -> Receipt:
+        """Write the rows of some logs; fewer of them when nobody waits for them any more."""
+        rows: list[dict[str, Any]] = []
+        try:
+            for log in logs:
+                if abandoned():
+                    break
+                self.folder.check_run()
+                rows.append(self._row(log))
+        except AbandonedError:
+            pass
+        except SupersededError:
+            return Receipt(0, {})
+        finally:  # an interrupt keeps what was done, too
+            self._write(rows)
+        return Receipt(len(rows), Counter(row["verdict"] for row in rows))
+
+    def _write(self, rows: list[dict[str, Any]]) -> None:
+        if rows:
+            try:
+                self.folder.write(rows, self.options.hash())
+            except SupersededError:
+                rows.clear()
+
+    def _row(self, log: Log) -> dict[str, Any]:
+        function = FlightRow(self.options)
+        if not self.guarded:
+            return function(log)
+        try:
+            row: dict[str, Any] = kept_guard(function, self.options.limits)(log)
+        except LimitError as error:
+            return failed_row(named_row(log, self.options.marks()), str(error))
+        return row
+
+
+class _Kept(threading.local):
+    """The guard of this thread, which lives from one task to the next, and what it was made for."""
+
+    guard: Guard | None = None
+    made_for: tuple[Any, Limits] | None = None
+
+
+_KEPT = _Kept()
+
+
+def kept_guard(function: Callable[[Any], Any], limits: Limits) -> Guard:
+    """Guard of this thread for a function: that of the task before, when it was for the same."""
+    if _KEPT.guard is None or _KEPT.made_for != (function, limits):
+        close_kept_guard()
+        _KEPT.guard, _KEPT.made_for = Guard(function, limits), (function, limits)
+    return _KEPT.guard
+
+
+def close_kept_guard() -> None:
+    """End the process of this thread's guard."""
+    if _KEPT.guard is not None:
+        _KEPT.guard.close()
+        _KEPT.guard = _KEPT.made_for = None

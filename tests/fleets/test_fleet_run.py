@@ -1,0 +1,250 @@
+"""A fleet's run: every log once, each with a row, whatever happens on the way."""
+
+from __future__ import annotations
+
+import errno
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from eivor.errors import InputError, UsageError
+from eivor.fleets.fleet_folder import IDENTITY, RUN
+from eivor.fleets.fleet_options import FleetOptions
+from eivor.fleets.folder_lock import folder_lock
+from eivor.fleets.limits import Limits
+from eivor.fleets.logs_found import logs_found
+from eivor.fleets.run import hashed, run_fleet
+from eivor.fleets.table import part_files, read_flights
+from eivor.studies.sealed_table import parquet_bytes
+from fleets.fleet_tasks import rows_of, write_logs
+
+OPTIONS = FleetOptions()
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> Path:
+    texts = {"d.csv": "four", "a.csv": "one", "b.csv": "two!!", "copies/a.csv": "one", "README": "no log"}
+    return write_logs(tmp_path / "logs", texts)
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows_of(monkeypatch)
+
+
+def run(logs: Path, folder: Path, options: FleetOptions = OPTIONS, **choices):
+    return run_fleet(logs_found(str(logs)), folder, options, guarded=False, **choices)
+
+
+def content(folder: Path) -> bytes:
+    return parquet_bytes(read_flights(folder))
+
+
+def parts(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in part_files(folder)}
+
+
+def test_every_log_has_a_row_and_a_copy_no_numbers(logs, tmp_path):
+    told: list[tuple[int, int]] = []
+    done = run(logs, tmp_path / "fleet", progress=lambda *numbers: told.append(numbers))
+    table = read_flights(tmp_path / "fleet")
+    assert table.select("name", "verdict", "gain.value").rows() == [
+        ("a.csv", "weak", 3.0),
+        ("b.csv", "weak", 5.0),
+        ("copies/a.csv", "copy", None),
+        ("d.csv", "weak", 4.0),
+    ]
+    copy = table.row(2, named=True)
+    assert copy["copy_of"] == copy["sha256"] == table["sha256"][0]
+    assert copy["reason"] == "A copy of a.csv, whose row has the numbers."
+    assert (done.logs, done.before, done.others, done.elsewhere) == (4, 0, 1, 0)
+    assert done.verdicts == {"weak": 3, "copy": 1}
+    assert (told[0], told[-1]) == ((0, 4), (4, 4))
+    assert set(table["options_hash"]) == {OPTIONS.hash()}
+
+
+def test_what_is_there_is_not_made_again(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    run(logs, folder)
+    before, made = content(folder), parts(folder)
+    write_logs(logs, {"e.csv": "four"})
+    done = run(logs, folder)
+    assert (done.logs, done.before) == (5, 4)
+    assert made.items() <= parts(folder).items()
+    assert read_flights(folder)["reason"].to_list()[-1] == "A copy of d.csv, whose row has the numbers."
+    (logs / "e.csv").unlink()
+    assert run(logs, folder).elsewhere == 1
+    assert content(folder) != before
+
+
+def test_the_table_does_not_depend_on_the_tasks(logs, tmp_path):
+    for size in (1, 2, 100):
+        run(logs, tmp_path / f"{size}", shard_logs=size)
+    assert content(tmp_path / "1") == content(tmp_path / "2") == content(tmp_path / "100")
+
+
+def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
+    run(logs, tmp_path / "expected")
+    folder, count = tmp_path / "fleet", [0]
+
+    def stopped(options):
+        row = expected(options)
+
+        def made(log):
+            count[0] += 1
+            if count[0] == 3:
+                raise KeyboardInterrupt
+            return row(log)
+
+        return made
+
+    from eivor.fleets import shard
+
+    expected = shard.FlightRow
+    rows_of(monkeypatch, stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run(logs, folder, shard_logs=3)
+    assert read_flights(folder)["name"].to_list() == ["a.csv", "b.csv"]
+    rows_of(monkeypatch, expected)
+    assert run(logs, folder).before == 2
+    assert content(folder) == content(tmp_path / "expected")
+
+
+def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
+    found = logs_found(str(write_logs(tmp_path / "logs", {"a.csv": "one"})))
+    first = found.logs[0]
+    many = replace(found, logs=tuple(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
+    once = hashed(first)
+    monkeypatch.setattr("eivor.fleets.run.hashed", lambda log: replace(log, sha256=once.sha256))
+    done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
+    assert done.verdicts == {"weak": 1, "copy": 9999}
+    assert len(part_files(tmp_path / "fleet")) == 2
+    assert read_flights(tmp_path / "fleet", ["name", "verdict"]).row(0) == ("00000.csv", "weak")
+
+
+def test_logs_that_cannot_be_opened_have_rows_until_they_can(logs, tmp_path, monkeypatch):
+    folder = tmp_path / "fleet"
+    (logs / "gone.ulg").symlink_to("nowhere")
+    with (logs / "huge.bin").open("wb") as stream:
+        stream.truncate((1 << 30) + 1)
+    (logs / "folder.ulg").mkdir()
+    run(logs, folder)
+    failed = {row["name"]: row for row in read_flights(folder).rows(named=True) if row["verdict"] == "failed"}
+    assert failed["gone.ulg"]["reason"] == "It cannot be opened: No such file or directory."
+    assert failed["huge.bin"]["reason"].startswith("It has 1073741825 bytes, more than")
+    assert len(failed) == 2
+    assert {row["sha256"] for row in failed.values()} == {None}
+    (logs / "gone.ulg").unlink()
+    write_logs(logs, {"gone.ulg": "here"})
+    assert run(logs, folder).verdicts == {"weak": 4, "failed": 1, "copy": 1}
+    assert read_flights(folder).filter(name="gone.ulg")["verdict"].to_list() == ["weak"]
+    (logs / "huge.bin").unlink()
+    write_logs(logs, {"huge.bin": "small"})
+    run(logs, folder)
+    assert not any("unopened" in path.name for path in part_files(folder))
+
+
+def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    run(logs, folder, shard_logs=1)
+    expected = content(folder)
+    damaged = part_files(folder)[0]
+    damaged.write_bytes(damaged.read_bytes()[:-20])
+    run(logs, folder)
+    assert content(folder) == expected
+    assert damaged.with_name(f"damaged-{damaged.name}").exists()
+
+
+def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch):
+    from eivor.fleets import fleet_folder
+
+    folder, whole = tmp_path / "fleet", fleet_folder.write_whole
+    run(logs, tmp_path / "expected")
+
+    def full(path: Path, data: bytes | str) -> None:
+        if len(part_files(folder)) == 2 and path.suffix == ".parquet":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        whole(path, data)
+
+    monkeypatch.setattr(fleet_folder, "write_whole", full)
+    with pytest.raises(InputError, match=r"No space left on device.*Rows that were written are kept"):
+        run(logs, folder, shard_logs=1)
+    assert read_flights(folder).height == 2
+    monkeypatch.setattr(fleet_folder, "write_whole", whole)
+    assert run(logs, folder).before == 2
+    assert content(folder) == content(tmp_path / "expected")
+
+
+def test_a_folder_of_other_options_or_versions_is_refused(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    run(logs, folder)
+    with pytest.raises(UsageError, match=r"begun with for the motion 'vertical'; received others \(limits\)"):
+        run(logs, folder, replace(OPTIONS, limits=Limits(time_s=1.0)))
+    document = json.loads((folder / IDENTITY).read_text())
+    (folder / IDENTITY).write_text(json.dumps({**document, "versions": {"eivor": "0.0.1"}}))
+    assert run(logs, folder).before == 4  # nothing is left to do
+    write_logs(logs, {"e.csv": "five?"})
+    with pytest.raises(InputError, match=r"the versions that made the rows .*eivor 0\.0\.1"):
+        run(logs, folder)
+    (folder / IDENTITY).write_text(json.dumps({**document, "schema": "eivor.fleet/9"}))
+    with pytest.raises(InputError, match=r"a folder of the format eivor\.fleet/1; received .*eivor\.fleet/9"):
+        run(logs, folder)
+    (folder / IDENTITY).write_text("[]")
+    with pytest.raises(InputError, match="which is another file"):
+        run(logs, folder)
+    (folder / IDENTITY).unlink()
+    with pytest.raises(UsageError, match=r"which has parts of flights and no fleet\.json"):
+        run(logs, folder)
+    with pytest.raises(UsageError, match="a folder for the fleet"):
+        run(logs, logs / "a.csv")
+
+
+def test_motions_share_a_folder(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    run(logs, folder)
+    done = run(logs, folder, FleetOptions(motion="rates"))
+    assert (done.before, done.elsewhere) == (0, 0)
+    assert read_flights(folder).group_by("motion").len().sort("motion").rows() == [
+        ("rates", 4),
+        ("vertical", 4),
+    ]
+    assert set(json.loads((folder / IDENTITY).read_text())["options"]) == {"rates", "vertical"}
+
+
+def test_one_run_at_a_time(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    run(logs, folder)
+    with folder_lock(folder), pytest.raises(InputError, match="a folder that no other run works on"):
+        run(logs, folder)
+
+
+def test_a_run_that_another_follows_writes_nothing_more(logs, tmp_path, monkeypatch):
+    """Workers of a cluster do not know that who asked was killed, and that the same is asked again."""
+    folder = tmp_path / "fleet"
+
+    def taken_over(options):
+        (folder / RUN).write_text("another")
+        return lambda _log: {}
+
+    rows_of(monkeypatch, taken_over)
+    with pytest.raises(InputError, match="which another run has begun on"):
+        run(logs, folder)
+    assert part_files(folder) == []
+
+
+def test_nothing_to_do_is_told(tmp_path):
+    (tmp_path / "logs").mkdir()
+    with pytest.raises(InputError, match=r"received none \(0 other files\)"):
+        run(tmp_path / "logs", tmp_path / "fleet")
+    assert not (tmp_path / "fleet").exists()
+
+
+def test_a_folder_that_cannot_be_written(logs, tmp_path, monkeypatch):
+    def refuse(*_choices, **_more):
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    with pytest.raises(InputError, match=r"that the fleet can be written to; received .*Permission denied"):
+        run(logs, tmp_path / "fleet")

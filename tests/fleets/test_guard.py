@@ -1,0 +1,52 @@
+"""One hostile item takes none of its neighbours along."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+
+import pytest
+
+from eivor.errors import UsageError
+from eivor.fleets.guard import AbandonedError, Guard, LimitError
+from eivor.fleets.limits import Limits
+from fleets.guarded_answers import answered
+
+
+def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    guard = Guard(answered, Limits(time_s=0.4, memory_gb=1.0))
+    with contextlib.closing(guard):
+        first = guard("pid")
+        assert guard("a") == "<a>"
+        assert guard("pid") == first != os.getpid()
+        with pytest.raises(LimitError, match=r"It took longer than 0\.4 s to answer"):
+            guard("sleep")
+        with pytest.raises(LimitError, match=r"It took more than 1 GB of memory"):
+            guard("memory")
+        with pytest.raises(LimitError, match=r"died \(exit code 7\)\.$"):
+            guard("die")
+        with pytest.raises(LimitError, match=r"\(exit code 1\).* last: ZeroDivisionError: of all"):
+            guard("mistake")
+        assert guard("once") == "<once>"  # the second time, in a process that had no other
+        alive = guard("pid")
+        os.kill(alive, signal.SIGKILL)
+        assert guard("b") == "<b>"
+    assert guard.pid is None
+    with pytest.raises(ProcessLookupError):
+        os.kill(first, 0)
+
+
+def test_an_abandoned_item_is_given_up(monkeypatch):
+    monkeypatch.setattr("eivor.fleets.guard.abandoned", lambda: True)
+    guard = Guard(answered, Limits())
+    with pytest.raises(AbandonedError):
+        guard("sleep")
+    assert guard.pid is None
+
+
+def test_limits_are_above_zero():
+    for wrong in ({"time_s": 0.0}, {"memory_gb": float("nan")}):
+        with pytest.raises(UsageError, match=r"a limit .* above zero"):
+            Limits(**wrong)

@@ -1,0 +1,100 @@
+"""Which files are logs, what they are called, and whose they are."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from eivor.errors import InputError, UsageError
+from eivor.fleets.logs_found import logs_found
+from eivor.fleets.named_by_path import PathPattern
+from fleets.fleet_tasks import write_logs
+
+CANONICAL = "time,velocity_z,input\n0,0,0\n"
+
+
+def names(found):
+    return [log.name for log in found.logs]
+
+
+def test_content_or_ending_makes_a_log(tmp_path):
+    logs = {
+        "b/flight.CSV": "a,b\n1,2\n",
+        "a.ulg": "",
+        "table": CANONICAL,
+        "old.bag": "",
+    }
+    others = {"README.md": "Logs, and more\nof them\n", "b/notes": "a, b", "image.png": "\x00", "empty": ""}
+    found = logs_found(str(write_logs(tmp_path, {**logs, **others})))
+    assert names(found) == ["a.ulg", "b/flight.CSV", "old.bag", "table"]
+    assert found.others == len(others)
+    (tmp_path / "flight").write_bytes(b"ULog\x01\x12\x35\x01")
+    assert "flight" in names(logs_found(str(tmp_path)))
+
+
+def test_globs_and_lists(tmp_path, monkeypatch):
+    write_logs(tmp_path, {"x/1/a.csv": "", "x/2/a.csv": "", "x/2/b.txt": "", "y/a.csv": ""})
+    assert names(logs_found(f"{tmp_path}/x/**/*")) == ["1/a.csv", "2/a.csv"]
+    assert names(logs_found(f"{tmp_path}/*/a.csv")) == ["y/a.csv"]
+    (tmp_path / "list.txt").write_text("# mine\ny/a.csv\n\nx/1/a.csv\ny/a.csv\nnowhere\n")
+    found = logs_found(str(tmp_path / "list.txt"))
+    assert names(found) == ["nowhere", "x/1/a.csv", "y/a.csv"]
+    assert found.logs[2].path == str(tmp_path / "y/a.csv")
+    (tmp_path / "list.csv").write_text("path,tail\ny/a.csv,N1\nx/1/a.csv,\n")
+    assert [log.told for log in logs_found(str(tmp_path / "list.csv")).logs] == [{"tail": ""}, {"tail": "N1"}]
+    assert names(logs_found(str(tmp_path / "y/a.csv"))) == ["a.csv"]
+
+
+def test_what_is_not_there_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"received '.*nowhere', which does not exist"):
+        logs_found(str(tmp_path / "nowhere"))
+    assert names(logs_found(f"{tmp_path}/*.ulg")) == []
+    (tmp_path / "list.txt").write_text("# nothing\n")
+    with pytest.raises(UsageError, match="which names none"):
+        logs_found(str(tmp_path / "list.txt"))
+
+
+@pytest.mark.skipif(os.name == "nt", reason="names are text there")
+def test_strange_names_and_files(tmp_path):
+    (tmp_path / os.fsdecode(b"\xff.ulg")).touch()
+    os.mkfifo(tmp_path / "pipe.ulg")
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "broken.csv").symlink_to("nowhere")
+    found = logs_found(str(tmp_path))
+    assert names(found) == [r"\udcff.ulg", "broken.csv", "pipe.ulg"]
+
+
+@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="this user may read everything")
+def test_closed_folders_are_told(tmp_path):
+    write_logs(tmp_path, {"a.csv": "", "closed/b.csv": ""})
+    (tmp_path / "closed").chmod(0)
+    try:
+        found = logs_found(str(tmp_path))
+    finally:
+        (tmp_path / "closed").chmod(0o700)
+    assert names(found) == ["a.csv"]
+    assert "Permission denied" in found.unread_folders[0]
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "told"),
+    [
+        ("{vehicle}/*.ulg", "N1/a.ulg", {"vehicle": "N1"}),
+        ("{vehicle}/*.ulg", "x/N1/a.ulg", {}),
+        ("**/{type}/{vehicle}/*", "x/y/quad/N1/a.ulg", {"vehicle": "N1", "type": "quad"}),
+        ("{type}-{vehicle}_*.csv", "deep/quad-N1_2026_3.csv", {"vehicle": "N1", "type": "quad"}),
+        ("flight.{vehicle}?.csv", "flightxN12.csv", {}),
+    ],
+)
+def test_vehicles_by_path(pattern, name, told):
+    assert PathPattern(pattern).told(name) == told
+
+
+@pytest.mark.parametrize("pattern", ["{}", "{serial}/*", "{type}/*", "{vehicle}/{vehicle}"])
+def test_patterns_that_cannot_be(pattern):
+    if pattern == "{type}/*":
+        assert PathPattern(pattern).told("quad/a.csv") == {"type": "quad"}
+        return
+    with pytest.raises(UsageError, match=r"a pattern with \{vehicle\}"):
+        PathPattern(pattern)
