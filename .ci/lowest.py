@@ -5,8 +5,8 @@
 
 FOLDER gets a virtual environment and the outputs. What runs: every module is imported, every command
 shows its help, and the example flight is identified from the package, from a CSV and from a Parquet file;
-a ULog made by the tests and those of EIVOR_DATA are inspected and identified. A command that leaves with
-another code than it should, or prints a traceback, fails.
+a ULog made by the tests and those of EIVOR_DATA are inspected and identified, and bags made by the tests.
+A command that leaves with another code than it should, or prints a traceback, fails.
 
 The lower bounds have wheels for the lowest Python that is supported, so that is the one that is used; where
 it is not there, the check says so and is left out.
@@ -23,6 +23,8 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+#: Extras that read logs.
+EXTRAS = ("ros",)
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=(\d[\w.]*)")
 
 IMPORT_ALL = """
@@ -66,15 +68,27 @@ from ulog_writer import flight
 Path(sys.argv[1]).write_bytes(flight(2000).bytes())
 """
 
+BAGS = """
+from dataflash_writer import simulated
+from rosbags.rosbag2 import StoragePlugin
+from bag_writer import mavros_messages, px4_messages, stores, without_definitions, write_ros1, write_ros2
+flight = simulated(seed=3, duration=20.0)
+ros1, ros2 = stores()
+write_ros1("mavros.bag", mavros_messages(ros1, flight), ros1)
+write_ros2("mcap", px4_messages(ros2, flight), ros2, StoragePlugin.MCAP)
+without_definitions(write_ros2("sqlite", px4_messages(ros2, flight), ros2))
+"""
+
 
 def lower_bounds() -> tuple[tuple[int, int], dict[str, str]]:
-    """Lowest Python, and the lowest version of each core dependency."""
+    """Lowest Python, and the lowest version of each dependency, with the extras that read logs."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     python = re.fullmatch(r">=(\d+)\.(\d+)", project["requires-python"])
     if python is None:
         sys.exit(f"Expected requires-python >=X.Y; received {project['requires-python']!r}")
     lowest = {}
-    for requirement in project["dependencies"]:
+    extras = (one for extra in EXTRAS for one in project["optional-dependencies"][extra])
+    for requirement in (*project["dependencies"], *extras):
         bound = _BOUND.match(requirement)
         if bound is None:
             sys.exit(f"Expected a dependency with a lower bound, NAME>=VERSION; received {requirement!r}")
@@ -110,7 +124,10 @@ class Installed:
         exactly = [f"{name}=={version}" for name, version in lowest.items()]
         print("With", *exactly, flush=True)
         options = ["--quiet", "--disable-pip-version-check", "--prefer-binary", "--no-compile"]
-        subprocess.run([self.python, "-m", "pip", "install", *options, str(ROOT), *exactly], check=True)
+        subprocess.run(
+            [self.python, "-m", "pip", "install", *options, f"{ROOT}[{','.join(EXTRAS)}]", *exactly],
+            check=True,
+        )
 
     def run(self, *arguments: str, codes: tuple[int, ...] = (0,), **variables: str) -> str:
         """Run the environment's Python; stop when it fails."""
@@ -149,6 +166,9 @@ def use(installed: Installed, modules: list[str]) -> None:
         installed.eivor("inspect", str(log))
         # 3: an answer, though not an identified one
         installed.eivor("identify", str(log), codes=(0, 3))
+    installed.run("-c", BAGS, PYTHONPATH=str(ROOT / "tests" / "logs"))
+    for bag in ("mavros.bag", "mcap", "sqlite"):
+        installed.eivor("identify", bag)
     installed.eivor("simulate", "closed-loop", "--out", "simulated.csv")
     for study in sorted((ROOT / "examples" / "studies").glob("*.toml")):
         installed.eivor("study", str(study), "--runs", "4")

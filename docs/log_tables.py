@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
+from eivor.logs.bags.ros_sources import LOOKED_FOR as FIELDS
 from eivor.logs.crazyflie.channels import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
@@ -27,6 +28,7 @@ def parts() -> dict[str, str]:
         "ulog rates": ulog_rates(),
         "dataflash sources": dataflash_sources(),
         "crazyflie sources": crazyflie_sources(),
+        "ros sources": ros_sources(),
         "units": units(),
     }
 
@@ -68,6 +70,16 @@ def crazyflie_sources() -> str:
     """Where each channel is looked for in a Crazyflie's log."""
     rows = ((code([name]), code(variables, "<br>")) for name, variables in VARIABLES.items())
     return markdown(("channel", "variables, in order of preference"), rows)
+
+
+def ros_sources() -> str:
+    """Where each channel is looked for in a bag of mavros, or of plain messages."""
+    rows = (
+        (code([name]), code(fields, "<br>"))
+        for name, fields in FIELDS.items()
+        if not name.rpartition("_")[2].isdigit() or name.endswith("_1")
+    )
+    return markdown(("channel", "topics or types, and fields, in order of preference"), rows)
 
 
 def units() -> str:

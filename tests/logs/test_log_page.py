@@ -12,6 +12,7 @@ import pytest
 from usd_writer import fixed
 
 from eivor.logs import logging_advice, read_log
+from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.formats import log_formats, readable_formats
 from eivor.logs.table.parquet import MAX_CELLS, MAX_CELLS_PER_BYTE
 from eivor.studies.generated_page import page_with
@@ -31,8 +32,8 @@ def test_formats_and_limits_are_named():
     formats = PAGE.partition("## Formats")[2].partition("## Channels")[0]
     for row in readable_formats():
         assert re.search(rf"^\| .*{row.label}.* \| yes \|", formats, flags=re.MULTILINE), row.label
-    unread = {"mcap": "MCAP", "blackbox": "Betaflight"}
-    unread |= {"matlab": "MATLAB", "hdf5": "HDF5", "arrow": "Arrow", "ros1": "ROS 1"}
+    unread = {"blackbox": "Betaflight"}
+    unread |= {"matlab": "MATLAB", "hdf5": "HDF5", "arrow": "Arrow"}
     assert set(unread) <= {row.name for row in log_formats() if not row.is_read}
     assert all(words in formats for words in unread.values())
     assert f"{MAX_CELLS_PER_BYTE} needed numbers for each" in formats.replace("\n", " ")
@@ -49,6 +50,12 @@ def test_the_card_of_a_crazyflie_logs_what_is_read(tmp_path):
     assert {"velocity_z", "rotor_command_4", "reference_position_z"} <= set(r.channels)
     advised = " ".join(logging_advice("crazyflie"))
     assert all(name.partition(".")[0] in advised for name in variables)
+
+
+def test_maps_of_the_page_are_maps():
+    blocks = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    names = [parse_channel_map(block, "page").name for block in blocks]
+    assert {"mycopter", "rig"} <= set(names)
 
 
 @pytest.mark.parametrize(

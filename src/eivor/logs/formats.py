@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from eivor.errors import UnknownFormatError, UsageError
+from eivor.logs.bags.format import BAGS
 from eivor.logs.crazyflie.format import CRAZYFLIE
 from eivor.logs.dataflash.format import DATAFLASH
 from eivor.logs.log_format import LogFormat
@@ -22,6 +23,7 @@ FORMATS: tuple[LogFormat, ...] = (
     PARQUET,
     CRAZYFLIE,
     DATAFLASH,
+    *BAGS,
     *RECOGNISED,
 )
 #: Formats of text, which has no first bytes of its own: asked last.
@@ -101,7 +103,8 @@ def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of a format that is read: "ulog" (PX4), "dataflash" (ArduPilot), "crazyflie", "csv", "parquet".
+        Of a format that is read: "ulog" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1", "ros2", "mcap",
+        "csv", "parquet".
     channel : str
         A canonical channel: only the advice for it; empty for the advice on the whole flight.
 

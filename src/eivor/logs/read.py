@@ -9,6 +9,7 @@ from pathlib import Path
 
 from eivor import checks
 from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UsageError
+from eivor.logs.folders import folder_sha256, folder_size
 from eivor.logs.formats import format_of, readable_formats
 from eivor.logs.log_format import HEAD_BYTES, ReadOptions
 from eivor.logs.streams import is_stream, kept
@@ -29,11 +30,12 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, a Crazyflie's microSD log, a CSV or Parquet file; "-" reads standard input, by way of a
-        temporary file.
+        A ULog, a DataFlash log, a Crazyflie's microSD log, a ROS bag or MCAP, a CSV or Parquet file; or the
+        folder of a ROS 2 bag. "-" reads standard input, by way of a temporary file.
     channel_map : str or path, optional
-        For tables, and variables of a Crazyflie: a channel map (TOML), or the name of a shipped one
-        ("nanobench", "rotorpy"). Not needed for canonical column names, for variables that are known, nor
+        For tables, variables of a Crazyflie, and topics of bags: a channel map (TOML), or the name of a
+        shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables that "
+        "are known, nor
         where a shipped map fits by itself.
     max_bytes : int
         Largest file that is read [bytes]; 1 GiB by default.
@@ -77,7 +79,7 @@ def read_log(
 
 
 def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int) -> Recording:
-    size = _regular_size(file)
+    size = _log_size(file)
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
     if size > max_bytes:
@@ -87,10 +89,7 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
             "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...).",
         )
     try:
-        with file.open("rb") as stream:
-            head = stream.read(HEAD_BYTES)
-            stream.seek(0)
-            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+        head, sha256 = _head(file)
     except OSError as error:
         raise _unreadable(file, error) from error
     chosen = format_of(head, file)
@@ -122,18 +121,30 @@ def _check_name(file: Path) -> None:
         ) from error
 
 
-def _regular_size(file: Path) -> int:
-    """Size of a regular file [bytes].
+def _head(file: Path) -> tuple[bytes, str]:
+    """The first bytes of a file, none of a folder, and the hash of all."""
+    if file.is_dir():
+        return b"", folder_sha256(file)
+    with file.open("rb") as stream:
+        head = stream.read(HEAD_BYTES)
+        stream.seek(0)
+        return head, hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _log_size(file: Path) -> int:
+    """Size of a regular file, or of the files of a folder that is a log [bytes].
 
     Raises
     ------
     InputError
-        When there is no such file, or it is not a regular one.
+        When there is no such file, or it is neither.
     """
     try:
         status = file.stat()
     except (OSError, ValueError) as error:
         raise _unreadable(file, error) from error
+    if stat.S_ISDIR(status.st_mode) and any(row.sniff(b"", file) for row in readable_formats()):
+        return folder_size(file)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
         raise InputError(

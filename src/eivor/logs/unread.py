@@ -21,29 +21,10 @@ def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
 
 
 _UNPACK = "Unpack it and give the log that is inside."
-_BAG = "Export the topics to CSV or Parquet with canonical column names (or write a channel map)."
 _TABLE = "Write the table as Parquet or CSV."
 
 #: Recognised formats without a reader in this release.
 RECOGNISED: tuple[LogFormat, ...] = (
-    _recognised(
-        "ros1",
-        "a ROS 1 bag",
-        b"#ROSBAG",
-        f"{_BAG} A `[ros]` extra is planned, but not in this release.",
-    ),
-    _recognised(
-        "sqlite",
-        "an SQLite database (a ROS 2 bag in .db3 form is one)",
-        b"SQLite format 3\x00",
-        f"{_BAG} A `[ros]` extra is planned, but not in this release.",
-    ),
-    _recognised(
-        "mcap",
-        "an MCAP file",
-        b"\x89MCAP0\r\n",
-        f"{_BAG} An `[mcap]` extra is planned, but not in this release.",
-    ),
     _recognised(
         "blackbox",
         "a Betaflight or INAV blackbox log",
