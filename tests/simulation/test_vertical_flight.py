@@ -63,6 +63,19 @@ def test_log_without_noise_is_the_truth():
     assert np.std(wind) > 0.1
 
 
+@pytest.mark.parametrize(("over", "halfway"), [(0.0, 0.8), (2.0, 0.9)])
+def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, halfway):
+    spec = replace(QUIET, gain_after=0.8, gain_changes_at=4.0, gain_changes_over=over)
+    truth = fly(spec).truth
+    share = (truth.specific_force_z + spec.viscous_friction * truth.air_velocity_z) / (
+        spec.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
+    )
+    at = np.searchsorted(truth.time_s, [3.9, 5.0, 7.9])
+    np.testing.assert_allclose(share[at], [1.0, halfway, 0.8], rtol=1e-9)
+    hover = truth.rotor_state[[0, -1], 0] ** 2
+    assert hover[1] / hover[0] > 1.1
+
+
 def test_effective_parameters_are_the_nominal_ones():
     truth = fly(LOUD).truth
     found = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)

@@ -29,6 +29,8 @@ MEMORY_S = 5.0
 TOLD = 0.2
 #: Least part of the memory that holds samples that count.
 HELD = 0.25
+#: Sums are held against the newest estimate: a battery that sags is followed, and is no change.
+DETECTOR = ChangeDetector(held_looks=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +150,7 @@ def _tracked(
     forgetting = Forgetting(memory_s / columns.step_s)
     follower = Follower(names.index(followed.name), priors, start)
     time_s = result.prepared[0].grid.time_s
-    points = follower.points(rows_of(columns, at), forgetting, ChangeDetector())
+    points = follower.points(rows_of(columns, at), forgetting, DETECTOR)
     moments = tuple(
         Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
         for point in points

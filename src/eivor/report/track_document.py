@@ -65,8 +65,8 @@ def changes_told(track: Track) -> Iterator[str]:
 
 
 def _beside(track: Track, change: Moment) -> tuple[float | None, float | None]:
-    """Values told before a change, its own last looks left out, and after it, within a memory."""
-    before = [one.value for one in track.told if one.time_s < change.time_s - 0.5 * track.memory_s]
+    """Values told a memory before a change, since it may be as old, and after it, within a memory."""
+    before = [one.value for one in track.told if one.time_s < change.time_s - track.memory_s]
     after = [
         one.value
         for one in track.told

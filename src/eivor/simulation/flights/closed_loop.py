@@ -119,6 +119,7 @@ def simulate_vertical(
     *,
     step_s: float,
     controller: AltitudeController,
+    gain_share: Float[np.ndarray, "samples flights"] | None = None,
 ) -> SimulatedMotion:
     """Fly every vehicle through its environment under altitude control.
 
@@ -130,6 +131,8 @@ def simulate_vertical(
         Control and logging period [s].
     controller : AltitudeController
         Gains of each flight, or the same ones for all.
+    gain_share : ndarray, shape (samples, flights), optional
+        What is left of each vehicle's K_u, which its controller does not know; all of it by default.
 
     Notes
     -----
@@ -143,8 +146,9 @@ def simulate_vertical(
     out = SimulatedMotion(*(np.empty((count, flights)) for _ in range(5)))
     history = CommandHistory(hover, vehicles.delay_s, step_s)
     substep = ExactSubstep(vehicles, step_s / SUBSTEPS)
+    lifts = environment.cos_tilt if gain_share is None else gain_share * environment.cos_tilt
     for k in range(count):
-        tilt, gust = environment.cos_tilt[k], environment.gust[k]
+        tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
         measured_z = z + environment.position_noise[k]
         measured_v = v + environment.velocity_noise[k]
         wanted_v = environment.reference_velocity[k] + controller.position_gain * (
@@ -160,10 +164,10 @@ def simulate_vertical(
         thrust = np.clip((GRAVITY + wanted_a) / (vehicles.input_gain * tilt), *THRUST_RANGE * hover**2)
         command = np.sqrt(thrust)
         out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
-        out.specific_force[k] = vehicles.input_gain * tilt * state**2 - vehicles.viscous_friction * (v - gust)
+        out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
         history.push(command)
         for number in range(SUBSTEPS):
-            state, z, v = substep.end(history.reaching(number), state, z, v, gust, tilt)
+            state, z, v = substep.end(history.reaching(number), state, z, v, gust, lift)
     return out
 
 
@@ -231,11 +235,11 @@ class ExactSubstep:
         z: Float[np.ndarray, " flights"],
         v: Float[np.ndarray, " flights"],
         gust: Float[np.ndarray, " flights"],
-        tilt: Float[np.ndarray, " flights"],
+        lift: Float[np.ndarray, " flights"],
     ) -> tuple[Float[np.ndarray, " flights"], Float[np.ndarray, " flights"], Float[np.ndarray, " flights"]]:
-        """Rotor state, height and velocity at the end."""
+        """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
         away = state - command
-        gain = self._K_u * tilt
+        gain = self._K_u * lift
         D0 = gain * command**2 + self._K * gust - GRAVITY
         D1, D2 = 2.0 * gain * command * away, gain * away**2
         velocity = self._damping * v + self._held * D0 + self._slow * D1 + self._fast * D2

@@ -46,7 +46,7 @@ class FlightTruth:
     viscous_friction : float
         K at hover in still air [1/s].
     input_gain : float
-        K_u [m/s^2 per unit of the mean mapped rotor state].
+        K_u [m/s^2 per unit of the mean mapped rotor state], at the beginning where it changes.
     hover_input : float
         Rotor state at hover.
 

@@ -153,7 +153,13 @@ def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
         velocity_gain=np.array([gain.velocity_gain for gain in gains]),
         integral_gain=np.array([gain.integral_gain for gain in gains]),
     )
-    motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=controller)
+    motion = simulate_vertical(
+        vehicles,
+        environment,
+        step_s=STEP_S,
+        controller=controller,
+        gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
+    )
     for number, (spec, surroundings) in enumerate(zip(specs, met, strict=True)):
         yield _flight(spec, surroundings, motion, number)
 

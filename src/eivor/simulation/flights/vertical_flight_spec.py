@@ -1,15 +1,19 @@
 """Specifications of flights of the own simulator of vertical motion.
 
 One rotor stands for all. Its state is a share of full command, thrust goes with its square, and K_u is g
-over the squared hover command. Friction is linear, so that K and K_u are the same at every speed.
+over the squared hover command. Friction is linear, so that K and K_u are the same at every speed. K_u may
+change during the flight: at once, as with a damaged propeller, or slowly, as with a battery that sags.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float
 from eivor.simulation.flights.closed_loop import SUBSTEPS, AltitudeController
 from eivor.simulation.flights.sensor_noise import SensorNoise
 from eivor.simulation.flights.trajectories import TrajectoryKind
@@ -40,6 +44,10 @@ class VerticalFlightSpec:
         Constant error of the specific force [m/s^2].
     tilt_rms : float
         Standard deviation of roll and of pitch [rad], before they are smoothed.
+    gain_after : float
+        What K_u is multiplied by in the end; its controller does not know.
+    gain_changes_at, gain_changes_over : float
+        When it begins to change [s], and how long it takes [s]: zero for at once.
     trajectory : TrajectoryKind
         The altitude reference.
     vigour : float
@@ -69,6 +77,9 @@ class VerticalFlightSpec:
     noise: SensorNoise = field(default_factory=SensorNoise)
     accelerometer_bias: float = 0.0
     tilt_rms: float = 0.05
+    gain_after: float = 1.0
+    gain_changes_at: float = 30.0
+    gain_changes_over: float = 0.0
     trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
     vigour: float = 1.0
     quickness: float = 0.35
@@ -99,8 +110,16 @@ class VerticalFlightSpec:
 
     @property
     def input_gain(self) -> float:
-        """K_u [m/s^2 per squared share of full command]."""
+        """K_u at the beginning [m/s^2 per squared share of full command]."""
         return GRAVITY / self.hover_input**2
+
+    @property
+    def gain_share(self) -> Float[np.ndarray, " samples"]:
+        """K_u at each stamp over that at the beginning."""
+        since = STEP_S * np.arange(self.count) - self.gain_changes_at
+        done = np.clip(since / max(self.gain_changes_over, STEP_S), 0.0, 1.0)
+        share: Float[np.ndarray, " samples"] = 1.0 + (self.gain_after - 1.0) * done
+        return share
 
     @property
     def controller(self) -> AltitudeController:
@@ -123,6 +142,9 @@ RANGES = {
     "gust_correlation": (0.01, 100.0),
     "accelerometer_bias": (-2.0, 2.0),
     "tilt_rms": (0.0, 0.2),
+    "gain_after": (0.4, 2.0),
+    "gain_changes_at": (0.0, 3600.0),
+    "gain_changes_over": (0.0, 3600.0),
     "vigour": (0.01, 2.0),
     "quickness": (0.01, 0.6),
     "position_share": (0.01, 0.6),

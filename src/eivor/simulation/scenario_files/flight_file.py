@@ -6,6 +6,9 @@
     actuator_lag = 0.05             # [s]
     trajectory = "steps"            # of the altitude: steps, multisine, chirp, climbs, hover, hover-steps
     duration = 60.0                 # [s]
+    gain_after = 0.8                # what K_u is multiplied by in the end
+    gain_changes_at = 30.0          # when it begins to change [s]
+    gain_changes_over = 0.0         # how long that takes [s]; at once when left out
 
     [noise]
     kind = "white"                  # or heavy-tailed, fractional; of acceleration and velocity
