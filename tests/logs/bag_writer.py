@@ -27,8 +27,8 @@ def floats(values):
 
 def parts(flight):
     """The quantities of a simulated flight, z up, on stamps of whole hundredths."""
-    values = {name: floats(channel.values) for name, channel in flight.recording.channels.items()}
-    t = flight.recording.channels["position_z"].time_s
+    values = {name: floats(channel.values) for name, channel in flight.channels.items()}
+    t = flight.channels["position_z"].time_s
     roll = np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
     turn = floats(np.stack([np.cos(roll / 2), np.sin(roll / 2), 0 * t, 0 * t], 1))
     throttle = floats(values["rotor_command_1"] ** 2)
