@@ -1,9 +1,11 @@
 """A small writer of DataFlash logs: messages of any layout in order of time, a flight in four dialects."""
 
+import contextlib
 import struct
 
 import numpy as np
 
+from eivor.errors import EivorError
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
@@ -36,7 +38,7 @@ class DataflashWriter:
         self.numbers = {"FMT": 128}
         self.head = fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
         self.messages = []
-        self.columns = {}
+        self.columns, self.codes = {}, {}
 
     def add(self, name, times_s, codes, **columns):
         """Add messages; a column is an array (n,), or one value for all."""
@@ -50,6 +52,7 @@ class DataflashWriter:
         if number is None:
             number = self.numbers[name] = 129 + len(self.numbers)
             self.columns[name] = [self.clock, *columns]
+            self.codes[name] = codes
             self.head += fmt(number, row.itemsize, name, codes, ",".join(self.columns[name]))
         rows = np.zeros(times_s.size, dtype=row)
         rows["head"], rows["type"] = b"\xa3\x95", number
@@ -84,6 +87,48 @@ class DataflashWriter:
 
     def bytes(self):
         return self.head + b"".join(one for _, one in sorted(self.messages, key=lambda pair: pair[0]))
+
+    def lines(self, *, modes=None, newline="\n"):
+        """The same log in text, as ground stations write it; `modes` are names for numbers of modes."""
+        written = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+        names = {number: name for name, number in self.numbers.items() if number != 128}
+        kinds = {name: [KINDS[code] for code in codes] for name, codes in self.codes.items()}
+        rows = {
+            name: np.dtype(",".join(["S2", "u1", *(f"<{kind}" for kind in one)]))
+            for name, one in kinds.items()
+        }
+        for number, name in names.items():
+            columns = ",".join(self.columns[name])
+            written.append(f"FMT, {number}, {rows[name].itemsize}, {name}, {self.codes[name]}, {columns}")
+        for _, message in sorted(self.messages, key=lambda pair: pair[0]):
+            name = names[message[2]]
+            values = np.frombuffer(message, rows[name])[0].tolist()[2:]
+            cells = [in_text(code, value) for code, value in zip(self.codes[name], values, strict=True)]
+            if name == "MODE" and modes:
+                cells[1] = modes[cells[1]]
+            written.append(", ".join([name, *cells]))
+        return "".join(one + newline for one in written).encode()
+
+
+def in_text(code, value):
+    """A field as ground stations write it."""
+    if isinstance(value, bytes):
+        return value.decode()
+    if code in SCALES:
+        return f"{value / SCALES[code]:.7f}" if code == "L" else f"{value / SCALES[code]:.2f}"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def told(recording, name):
+    """The sentences of a finding of one name."""
+    return " ".join(one.message for one in recording.findings if one.name == name)
+
+
+def survives(read, content):
+    """Whether a log is read, or refused with a sentence."""
+    with contextlib.suppress(EivorError):
+        read(content)
+    return True
 
 
 FIRMWARES = {

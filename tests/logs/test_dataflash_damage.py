@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-from dataflash_writer import FIRMWARES, DataflashWriter, fmt
+from dataflash_writer import FIRMWARES, DataflashWriter, fmt, survives, told
 
-from eivor.errors import EivorError
 from eivor.logs import read_log
 from eivor.logs.dataflash import places
 
@@ -35,10 +34,6 @@ def read(tmp_path):
         return read_log(path)
 
     return read
-
-
-def told(recording, name):
-    return " ".join(one.message for one in recording.findings if one.name == name)
 
 
 def test_cut_within_a_message(read, sound):
@@ -127,15 +122,6 @@ def mutated(content, seed):
         if len(data) < 3:
             break
     return bytes(data)
-
-
-def survives(read, content):
-    """Whether a log is read, or refused with a sentence."""
-    try:
-        read(content)
-    except EivorError:
-        return True
-    return True
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

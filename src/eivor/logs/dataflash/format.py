@@ -6,7 +6,8 @@ from pathlib import Path
 
 from eivor.logs.dataflash.layouts import HEAD
 from eivor.logs.dataflash.sources import CHANNEL_SOURCES
-from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
+from eivor.logs.dataflash.text import is_text
+from eivor.logs.log_format import LogFormat, ReadOptions
 from eivor.signals.recording import Recording
 
 #: How often each message is logged, and what raises it.
@@ -45,7 +46,7 @@ def _advice(channel: str) -> tuple[str, ...]:
 DATAFLASH = LogFormat(
     "dataflash",
     "ArduPilot DataFlash",
-    begins_with(HEAD),
+    lambda head, file: head.startswith(HEAD) or is_text(head, file),
     _read,
     advice=_advice,
     setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "

@@ -9,7 +9,7 @@ from __future__ import annotations
 import mmap
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -80,43 +80,67 @@ class Layout:
     fields: Mapping[str, Field]
 
 
-def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
-    """Return the layouts of all types by number, and what is wrong with FMT messages.
+@dataclass(slots=True)
+class Described:
+    """Layouts of types as FMT messages give them, one after the other.
 
     Where a type is described again and differently, the first description counts.
+
+    Parameters
+    ----------
+    layouts : dict of int to Layout
+        By number.
+    unsound : int
+        Descriptions that cannot be.
+    changed : set of str
+        Names of types that were described again and differently.
+    """
+
+    layouts: dict[int, Layout] = field(default_factory=dict)
+    unsound: int = 0
+    changed: set[str] = field(default_factory=set)
+
+    def add(self, payload: bytes) -> bool:
+        """Take in the content of a FMT message; say whether it can be one."""
+        layout = _layout(payload)
+        if layout is None:
+            self.unsound += 1
+            return False
+        if self.layouts.setdefault(layout.number, layout) != layout:
+            self.changed.add(self.layouts[layout.number].name)
+        return True
+
+    def findings(self) -> list[Finding]:
+        """Say what is wrong with descriptions."""
+        told = []
+        if self.unsound:
+            sentence = f"Descriptions of messages (FMT) that cannot be, left out: {self.unsound}."
+            told.append(Finding("message_formats", sentence))
+        if self.changed:
+            names = ", ".join(sorted(self.changed))
+            sentence = f"Described again and differently, so that the first counts: {names}."
+            told.append(Finding("message_formats", sentence))
+        return told
+
+
+def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
+    """Return the layouts of all types by number, and what is wrong with FMT messages.
 
     Parameters
     ----------
     data : mmap
         The file.
     """
-    layouts: dict[int, Layout] = {}
-    unsound, changed = 0, set()
+    described = Described()
     mark = HEAD + bytes([FMT_TYPE])
     place = data.find(mark)
     for _ in range(MAX_FORMATS):
         if place < 0 or place + FMT_LENGTH > len(data):
             break
-        layout = _layout(data[place + HEAD_BYTES : place + FMT_LENGTH])
-        if layout is None:
-            unsound += 1
-        elif layouts.setdefault(layout.number, layout) != layout:
-            changed.add(layouts[layout.number].name)
-        place = data.find(mark, place + (HEAD_BYTES if layout is None else FMT_LENGTH))
-    layouts[FMT_TYPE] = Layout(FMT_TYPE, "FMT", FMT_LENGTH, {})
-    findings = []
-    if unsound:
-        findings.append(
-            Finding("message_formats", f"Descriptions of messages (FMT) that cannot be, left out: {unsound}.")
-        )
-    if changed:
-        findings.append(
-            Finding(
-                "message_formats",
-                f"Described again and differently, so that the first counts: {', '.join(sorted(changed))}.",
-            )
-        )
-    return layouts, findings
+        sound = described.add(data[place + HEAD_BYTES : place + FMT_LENGTH])
+        place = data.find(mark, place + (FMT_LENGTH if sound else HEAD_BYTES))
+    described.layouts[FMT_TYPE] = Layout(FMT_TYPE, "FMT", FMT_LENGTH, {})
+    return described.layouts, described.findings()
 
 
 def _layout(payload: bytes) -> Layout | None:

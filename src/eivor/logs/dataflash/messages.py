@@ -56,7 +56,9 @@ class Messages:
     def stored(self, column: str) -> np.ndarray:
         """Return a column as it is stored."""
         field = self.layout.fields[column]
-        if not 0 < self.count * self.layout.length <= KEPT_BYTES:
+        if not self.count:
+            return np.empty(0, field.kind)
+        if self.count * self.layout.length > KEPT_BYTES:
             return self._taken(field.kind, field.offset)
         kept = np.ndarray((self.count,), field.kind, self._whole, field.offset, (self.layout.length,))
         return np.array(kept)

@@ -8,12 +8,14 @@ file's size; memory is that of a block and of the places that are wanted.
 
 from __future__ import annotations
 
+import mmap
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from eivor.logs.dataflash.layouts import HEAD, HEAD_BYTES, Layout
+from eivor.logs.dataflash.layouts import HEAD, HEAD_BYTES, Layout, read_layouts
+from eivor.logs.dataflash.messages import Messages
 from eivor.shapes import Bool
 from eivor.signals.recording import Finding
 
@@ -61,6 +63,24 @@ class Places:
                 )
             )
         return told
+
+
+def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
+    """Return all messages of some types, and what is wrong with the file.
+
+    Parameters
+    ----------
+    content : mmap
+        A log in binary form.
+    names : collection of str
+        Of the types that are wanted.
+    """
+    layouts, findings = read_layouts(content)
+    wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
+    data = np.frombuffer(content, dtype=np.uint8)
+    places = find_places(data, layouts, wanted)
+    messages = [Messages(layout, data, places.of(number)) for number, layout in wanted.items()]
+    return messages, [*findings, *places.findings()]
 
 
 def find_places(data: np.ndarray, layouts: Mapping[int, Layout], wanted: Collection[int]) -> Places:

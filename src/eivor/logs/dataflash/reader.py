@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash logs (.bin), read by the names of their columns.
+"""ArduPilot's DataFlash logs (.bin, and .log in text), read by the names of their columns.
 
 Axes are as ArduPilot logs them, z down (`Frame.NED`), and `input` is positive up. Time 0 is the first stamp
 of a message that is read. The file is mapped, and only columns that are needed are taken out of it.
@@ -16,10 +16,10 @@ from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.dataflash.declared import unit_findings
 from eivor.logs.dataflash.delays import delay_findings, delay_of
 from eivor.logs.dataflash.estimators import choose_estimator
-from eivor.logs.dataflash.layouts import read_layouts
+from eivor.logs.dataflash.layouts import HEAD
 from eivor.logs.dataflash.messages import Messages
 from eivor.logs.dataflash.outputs import add_outputs, add_rotor_speeds
-from eivor.logs.dataflash.places import find_places
+from eivor.logs.dataflash.places import read_messages
 from eivor.logs.dataflash.reading import Reading
 from eivor.logs.dataflash.sources import (
     CHANNEL_SOURCES,
@@ -30,6 +30,7 @@ from eivor.logs.dataflash.sources import (
     Source,
 )
 from eivor.logs.dataflash.states import add_states
+from eivor.logs.dataflash.text import read_lines
 from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
 from eivor.logs.dataflash.vehicle import vehicle_of
 from eivor.logs.findings import channel_findings
@@ -114,12 +115,9 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     """Messages that are needed, by name, each of its lowest instance; and what is wrong with the file."""
-    layouts, findings = read_layouts(content)
-    needed = {number: layout for number, layout in layouts.items() if layout.name in NEEDED}
-    data = np.frombuffer(content, dtype=np.uint8)
-    places = find_places(data, layouts, needed)
-    findings += places.findings()
-    unusable = sorted(layout.name for number, layout in needed.items() if not layout.fields)
+    read = read_messages if content[: len(HEAD)] == HEAD else read_lines
+    messages, findings = read(content, NEEDED)
+    unusable = sorted(one.name for one in messages if not one.layout.fields)
     if unusable:
         findings.append(
             Finding(
@@ -129,17 +127,17 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
         )
     tables: dict[str, Messages] = {}
     lost = 0
-    for number, layout in needed.items():
-        if not layout.fields or layout.name in tables:
+    for one in messages:
+        if not one.layout.fields or one.name in tables:
             continue
-        found = _lowest(Messages(layout, data, places.of(number)))
+        found = _lowest(one)
         if found.clock and found.count:
             time_s = found.time_s()
             sound = believable(time_s - float(np.median(time_s)))
             lost += int((~sound).sum())
             found = found.where(sound)
         if found.count:
-            tables[layout.name] = found
+            tables[found.name] = found
     if lost:
         findings.append(Finding("time_stamps", f"Messages left out, because their stamp cannot be: {lost}."))
     return tables, findings
