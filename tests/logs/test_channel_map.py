@@ -251,7 +251,7 @@ def test_the_input_map_is_said_in_its_own_words(table):
 
 
 def test_shipped_maps_are_sound():
-    assert shipped_maps() == ("nanobench", "rotorpy")
+    assert shipped_maps() == ("betaflight_csv", "crazyflie_csv", "inav_csv", "nanobench", "rotorpy")
     for name in shipped_maps():
         assert load_channel_map(name).name == name
     assert len(parse_channel_map(HEAD + '[channels.input]\ncolumn = "a"\n', "x").required_columns) == 2

@@ -19,6 +19,7 @@ A map states::
 
     [channels.velocity_z]
     column = "vz"                   # or expression = "vz_raw / 100"
+    index = 2                       # optional: which element, where the cells of the column are lists
     unit = "m/s"                    # as logged; SI by default
     sign = -1                       # optional
     scale = 1.0                     # optional
@@ -47,6 +48,7 @@ from importlib import resources
 from pathlib import Path
 
 from eivor.errors import ChannelMapError, UsageError, did_you_mean
+from eivor.logs.elements import element_name
 from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles, tilt_of_quaternion
 from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
 from eivor.signals.canonical import canonical_channel, canonical_channels
@@ -59,6 +61,8 @@ ESTIMATOR = "estimator"
 SOURCES = ("sensor", ESTIMATOR)
 #: No sensor is later, and no clock earlier, by more than this [s].
 LONGEST_DELAY_S = 1.0
+#: More elements than a cell of a log has.
+LONGEST_LIST = 100_000
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -340,7 +344,10 @@ def _scale(section: TomlTable) -> float:
 def _expression(section: TomlTable, way: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
     """Expression of a rule, and whether it is one of the derived quantities."""
     if way == "column":
-        return Expression.of_column(section.text("column")), False
+        column = section.text("column")
+        return Expression.of_column(
+            element_name(column, _index(section)) if section.has("index") else column
+        ), False
     if way == "expression":
         where = f"{section.path}.expression of {section.file}"
         return parse_expression(section.text("expression"), where), False
@@ -351,6 +358,13 @@ def _expression(section: TomlTable, way: str, si_unit: str, to_si: float) -> tup
             "unit", "rad or deg", f"a unit of {si_unit or 'pure numbers'}", "State the angle's unit."
         )
     return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2)), True
+
+
+def _index(section: TomlTable) -> int:
+    index = section.whole("index")
+    if not 0 <= index < LONGEST_LIST:
+        raise section.wrong("index", f"a place from 0 to {LONGEST_LIST - 1}", f"{index}", "The first is 0.")
+    return index
 
 
 def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:

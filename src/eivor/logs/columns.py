@@ -22,8 +22,11 @@ class Columns:
         Number of cells, by column, that hold a text which is no number.
     seconds : frozenset of str
         Columns that hold points in time and have been turned into seconds.
+    lists : mapping of str to str
+        The first cell of columns whose cells are lists, which are no numbers.
     """
 
     values: Mapping[str, Float[np.ndarray, " n"]]
     unreadable: Mapping[str, int] = field(default_factory=dict)
     seconds: frozenset[str] = frozenset()
+    lists: Mapping[str, str] = field(default_factory=dict)

@@ -15,7 +15,7 @@ from eivor.logs.dataflash.format import DATAFLASH
 from eivor.logs.log_format import LogFormat
 from eivor.logs.table.formats import CSV, PARQUET
 from eivor.logs.ulog.format import ULOG
-from eivor.logs.unread import EIGHT_BIT, RECOGNISED, UTF_16
+from eivor.logs.unread import DJI, EIGHT_BIT, RECOGNISED, TELEMETRY, UTF_16
 
 #: Formats that are told by their first bytes.
 FORMATS: tuple[LogFormat, ...] = (
@@ -25,6 +25,8 @@ FORMATS: tuple[LogFormat, ...] = (
     DATAFLASH,
     *BAGS,
     *RECOGNISED,
+    TELEMETRY,
+    DJI,
 )
 #: Formats of text, which has no first bytes of its own: asked last.
 TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)

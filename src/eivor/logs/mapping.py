@@ -169,8 +169,11 @@ def mapped_recording(
     """
     channels, found = mapped_channels(chosen, rules, columns, name)
     if not channels:
+        lists = f". {_lists_told(columns)}" if columns.lists else ""
         raise EmptyLogError(
-            "a table with values", f"'{name}', in which every mapped column is empty", "Check the export."
+            "a table with values",
+            f"'{name}', in which every mapped column is empty{lists}",
+            "Check the export.",
         )
     return Recording(
         name=name,
@@ -244,10 +247,20 @@ def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding
 
 
 def _text_findings(columns: Columns) -> list[Finding]:
-    if not columns.unreadable:
-        return []
-    cells = ", ".join(f"{name[:60]!r} {count}" for name, count in columns.unreadable.items())
-    return [Finding("unreadable_text", f"Cells that hold no number, taken as missing: {cells}.")]
+    findings = []
+    if columns.lists:
+        findings.append(Finding("lists", f"{_lists_told(columns)}."))
+    others = {name: count for name, count in columns.unreadable.items() if name not in columns.lists}
+    if others:
+        cells = ", ".join(f"{name[:60]!r} {count}" for name, count in others.items())
+        findings.append(Finding("unreadable_text", f"Cells that hold no number, taken as missing: {cells}."))
+    return findings
+
+
+def _lists_told(columns: Columns) -> str:
+    """Say which columns hold lists, and how a map names an element."""
+    shown = ", ".join(f"{name[:60]!r} ({cell[:60]})" for name, cell in columns.lists.items())
+    return f"Columns whose cells are lists, which are no numbers: {shown}; a map names one by its `index`"
 
 
 def _clock(

@@ -23,13 +23,22 @@ def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
 _UNPACK = "Unpack it and give the log that is inside."
 _TABLE = "Write the table as Parquet or CSV."
 
+#: First bytes of MAVLink messages, 1 and 2, and how much longer than its content one is [bytes].
+_MAVLINK_2 = 0xFD
+_MAVLINK = {0xFE: 8, _MAVLINK_2: 12}
+#: Stamps of telemetry: from 2001 to 2096 [us].
+_STAMPS_US = (10**15, 4 * 10**15)
+#: Versions of DJI's records, and how long the details at their end are [bytes].
+_DJI_VERSIONS = 20
+_DJI_DETAILS = (200, 2000)
+
 #: Recognised formats without a reader in this release.
 RECOGNISED: tuple[LogFormat, ...] = (
     _recognised(
         "blackbox",
         "a Betaflight or INAV blackbox log",
         b"H Product:Blackbox",
-        "Convert it with `blackbox_decode` to CSV and write a channel map.",
+        "Convert it with `blackbox_decode` to CSV, for which maps are shipped (betaflight_csv, inav_csv).",
     ),
     _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
     _recognised("hdf5", "an HDF5 file", b"\x89HDF\r\n\x1a\n", _TABLE),
@@ -42,6 +51,52 @@ RECOGNISED: tuple[LogFormat, ...] = (
     _recognised("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
 )
 
+
+def _is_telemetry(head: bytes, _file: Path) -> bool:
+    """Whether it is a telemetry log: a stamp [us] before each MAVLink message, at least three of them."""
+    place = found = 0
+    while place + 11 <= len(head):
+        stamp = int.from_bytes(head[place : place + 8], "big")
+        first, length = head[place + 8], head[place + 9]
+        if not _STAMPS_US[0] < stamp < _STAMPS_US[1] or first not in _MAVLINK:
+            break
+        signed = 13 * (first == _MAVLINK_2 and head[place + 10] & 1)
+        place += 8 + length + _MAVLINK[first] + signed
+        found += 1
+    return found >= 3
+
+
+def _is_dji(head: bytes, file: Path) -> bool:
+    """Whether it is a record of DJI: of the vehicle (DAT), or of the remote control's application (text)."""
+    if head[16:21] == b"BUILD" or b"DJI_LOG_V3" in head[:512]:
+        return True
+    end, details = int.from_bytes(head[:8], "little"), int.from_bytes(head[8:10], "little")
+    if len(head) < 100 or not 0 < head[10] <= _DJI_VERSIONS:
+        return False
+    return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
+
+
+def _refuse_telemetry(file: Path, _options: ReadOptions) -> Never:
+    raise MissingReaderError(
+        "a log of the vehicle",
+        f"'{file.name}', a telemetry log (.tlog), which holds a few messages a second",
+        "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
+        "of ArduPilot, .ulg of PX4.",
+    )
+
+
+def _refuse_dji(file: Path, _options: ReadOptions) -> Never:
+    raise MissingReaderError(
+        "a log with the commands of the motors",
+        f"'{file.name}', a flight record of DJI",
+        "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
+        "identified from them.",
+    )
+
+
+#: Formats of others that are told by more than their first bytes.
+TELEMETRY = LogFormat("tlog", "a telemetry log", _is_telemetry, _refuse_telemetry, is_read=False)
+DJI = LogFormat("dji", "a flight record of DJI", _is_dji, _refuse_dji, is_read=False)
 
 _CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError, UnknownFormatError
 from eivor.logs.columns import Columns
+from eivor.logs.elements import element_of
 from eivor.logs.table.formats import DELIMITERS
 from eivor.logs.table.source import MAX_COLUMNS, TableSource, corrupt_table
 from eivor.signals.recording import Finding
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     import polars as pl
 
 MAX_LINE_BYTES = 1 << 20
+#: A cell that is a list, and what stands in it.
+_INSIDE = re.compile(r"^\s*(?:array\((?:'\w', *)?)?[\[(]([^\[\]()]*)[\])]+\s*$")
+_LIST = re.compile(r"(?s)\s*(?:array)?[\[(].*[\])]\s*")
 _THOUSANDS = r"^[+-]?\d{1,3}(,\d{3})+$"
 _NO_VALUE = ("", "na", "n/a", "null", "none", "-", "--")
 _WORDS = {"true": "1", "false": "0"}
@@ -235,6 +239,8 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     # one column more, for the lines that end with a delimiter
     schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
     position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
+    elements = {name: found for name in columns if (found := element_of(name, layout.names)) is not None}
+    wanted = dict.fromkeys(elements[name][0] if name in elements else name for name in columns)
     try:
         frame = (
             pl.scan_csv(
@@ -247,7 +253,7 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
                 schema=schema,
                 glob=False,
             )
-            .select([position[name] for name in columns])
+            .select([position[name] for name in wanted])
             .collect()
         )
         if frame.height != layout.rows:
@@ -255,15 +261,40 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
         frame = frame.with_columns(pl.all().str.strip_chars())
         if layout.delimiter == ";" and _has_decimal_commas(frame):
             frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
-        numbers = {name: _numbers(frame[position[name]]) for name in columns}
-        if layout.open_end and layout.names[-1] in numbers:
-            numbers[layout.names[-1]][0][-1] = np.nan
+        plain = {name: frame[position[name]] for name in wanted}
+        numbers = {
+            name: _numbers(
+                _element(plain[elements[name][0]], elements[name][1]) if name in elements else plain[name]
+            )
+            for name in columns
+        }
+        for name, (values, _) in numbers.items():
+            if layout.open_end and layout.names[-1] in {name, elements.get(name, (name,))[0]}:
+                values[-1] = np.nan
     except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
         raise _unreadable(file, error) from error
     return Columns(
         {name: values for name, (values, _) in numbers.items()},
         {name: bad for name, (_, bad) in numbers.items() if bad},
+        lists={
+            name: first
+            for name, (_, bad) in numbers.items()
+            if bad and name in plain and _LIST.fullmatch(first := _first(plain[name]))
+        },
     )
+
+
+def _first(texts: pl.Series) -> str:
+    """The first cell that is not empty."""
+    filled = texts.drop_nulls()
+    filled = filled.filter(filled != "")
+    return str(filled[0])[:200] if filled.len() else ""
+
+
+def _element(texts: pl.Series, index: int) -> pl.Series:
+    """One number of each cell that holds a list: ``[1, 2]``, ``(1 2)``, ``array([1, 2])``."""
+    inside = texts.str.extract(_INSIDE.pattern, 1).str.strip_chars()
+    return inside.str.replace_all(r"[,;\s]+", ",").str.split(",").list.get(index, null_on_oob=True)
 
 
 def _has_decimal_commas(frame: pl.DataFrame) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError, LogTooLargeError
 from eivor.logs.columns import Columns
+from eivor.logs.elements import element_of
 from eivor.logs.table.parquet_probe import exactly, probe_parquet
 from eivor.logs.table.source import MAX_COLUMNS, TableSource, corrupt_table
 
@@ -81,26 +82,53 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, columns: Sequence[
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
     import polars as pl
 
-    held = [name for name in columns if _holds_numbers(schema[name])]
+    elements = {name: found for name in columns if (found := element_of(name, list(schema))) is not None}
+    base = {name: elements[name][0] if name in elements else name for name in columns}
+    held = [
+        name
+        for name in columns
+        if (_holds_lists(schema[base[name]]) if name in elements else _holds_numbers(schema[name]))
+    ]
     _check_size(file, rows, len(columns))
-    values, unreadable, seconds = {}, {}, set()
+    values, unreadable, seconds, lists = {}, {}, set(), {}
     if not _comes_with_eivor(file):
-        probe_parquet(file, held, DECODER_BYTES + ROW_BYTES * rows)
+        probe_parquet(file, [*dict.fromkeys(base[name] for name in held)], DECODER_BYTES + ROW_BYTES * rows)
     for name in columns:
         if name not in held:
             values[name], unreadable[name] = np.full(rows, np.nan), rows
+            if _holds_lists(schema[base[name]]):
+                lists[name] = f"{schema[base[name]]}"
             continue
         try:
             # under a name of our own, as an operation on a series may take its name as a pattern too
-            series = frame.select(pl.col(exactly(name)).alias("c")).head(rows).collect().to_series()
+            series = frame.select(pl.col(exactly(base[name])).alias("c")).head(rows).collect().to_series()
+            if name in elements:
+                series = _element(series, elements[name][1])
             values[name], bad = _numbers(series)
         except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
             raise _unreadable(file, error) from error
         if values[name].size != rows:
             raise _unreadable(file, ValueError(f"{values[name].size} values of '{name}' in {rows} rows"))
         unreadable |= {name: bad} if bad else {}
-        seconds |= {name} if schema[name] in (pl.Datetime, pl.Duration) else set()
-    return Columns(values, unreadable, frozenset(seconds))
+        seconds |= {name} if schema[base[name]] in (pl.Datetime, pl.Duration) else set()
+    return Columns(values, unreadable, frozenset(seconds), lists)
+
+
+def _element(series: pl.Series, index: int) -> pl.Series:
+    """One number of each list."""
+    import polars as pl
+
+    if series.dtype == pl.Array:
+        series = series.arr.to_list()
+    return series.list.get(index, null_on_oob=True)
+
+
+def _holds_lists(kind: pl.DataType) -> bool:
+    """Whether it is a type of lists of numbers."""
+    import polars as pl
+
+    inner = getattr(kind, "inner", None)
+    return kind in (pl.List, pl.Array) and inner is not None and inner.is_numeric()
 
 
 def _comes_with_eivor(file: Path) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from eivor.logs.channel_map import load_channel_map
+from eivor.logs.elements import with_elements
 from eivor.logs.log_format import ReadOptions
 from eivor.logs.mapping import fitted_rules, fitting_map, ignored_columns, mapped_recording
 from eivor.logs.table.source import TableSource
@@ -43,7 +44,8 @@ def read_table(file: Path, source: TableSource, log_format: str, options: ReadOp
         findings += [finding] if finding is not None else []
     else:
         chosen = load_channel_map(options.channel_map)
-    rules = fitted_rules(chosen, source.names, file.name)
+    asked = [column for rule in chosen.rules for column in rule.expression.columns]
+    rules = fitted_rules(chosen, with_elements(asked, source.names), file.name)
     needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
     if options.channel_map is None and chosen.origin == file.name:
         findings += ignored_columns([name for name in source.names if name not in needed])
