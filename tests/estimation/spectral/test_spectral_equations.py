@@ -26,7 +26,7 @@ def sampled(problem_of: ProblemOf) -> SampledProblem:
 
 @pytest.fixture(params=[False, True], ids=["held", "free rho"])
 def solution(sampled: SampledProblem, request: pytest.FixtureRequest) -> SpectralSolution:
-    start = SampledMotion(sampled.record, *consistent_estimate(sampled).best.values[:2].tolist())
+    start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).best.values[:2].tolist())
     pilot = pilot_at(start, sampled.input_variance)
     return solved_equations(pilot, sampled.input_variance, free_blend=request.param)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
+from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, UsageError
 from eivor.inference.verdict import Status
 from eivor.simulation.scenario_files.scenario_file import shipped_scenario
 
@@ -79,14 +79,8 @@ def test_what_is_no_sampled_motion_is_refused(problem_of: ProblemOf) -> None:
     method = ev.methods.spectral_giv()
     with pytest.raises(UsageError, match="without an intercept"):
         ev.identify(ev.VerticalMotion().regression(problem.signals), method)
-    valid = np.ones(500, dtype=bool)
-    valid[100] = False
-    with pytest.raises(UsageError, match="without gaps"):
-        ev.identify(replace(problem, signals=replace(problem.signals, valid=valid)), method)
     with pytest.raises(UsageError, match="a record of one motion"):
         ev.identify(problem.rows(), method)
-    with pytest.raises(TooFewSamplesError, match="at least 64 samples"):
-        ev.identify(problem_of("rich", 50, 1), method)
     coloured = replace(
         problem.signals, noise={**problem.signals.noise, "input": ev.FractionalNoise(0.1, -0.3)}
     )
@@ -112,6 +106,41 @@ def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Call
     assert found.status is Status.WEAK
     assert any("The spectral estimate is not given" in reason.sentence for reason in found.reasons)
     assert np.isfinite(found.interval("input_gain")).all()
+
+
+def with_gap(problem: ev.SignalRegression) -> ev.SignalRegression:
+    valid = np.ones(problem.signals.sample_count, dtype=bool)
+    valid[100:120] = False
+    return replace(problem, signals=replace(problem.signals, valid=valid))
+
+
+@pytest.mark.parametrize("method", SPECTRAL)
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_a_record_without_spectra_gets_generalized_ivs_answer(
+    problem_of: ProblemOf, method: Callable[[], object]
+) -> None:
+    for problem, why in (
+        (problem_of("rich", 50, 1), "there are 50 samples, and it needs 64"),
+        (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid"),
+    ):
+        with pytest.warns(FallbackWarning, match=why):
+            found = ev.identify(problem, method())
+        plain = ev.identify(problem, ev.methods.generalized_iv())
+        np.testing.assert_array_equal(found.best.values, plain.best.values)
+        assert found.status is Status.WEAK
+        assert why in found.summary()
+
+
+def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
+    problem = problem_of("rich", 300, 1)
+    found, combined = (
+        ev.identify(problem, method())
+        for method in (ev.methods.spectral_giv, ev.methods.spectral_giv_combined)
+    )
+    np.testing.assert_array_equal(found.best.values, combined.best.values)
+    assert found.status is Status.IDENTIFIED
+    assert "300 samples are fewer than 400: this is the combination" in found.summary()
+    assert "fewer than" not in combined.summary()
 
 
 def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:

@@ -13,7 +13,7 @@ from eivor.estimation.methods import generalized_iv
 from eivor.estimation.spectral.noise_fit import NoisePrior, fitted_noise, prior_of
 from eivor.estimation.spectral.noise_model import NoiseModel
 from eivor.estimation.spectral.sampled_motion import SampledMotion
-from eivor.estimation.spectral.sampled_problem import SampledProblem
+from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import MeasurementNoise
 
 
@@ -39,11 +39,11 @@ class Pilot:
     prior: NoisePrior
 
 
-def consistent_estimate(sampled: SampledProblem) -> Estimate:
+def consistent_estimate(problem: SignalRegression) -> Estimate:
     """Generalized IV of the same problem, without its warnings: what it says is used, or told, later."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
-        return generalized_iv().estimate(sampled.problem)
+        return generalized_iv().estimate(problem)
 
 
 def pilot_at(

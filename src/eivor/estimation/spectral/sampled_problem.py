@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
+from eivor.errors import InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.method import Problem
 from eivor.estimation.spectral.sampled_motion import SampledRecord, unitary_bins
 from eivor.models.column import lags
@@ -51,17 +51,15 @@ class SampledProblem:
         return self.problem.parameters
 
 
-def sampled_problem(problem: Problem, method: str) -> SampledProblem:
-    """Take a problem for a spectral method.
+def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
+    """Take a problem for a spectral method; without instruments it has lagged inputs.
 
     Raises
     ------
     UsageError
-        When it is no regression in signals, its equation no sampled motion, or the record has gaps.
+        When it is no regression in signals, its equation no sampled motion, or the input's noise not white.
     MissingNoiseError
         When nothing is declared of the noise of the input.
-    TooFewSamplesError
-        When spectra cannot be told.
     """
     if not isinstance(problem, SignalRegression):
         raise UsageError(
@@ -69,19 +67,8 @@ def sampled_problem(problem: Problem, method: str) -> SampledProblem:
             type(problem).__name__,
             "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments).",
         )
-    state, response, driver = _motion_of(problem, method)
-    signals = problem.signals
-    if signals.valid is not None and not signals.valid.all():
-        raise UsageError(
-            f"a record without gaps for {method}",
-            f"one with {int((~signals.valid).sum())} samples that are not valid",
-            "Give a stretch of it, or use generalized_iv.",
-        )
-    if signals.sample_count < FEWEST_SAMPLES:
-        raise TooFewSamplesError(
-            f"at least {FEWEST_SAMPLES} samples for {method}", f"{signals.sample_count}", "Record longer."
-        )
-    noise = signals.noise.get(driver)
+    driver = _motion_of(problem, method)[2]
+    noise = problem.signals.noise.get(driver)
     if noise is None:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off",
@@ -93,8 +80,33 @@ def sampled_problem(problem: Problem, method: str) -> SampledProblem:
         raise UsageError(
             f"white noise of {driver} for {method}", f"a {type(noise).__name__}", "Use generalized_iv."
         )
-    if not problem.instrument_columns:
-        problem = replace(problem, instrument_columns=lags(driver, *PILOT_LAGS))
+    if problem.instrument_columns:
+        return problem
+    return replace(problem, instrument_columns=lags(driver, *PILOT_LAGS))
+
+
+def without_spectra(problem: SignalRegression) -> str:
+    """Why a record has no spectra that could be told; empty where it has."""
+    signals = problem.signals
+    gaps = 0 if signals.valid is None else int((~signals.valid).sum())
+    if gaps:
+        return f"{gaps} of {signals.sample_count} samples are not valid, and it needs a record without gaps"
+    if signals.sample_count < FEWEST_SAMPLES:
+        return f"there are {signals.sample_count} samples, and it needs {FEWEST_SAMPLES} at least"
+    return ""
+
+
+def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
+    """Spectra of a problem that has them, see `problem_of_motion` and `without_spectra`.
+
+    Raises
+    ------
+    InstrumentError
+        When instruments of another channel are mixed with inputs.
+    """
+    state, response, driver = _motion_of(problem, method)
+    signals = problem.signals
+    noise = signals.noise[driver]
     record = SampledRecord(
         signals.step_s,
         signals.sample_count,
@@ -103,7 +115,7 @@ def sampled_problem(problem: Problem, method: str) -> SampledProblem:
     own = {column.channel for column in problem.instrument_columns} == {driver}
     instrument = None if own else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
-    return SampledProblem(problem, record, noise.variance, instrument, declared)
+    return SampledProblem(problem, record, noise.std**2, instrument, declared)
 
 
 def _motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:

@@ -19,7 +19,12 @@ from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covar
 from eivor.estimation.spectral.of_flights import spectral_giv_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_motion import SampledMotion
-from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
+from eivor.estimation.spectral.sampled_problem import (
+    SampledProblem,
+    problem_of_motion,
+    sampled_problem,
+    without_spectra,
+)
 from eivor.estimation.spectral.spectral_covariance import (
     SpectralCovariance,
     spectral_covariance,
@@ -31,7 +36,7 @@ from eivor.inference.covariances.covariance import CovariancePart, JointCovarian
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
 from eivor.inference.covariances.estimators import EqualWeightedCosines
 from eivor.inference.sets.ellipse import hotelling_quantile
-from eivor.inference.verdict import Reason
+from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.separable import SeparableProblem
 from eivor.shapes import Float
@@ -79,8 +84,8 @@ class SpectralGeneralizedIV(Method):
 
         Raises
         ------
-        UsageError, MissingNoiseError, TooFewSamplesError
-            When the problem is no evenly sampled motion with a declared noise of its input.
+        UsageError, MissingNoiseError
+            When the problem is no motion with a declared noise of its input.
         """
         if isinstance(problem, SeparableProblem):
             return spectral_giv_of_flights(self.name, problem)
@@ -111,14 +116,31 @@ class CombinedSpectralIV(Method):
 
 def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
     """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
-    sampled = sampled_problem(problem, name)
-    plain = consistent_estimate(sampled)
+    checked = problem_of_motion(problem, name)
+    plain = consistent_estimate(checked)
+    why = without_spectra(checked)
+    if why:
+        return fallen_back(name, plain, fallback(why))
+    sampled = sampled_problem(checked, name)
     found = _spectral(sampled, plain)
     if isinstance(found, Reason):
         return fallen_back(name, plain, found)
-    if sampled.record.count < alone_from:
-        return _combined(name, sampled, plain, found)
-    return found.estimate(name, sampled)
+    if sampled.record.count >= alone_from:
+        return found.estimate(name, sampled)
+    combined = _combined(name, sampled, plain, found)
+    if math.isinf(alone_from):
+        return combined
+    return replace(combined, reasons=(*combined.reasons, _shortness(sampled.record.count)))
+
+
+def _shortness(count: int) -> Reason:
+    """What is given of a short record; it is no ground against it."""
+    return Reason(
+        Status.IDENTIFIED,
+        f"{count} samples are fewer than {SHORT_RECORD}: this is the combination of the spectral estimate "
+        "with generalized IV's that has the least variance, and slow drifts are not taken off.",
+        "Record longer for the spectral estimate alone.",
+    )
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,12 @@ from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covar
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
 from eivor.estimation.spectral.of_flights import whittle_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
-from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
+from eivor.estimation.spectral.sampled_problem import (
+    SampledProblem,
+    problem_of_motion,
+    sampled_problem,
+    without_spectra,
+)
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
 from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.estimation.spectral.weights import signal_weights
@@ -52,19 +57,23 @@ class WhittleLikelihood(Method):
 
         Raises
         ------
-        UsageError, MissingNoiseError, TooFewSamplesError
-            When the problem is no evenly sampled motion with a declared noise of its input.
+        UsageError, MissingNoiseError
+            When the problem is no motion with a declared noise of its input.
         """
         if isinstance(problem, SeparableProblem):
             return whittle_of_flights(self.name, problem)
-        sampled = sampled_problem(problem, self.name)
+        checked = problem_of_motion(problem, self.name)
+        plain = consistent_estimate(checked)
+        why = without_spectra(checked)
+        if why:
+            return fallen_back(self.name, plain, fallback(why))
+        sampled = sampled_problem(checked, self.name)
         if sampled.instrument is not None:
             raise MissingNoiseError(
                 f"an open loop for {self.name}",
                 "instruments of another channel than the input",
                 "Under control use spectral_giv.",
             )
-        plain = consistent_estimate(sampled)
         found = self._likelihood(sampled, plain)
         if isinstance(found, Reason):
             return fallen_back(self.name, plain, found)

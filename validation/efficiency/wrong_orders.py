@@ -1,0 +1,150 @@
+"""What wrong orders of the noises do to the spectral methods, and the command that finds it out.
+
+    python -m validation.efficiency.wrong_orders --kept FILE.jsonl [--size small|full] [--page efficiency.md]
+
+The noises of velocity and acceleration are fractional, and both methods take them as white: their orders are
+held at zero, their strengths are fitted as ever. Every trial is kept in the file; a run that was interrupted
+goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import eivor as ev
+from eivor.errors import EstimationError
+from eivor.estimation.spectral.answers import start_of
+from eivor.estimation.spectral.likelihood import maximum_likelihood
+from eivor.estimation.spectral.noise_fit import NoisePrior, fitted_noise
+from eivor.estimation.spectral.pilot import Pilot, consistent_estimate, pilot_at
+from eivor.estimation.spectral.sampled_motion import SampledMotion
+from eivor.estimation.spectral.sampled_problem import sampled_problem
+from eivor.estimation.spectral.spectral_equations import solved_equations
+from eivor.inference.verdict import Reason
+from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.studies.generated_page import markdown
+from eivor.toml_table import read_toml
+from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
+from validation.requirement import Requirement
+from validation.suites import versions
+
+PART = "wrong-orders"
+GRID = Path(__file__).with_name("wrong_orders.toml")
+SEED = 20261122
+#: Largest bias of spectral_giv that is asked for, over the parameter.
+LARGEST_BIAS = 0.008
+METHODS = ("whittle_ml", "spectral_giv")
+#: Chance bounds of a mean: three standard errors.
+STANDARD_ERRORS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tried:
+    """One record.
+
+    Parameters
+    ----------
+    scenario : str
+        Name of a shipped one.
+    run : int
+        Number of the record.
+    errors : dict of str to list of float
+        Of K and K_u over their size, by method.
+    """
+
+    scenario: str
+    run: int
+    errors: dict[str, list[float]]
+
+
+def trial(name: str, samples: int, run: int) -> Tried:
+    """Run one record."""
+    scenario = replace(shipped_scenario(name), samples=samples)
+    signals = ev.simulate(scenario, np.random.default_rng([SEED, run])).signals
+    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
+    sampled = sampled_problem(problem, "spectral_giv")
+    start = start_of(sampled, consistent_estimate(sampled.problem))
+    if isinstance(start, Reason):
+        raise EstimationError("a start near generalized IV's", start.sentence, "Look at the record.")
+    pilot = taken_as_white(start, sampled.input_variance)
+    truth = np.array([scenario.viscous_friction, scenario.input_gain])
+    motions = (
+        maximum_likelihood(pilot).motion,
+        solved_equations(pilot, sampled.input_variance, sampled.instrument).motion,
+    )
+    errors = [(np.array([one.friction, one.gain]) / truth - 1.0).tolist() for one in motions]
+    return Tried(name, run, dict(zip(METHODS, errors, strict=True)))
+
+
+def taken_as_white(start: SampledMotion, input_variance: float) -> Pilot:
+    """Noises that fit with all orders at zero."""
+    free = pilot_at(start, input_variance)
+    centre = replace(free.prior.centre, velocity_order=0.0, acceleration_order=0.0)
+    prior = NoisePrior(centre, np.array([True, True, True, False, False, False]))
+    residual = start.whole(np.array([free.transient]), start.nuisance_shapes(ramps=False))
+    return Pilot(start, free.transient, fitted_noise(start, residual, centre, prior), prior)
+
+
+def answer(grid: Path, size: str, kept: Path) -> Answer:
+    """Run what the file does not have yet, and judge all of it."""
+    root = read_toml(grid, "grid of records")
+    names, samples = root.texts("scenarios"), root.whole("samples")
+    runs = {one: root.whole(one) for one in ("small", "full")}[size]
+    root.finish()
+    tried = {(one.scenario, one.run): one for one in kept_lines(kept, Tried)}
+    for name in names:
+        for run in range(runs):
+            if (name, run) not in tried:
+                tried[name, run] = trial(name, samples, run)
+                keep(kept, [tried[name, run]])
+    found = {
+        name: {
+            method: np.array([tried[name, run].errors[method] for run in range(runs)]) for method in METHODS
+        }
+        for name in names
+    }
+    requirement = _requirement({name: errors["spectral_giv"] for name, errors in found.items()})
+    told = (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+    tables = (
+        f"Made by `python -m validation.efficiency.wrong_orders` with {versions()}: {runs} records of "
+        f"{samples} samples of each scenario, seed {SEED}. Each cell is K / K_u.",
+        markdown(("what", "asked", "measured", "met"), [told]),
+        markdown(
+            ("scenario", *(f"{method}: {what}" for method in METHODS for what in ("bias", "scatter"))),
+            list(_lines(found)),
+        ),
+    )
+    return "\n\n".join(tables), (requirement,)
+
+
+def _requirement(errors: dict[str, np.ndarray]) -> Requirement:
+    biases = {name: np.abs(each.mean(axis=0)) for name, each in errors.items()}
+    chance = {name: each.std(axis=0) / np.sqrt(len(each)) for name, each in errors.items()}
+    worst = max(biases, key=lambda name: float(biases[name].max()))
+    return Requirement(
+        "spectral_giv, orders held at zero: bias over the parameter",
+        f"at most {LARGEST_BIAS:.1%}",
+        f"at most {biases[worst].max():.2%} ({worst})",
+        all(bool(np.all(biases[one] <= LARGEST_BIAS + STANDARD_ERRORS * chance[one])) for one in biases),
+    )
+
+
+def _lines(found: dict[str, dict[str, np.ndarray]]) -> Iterator[tuple[str, ...]]:
+    for name, errors in found.items():
+        figures = (
+            one for method in METHODS for one in (errors[method].mean(axis=0), errors[method].std(axis=0))
+        )
+        yield name, *(" / ".join(f"{100.0 * one:.2g} %" for one in each) for each in figures)
+
+
+COMMAND = KeptStudyCommand("validation.efficiency.wrong_orders", __doc__, GRID, PART, answer)
+main = COMMAND.main
+
+
+if __name__ == "__main__":
+    sys.exit(main())
