@@ -138,6 +138,8 @@ class ChannelMap:
         By column.
     origin : str
         File of the map, for messages.
+    airframe : str
+        Which kind of vehicle the logs are of; empty when nothing is known.
     """
 
     name: str
@@ -148,6 +150,7 @@ class ChannelMap:
     input_map: str
     ranges: Mapping[str, ValidRange]
     origin: str
+    airframe: str = ""
 
     @property
     def required_columns(self) -> tuple[str, ...]:
@@ -220,8 +223,11 @@ def _channel_map(top: TomlTable) -> ChannelMap:
     if not rules:
         raise top.wrong("channels", "at least one channel", "none", "Add a table [channels.velocity_z].")
     map_of_input = _input_map(top)
+    airframe = top.text("airframe", name)
     top.finish()
-    return ChannelMap(name, time_column, time_unit, rules, _FRAMES[frame], map_of_input, ranges, top.file)
+    return ChannelMap(
+        name, time_column, time_unit, rules, _FRAMES[frame], map_of_input, ranges, top.file, airframe
+    )
 
 
 def _input_map(top: TomlTable) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from eivor.logs.findings import channel_findings
 from eivor.logs.units import TIME_UNITS
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import canonical_channel, canonical_channels, held_by_default, unit_of
+from eivor.signals.log_origin import LogOrigin, utc_time
 from eivor.signals.recording import Channel, Finding, Frame, Recording, clean_channel
 
 #: First stamps beyond this are a calendar's, not a log's [s].
@@ -184,6 +186,7 @@ def mapped_recording(
         input_map=chosen.input_map,
         looked_for=looked_for(chosen),
         findings=(*findings, *found, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
+        origin=LogOrigin(airframe=chosen.airframe, start=_start(chosen, columns)),
     )
 
 
@@ -287,6 +290,14 @@ def _clock(
         )
         kept = kept - kept[0]
     return kept * unit, stamped, findings
+
+
+def _start(chosen: ChannelMap, columns: Columns) -> datetime | None:
+    """Time of the first row of a clock that counts from 1970; None of another clock."""
+    stamps = columns.values[chosen.time_column]
+    unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
+    first = next(iter(stamps[np.isfinite(stamps)].tolist()), 0.0) * unit
+    return utc_time(first) if first > EPOCH_S else None
 
 
 def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:

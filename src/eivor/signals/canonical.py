@@ -89,6 +89,8 @@ BUILT_IN: tuple[CanonicalChannel, ...] = (
     CanonicalChannel("rotor_speed_*", "", free_unit=True),
     CanonicalChannel("actuator_output_*", "", held=True, free_unit=True),
     CanonicalChannel("battery_voltage", "V"),
+    CanonicalChannel("air_density", "kg/m^3"),
+    CanonicalChannel("air_temperature", "degC"),
     CanonicalChannel("hover_thrust_estimate", ""),
     CanonicalChannel("reference_position_z", "m", held=True, flipped=True, exogenous=True),
     CanonicalChannel("reference_velocity_z", "m/s", held=True, flipped=True, exogenous=True),

@@ -34,6 +34,7 @@ from eivor.logs.findings import channel_findings
 from eivor.logs.log_format import ReadOptions
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, looked_for, mapped_channels
 from eivor.shapes import Float
+from eivor.signals.log_origin import LogOrigin
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 
 CLOCK = "timestamp"
@@ -274,4 +275,5 @@ def _recording(
         input_map=chosen.input_map,
         looked_for=looked,
         findings=(*findings, *channel_findings(channels)),
+        origin=LogOrigin(airframe="Crazyflie"),
     )

@@ -18,6 +18,7 @@ from eivor.logs.dataflash.delays import delay_findings, delay_of
 from eivor.logs.dataflash.estimators import choose_estimator
 from eivor.logs.dataflash.layouts import HEAD
 from eivor.logs.dataflash.messages import Messages
+from eivor.logs.dataflash.origin import dataflash_origin
 from eivor.logs.dataflash.outputs import add_outputs, add_rotor_speeds
 from eivor.logs.dataflash.places import read_messages
 from eivor.logs.dataflash.reading import Reading
@@ -110,6 +111,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
         looked_for=LOOKED_FOR,
         findings=(*findings, *channel_findings(reading.channels)),
         vehicle=vehicle_of(tables),
+        origin=dataflash_origin(tables, parameters),
     )
 
 
@@ -145,7 +147,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
 
 def _lowest(table: Messages) -> Messages:
     """Messages of the lowest instance of a sensor or a battery."""
-    if table.name not in ("IMU", "BAT", "CURR"):
+    if table.name not in ("IMU", "BAT", "CURR", "BARO", "GPS"):
         return table
     column = next((name for name in ("I", "Inst", "Instance") if table.has(name)), "")
     if not column or not table.count:

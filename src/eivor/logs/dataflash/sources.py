@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from eivor.logs.dataflash.messages import Messages
+from eivor.logs.dataflash.origin import ORIGIN_MESSAGES
 from eivor.logs.units import UNITS
 
 #: What each estimator's first core is logged as, the preferred one first.
@@ -129,6 +130,7 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         Source("CTUN", "ThH", old_factor=1e-3, zero_is_absent=True),
         Source("CTUN", "ThrHov", old_factor=1e-3, zero_is_absent=True),
     ),
+    "air_temperature": (Source("BARO", "Temp", zero_is_absent=True),),
     "battery_voltage": (
         Source("BAT", "Volt", zero_is_absent=True),
         Source("CURR", "Volt", old_factor=1e-2, zero_is_absent=True),
@@ -166,6 +168,7 @@ NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}
     | {"NKF6", "XKF6", "EKF6", "NKF4", "XKF4", "XKFS", "ATT", "RCOU", "RCIN", "MOTB", "ESC"}
     | {"MODE", "EV", "ARM", "MSG", "VER", "PARM", "SIDD", "SIDS", "FMTU", "UNIT", "MULT"}
+    | ORIGIN_MESSAGES
 )
 
 _ATTITUDE = ("ATT.Roll, .Pitch and .Yaw",)

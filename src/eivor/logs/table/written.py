@@ -11,7 +11,9 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +22,7 @@ from eivor.errors import UsageError
 from eivor.logs.table.parquet import METADATA_KEY
 from eivor.shapes import Float
 from eivor.signals.canonical import held_by_default
+from eivor.signals.log_origin import LogOrigin
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.whole_file import whole_file
 
@@ -120,12 +123,19 @@ def _check_csv(recording: Recording) -> None:
 
 def _metadata(recording: Recording) -> str:
     rows = _all_stamps(recording).size
+    origin = recording.origin
     return json.dumps(
         {
             "version": _VERSION,
             "frame": recording.frame.name,
             "input_map": recording.input_map,
             "parameters": dict(recording.parameters),
+            "origin": {
+                "board": origin.board,
+                "airframe": origin.airframe,
+                "firmware": origin.firmware,
+                "start": None if origin.start is None else origin.start.isoformat(),
+            },
             "channels": {
                 c.name: {
                     "source": c.source,
@@ -159,6 +169,7 @@ def restore(recording: Recording, metadata: str) -> Recording:
         frame = Frame[content["frame"]]
         input_map = _text(content["input_map"])
         parameters = {_text(key): _finite(value) for key, value in content["parameters"].items()}
+        origin = _origin(content["origin"]) if "origin" in content else recording.origin
         channels = {
             name: _restored(channel, content["channels"].get(name, {}))
             for name, channel in recording.channels.items()
@@ -168,7 +179,22 @@ def restore(recording: Recording, metadata: str) -> Recording:
             "metadata", "The file's metadata are not understood; the table is read without them."
         )
         return replace(recording, findings=(*recording.findings, finding))
-    return replace(recording, frame=frame, input_map=input_map, parameters=parameters, channels=channels)
+    return replace(
+        recording,
+        frame=frame,
+        input_map=input_map,
+        parameters=parameters,
+        channels=channels,
+        origin=origin,
+    )
+
+
+def _origin(content: Mapping[str, object]) -> LogOrigin:
+    start = content["start"]
+    board, airframe, firmware = (_text(content[name]) for name in ("board", "airframe", "firmware"))
+    return LogOrigin(
+        board, airframe, firmware, None if start is None else datetime.fromisoformat(_text(start))
+    )
 
 
 def _restored(channel: Channel, content: object) -> Channel:

@@ -43,6 +43,8 @@ _FIELD_BYTES = {
     "char": 1,
 }
 
+#: What is kept of what a log says of itself, and the type of each: a text, or a number of four bytes.
+ABOUT = {"sys_name": "char", "sys_uuid": "char", "ver_sw_release": "uint32_t"}
 #: Bounds that no real log comes near; they keep the decoder's memory in hand.
 MAX_FIELDS = 2048
 MAX_SUBSCRIPTIONS = 256
@@ -69,6 +71,8 @@ class CleanLog:
         Bytes of an incomplete last message.
     lost_topics : list of str
         Needed topics that were left out, as their definition is damaged.
+    about : dict of str to bytes
+        What the log says of itself, by key: `ABOUT`, the first of each.
     """
 
     definitions: bytearray
@@ -78,6 +82,7 @@ class CleanLog:
     rejected_messages: int = 0
     cut_bytes: int = 0
     lost_topics: list[str] = field(default_factory=list)
+    about: dict[str, bytes] = field(default_factory=dict)
     _formats: dict[str, bytes] = field(default_factory=dict)
     _kept_formats: set[str] = field(default_factory=set)
     _unsound: set[str] = field(default_factory=set)
@@ -249,6 +254,16 @@ def _take_definition(log: CleanLog, kind: int, payload: bytes) -> None:
             log.definitions += _message(kind, payload)
         else:
             log.rejected_messages += 1
+    elif kind == ord("I"):
+        _take_about(log, payload)
+
+
+def _take_about(log: CleanLog, payload: bytes) -> None:
+    """Keep what the log says of itself, when it is of the type that it should be of."""
+    size = payload[0]
+    words = (_text(payload[1 : 1 + size]) or "").split(" ")
+    if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
+        log.about.setdefault(words[1], payload[1 + size :])
 
 
 def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> None:

@@ -22,9 +22,13 @@ from eivor.logs.findings import channel_findings
 from eivor.logs.ulog.channels import read_topics
 from eivor.logs.ulog.frames import CleanLog, clean_log
 from eivor.logs.ulog.instances import Topic, choose_instance
+from eivor.logs.ulog.origin import ORIGIN_TOPICS, air_channels, ulog_origin
 from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS
 from eivor.logs.ulog.vehicle import vehicle_of
 from eivor.signals.recording import Finding, Frame, Recording
+
+#: Every topic that is parsed.
+PARSED = (*NEEDED_TOPICS, *(topic for topic in ORIGIN_TOPICS if topic not in NEEDED_TOPICS))
 
 
 def read_ulog(file: Path, *, sha256: str = "") -> Recording:
@@ -51,20 +55,23 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
     """
     try:
         with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            clean = clean_log(data, NEEDED_TOPICS, file.name)
+            clean = clean_log(data, PARSED, file.name)
     except OSError as error:
         raise _corrupt(file, error) from error
     ulog, printed = _decode(clean, file)
     findings = _file_findings(clean, ulog, printed)
     parameters = _parameters(ulog)
     topics = _topics(ulog, clean.rows, findings)
-    channels = read_topics(topics, np.uint64(ulog.start_timestamp), parameters, findings)
+    beside = {name: topics.pop(name) for name in ORIGIN_TOPICS if name in topics}
+    start = np.uint64(ulog.start_timestamp)
+    channels = read_topics(topics, start, parameters, findings)
     if not channels:
         raise EmptyLogError(
             f"a ULog with flight data (one of the topics {', '.join(NEEDED_TOPICS)})",
             f"'{file.name}' without a value of any of them",
             "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
         )
+    channels |= air_channels(beside, start)
     return Recording(
         name=file.name,
         format="ulog",
@@ -75,6 +82,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
         looked_for=LOOKED_FOR,
         findings=(*findings, *channel_findings(channels)),
         vehicle=vehicle_of(topics, parameters),
+        origin=ulog_origin(clean.about, beside, start, parameters),
     )
 
 
@@ -93,7 +101,7 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed):
-            ulog = ULog(io.BytesIO(clean.content), list(NEEDED_TOPICS), disable_str_exceptions=True)
+            ulog = ULog(io.BytesIO(clean.content), list(PARSED), disable_str_exceptions=True)
     except (
         ULogException,
         ValueError,
@@ -146,7 +154,10 @@ def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding])
     for data in ulog.data_list:
         fields = _table(data.data, rows[data.msg_id])
         instances.setdefault(data.name, []).append(Topic(data.name, int(data.multi_id), fields))
-    return {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
+    return {
+        name: choose_instance(candidates, findings if name in NEEDED_TOPICS else [])
+        for name, candidates in instances.items()
+    }
 
 
 def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.ndarray]:
