@@ -19,6 +19,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.report.page.flight_page import flight_page
+from eivor.report.page.vendored import own
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 
@@ -243,3 +244,34 @@ def test_its_licence_goes_with_it(pages):
     ]
     assert "Permission is hereby granted" in licence.text
     assert "Copyright (c) 2022 Leon Sorokin" in licence.text
+
+
+def luminance(colour: str) -> float:
+    shares = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
+    linear = [one / 12.92 if one <= 0.04045 else ((one + 0.055) / 1.055) ** 2.4 for one in shares]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def contrast(one: str, other: str) -> float:
+    """Ratio of WCAG 2.2, 1.4.3."""
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def test_words_stand_out_from_their_paper_in_both_themes():
+    style = own("page.css")
+    themes = [
+        dict(re.findall(r"--([\w-]+): (#\w{6})", block))
+        for block in re.findall(r"\{([^{}]*--paper:[^{}]*)\}", style)
+    ]
+    assert len(themes) == 3
+    assert themes[1] == themes[2]
+    for theme in themes[:2]:
+        for status in (one.value for one in Status):
+            for ink in ("ink", "soft", status):
+                assert contrast(theme[ink], theme[f"{status}-paper"]) >= 4.5
+            assert contrast(theme[status], theme["paper"]) >= 4.5
+        for ink in ("ink", "soft", "accent"):
+            assert contrast(theme[ink], theme["paper"]) >= 4.5
+        for look in ("measured", "predicted", "residual", "second", "third", "fourth", "edge"):
+            assert contrast(theme[look], theme["paper"]) >= 3.0

@@ -87,8 +87,8 @@ def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Itera
     where = result.motion.words.where
     known = f"{_begun(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
-    source = "the input" if flight.actuators == 1 else f"mean of {flight.actuators} actuators"
-    panels = (*result.motion.overview(flight), Panel(f"input: {flight.input.name}, {source}", level))
+    mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
+    panels = (*result.motion.overview(flight), Panel(f"input: {flight.input.name}{mean}", level))
     for panel in panels:
         name, _, unit = " ".join(panel.label.split()).partition(" [")
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]

@@ -70,7 +70,7 @@ def shape(status: Status) -> Markup:
 
 
 def table_html(table: TableOf, caption: str = "") -> Markup:
-    """Table, whose rows become blocks where there is no room for columns."""
+    """Table whose rows become blocks where columns have no room; with a caption it may be scrolled."""
     heads = [_head(column) for column in table.columns]
     rows = [
         element(
@@ -83,10 +83,10 @@ def table_html(table: TableOf, caption: str = "") -> Markup:
         )
         for row in table.rows
     ]
-    about = [element("caption", {"class": "unseen"}, caption)] if caption else []
     head = element("thead", None, element("tr", None, *heads))
-    whole = element("table", None, *about, head, element("tbody", None, *rows))
-    return element("div", {"class": "table"}, whole)
+    whole = element("table", None, head, element("tbody", None, *rows))
+    scrolled = {"tabindex": "0", "role": "region", "aria-label": caption} if caption else {}
+    return element("div", {"class": "table", **scrolled}, whole)
 
 
 def _head(column: TableColumn) -> Markup:

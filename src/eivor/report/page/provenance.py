@@ -50,7 +50,7 @@ def _logs(numbers: Mapping[str, Any]) -> TableOf:
         counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
         told = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
         rows.append((Cell(log["name"], checksum), *map(Cell, told)))
-    columns = (TableColumn(TITLES[0]), *(TableColumn(title, whole=True) for title in TITLES[1:]))
+    columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
     return TableOf(columns, tuple(rows))
 
 
