@@ -24,7 +24,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 #: Extras that read logs.
-EXTRAS = ("ros",)
+EXTRAS = ("ros", "hdf5")
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=(\d[\w.]*)")
 
 IMPORT_ALL = """

@@ -4,6 +4,7 @@ Messages are written by rosbags, whose serialisers know nothing of this project'
 """
 
 import sqlite3
+from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
@@ -218,7 +219,7 @@ def write_ros1(path, messages, store, compression=None):
 def write_ros2(
     path, messages, store, plugin=StoragePlugin.SQLITE3, compression=CompressionMode.NONE, window=None
 ):
-    rng, connections = np.random.default_rng(0), {}
+    path, rng, connections = Path(path), np.random.default_rng(0), {}
     writer = Writer2(path, version=9, storage_plugin=plugin)
     writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:

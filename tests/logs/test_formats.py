@@ -45,7 +45,7 @@ WHEELS = LogFormat(
 def test_a_format_from_outside(table, tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(b"WHL1" + struct.pack("<4d", 0.0, 1.0, 0.1, 2.0))
-    with pytest.raises(UnknownFormatError, match=r"ROS 2 bag, MCAP, CSV"):
+    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, CSV"):
         read_log(path)
     declare_format(WHEELS)
     r = read_log(path)
@@ -56,7 +56,7 @@ def test_a_format_from_outside(table, tmp_path):
     with pytest.raises(UsageError, match="a channel map with the Wheels log"):
         read_log(path, channel_map="rotorpy")
     path.write_bytes(b"nothing")
-    with pytest.raises(UnknownFormatError, match=r"ROS 2 bag, MCAP, Wheels log, CSV"):
+    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, Wheels log, CSV"):
         read_log(path)
 
 
@@ -76,6 +76,8 @@ def test_declared_formats_do_not_take_the_place_of_others(table):
         "ros1",
         "ros2",
         "mcap",
+        "matlab",
+        "hdf5",
         "wheels",
         "csv",
     ]

@@ -13,7 +13,7 @@ from eivor.logs.bags.format import BAGS
 from eivor.logs.crazyflie.format import CRAZYFLIE
 from eivor.logs.dataflash.format import DATAFLASH
 from eivor.logs.log_format import LogFormat
-from eivor.logs.table.formats import CSV, PARQUET
+from eivor.logs.table.formats import CSV, HDF5, MATLAB, PARQUET
 from eivor.logs.ulog.format import ULOG
 from eivor.logs.unread import DJI, EIGHT_BIT, RECOGNISED, TELEMETRY, UTF_16
 
@@ -24,6 +24,8 @@ FORMATS: tuple[LogFormat, ...] = (
     CRAZYFLIE,
     DATAFLASH,
     *BAGS,
+    MATLAB,
+    HDF5,
     *RECOGNISED,
     TELEMETRY,
     DJI,
@@ -106,7 +108,7 @@ def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
     ----------
     name : str
         Of a format that is read: "ulog" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1", "ros2", "mcap",
-        "csv", "parquet".
+        "matlab", "hdf5", "csv", "parquet".
     channel : str
         A canonical channel: only the advice for it; empty for the advice on the whole flight.
 

@@ -30,13 +30,12 @@ def read_log(
     Parameters
     ----------
     path : str or path
-        A ULog, a DataFlash log, a Crazyflie's microSD log, a ROS bag or MCAP, a CSV or Parquet file; or the
-        folder of a ROS 2 bag. "-" reads standard input, by way of a temporary file.
+        A ULog, a DataFlash log, a Crazyflie's microSD log, a ROS bag or MCAP, a CSV, Parquet, MATLAB or HDF5
+        file; or the folder of a ROS 2 bag. "-" reads standard input, by way of a temporary file.
     channel_map : str or path, optional
         For tables, variables of a Crazyflie, and topics of bags: a channel map (TOML), or the name of a
-        shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables that "
-        "are known, nor
-        where a shipped map fits by itself.
+        shipped one ("nanobench", "rotorpy"). Not needed for canonical column names, for variables and topics
+        that are known, nor where a shipped map fits by itself.
     max_bytes : int
         Largest file that is read [bytes]; 1 GiB by default.
 

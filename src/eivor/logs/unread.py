@@ -41,8 +41,6 @@ RECOGNISED: tuple[LogFormat, ...] = (
         "Convert it with `blackbox_decode` to CSV, for which maps are shipped (betaflight_csv, inav_csv).",
     ),
     _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
-    _recognised("hdf5", "an HDF5 file", b"\x89HDF\r\n\x1a\n", _TABLE),
-    _recognised("matlab", "a MATLAB file", b"MATLAB 5.0 MAT-file", _TABLE),
     _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
     _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
     _recognised("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),

@@ -8,6 +8,7 @@ from pathlib import Path
 from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
 from eivor.signals.recording import Recording
 
+_HDF5 = b"\x89HDF\r\n\x1a\n"
 DELIMITERS = (",", ";", "\t", "|")
 _ADVICE = (
     "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
@@ -50,6 +51,25 @@ def _read_parquet(file: Path, options: ReadOptions) -> Recording:
     return read_table(file, open_parquet(file), PARQUET.name, options)
 
 
+def _read_matlab(file: Path, options: ReadOptions) -> Recording:
+    from eivor.logs.table.matlab import open_matlab
+    from eivor.logs.table.read import read_table
+
+    return read_table(file, open_matlab(file), MATLAB.name, options)
+
+
+def _read_hdf5(file: Path, options: ReadOptions) -> Recording:
+    from eivor.logs.table.hdf5 import open_hdf5
+    from eivor.logs.table.read import read_table
+
+    return read_table(file, open_hdf5(file), HDF5.name, options)
+
+
+def _is_hdf5(head: bytes, _file: Path) -> bool:
+    """Whether it is HDF5: at once, or after the 512 bytes of text of MATLAB 7.3."""
+    return head.startswith(_HDF5) or head[512:].startswith(_HDF5)
+
+
 def _advice(channel: str) -> tuple[str, ...]:
     """Which columns to write."""
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
@@ -75,3 +95,13 @@ PARQUET = LogFormat(
     setpoints=_SETPOINTS,
     endings=(".parquet",),
 )
+MATLAB = LogFormat(
+    "matlab",
+    "MATLAB",
+    begins_with(b"MATLAB 5.0 MAT-file"),
+    _read_matlab,
+    takes_map=True,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+)
+HDF5 = LogFormat("hdf5", "HDF5", _is_hdf5, _read_hdf5, takes_map=True, advice=_advice, setpoints=_SETPOINTS)
