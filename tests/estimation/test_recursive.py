@@ -105,14 +105,15 @@ def test_chunks_of_any_size_give_the_same_estimate_and_intervals(cuts):
         )
 
 
-def test_changes_do_not_depend_on_chunks():
+@pytest.mark.parametrize("memory", [200.0, 10.0])
+def test_changes_do_not_depend_on_chunks(memory):
     signals = dropped(record(1500), 900)
-    detector = ev.ChangeDetector()
-    told, recursion = [], after(part(signals, 0, 1), detector=detector)
+    given = {"detector": ev.ChangeDetector(), "memory": memory}
+    told, recursion = [], after(part(signals, 0, 1), **given)
     for first, last in pairwise(range(1, 1501, 13)):
         recursion = recursion.update(part(signals, first, last))
         told += recursion.changes
-    assert tuple(told) == after(part(signals, 0, last), detector=detector).changes
+    assert tuple(told) == after(part(signals, 0, last), **given).changes
     assert told
 
 
@@ -182,6 +183,7 @@ def test_memory_does_not_grow_with_the_stream():
     assert held(early) == held(late)
     assert late._rows.faded.waiting.count < 10
     assert late._rows.watching.before.shape[0] <= 80
+    assert late._rows.watching.references.theta.shape[0] <= 16
 
 
 def test_effective_rows_are_twice_the_memory():

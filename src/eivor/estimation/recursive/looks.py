@@ -11,12 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.estimation.recursive.faded_products import FadedProducts
-from eivor.estimation.recursive.forgetting import BLOCKS_PER_LOOK
+from eivor.estimation.recursive.forgetting import BLOCKS_PER_LOOK, Forgetting
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.shapes import Float
 
-#: Looks that are made at once: their blocks are fewer than those that are kept apart.
-LOOKS_AT_ONCE = 60
 #: Part of a scaled regressor that the others must leave of it.
 LOST = 1e-10
 
@@ -70,8 +68,13 @@ class References:
         return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
 
 
+def looks_at_once(forgetting: Forgetting) -> int:
+    """Most looks that rows may complete: their blocks are still kept apart then."""
+    return (forgetting.kept_blocks - BLOCKS_PER_LOOK) // BLOCKS_PER_LOOK
+
+
 def looks_between(before: FadedProducts, after: FadedProducts) -> Iterator[tuple[Look, References | None]]:
-    """Looks that rows complete, `LOOKS_AT_ONCE` at most.
+    """Looks that rows complete, `looks_at_once` at most.
 
     Parameters
     ----------

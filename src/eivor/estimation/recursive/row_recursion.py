@@ -13,7 +13,7 @@ from eivor.estimation.recursive.change_detector import Change, ChangeDetector, W
 from eivor.estimation.recursive.faded_covariance import equation_map, faded_covariance
 from eivor.estimation.recursive.faded_products import FadedProducts, nothing_yet
 from eivor.estimation.recursive.forgetting import BLOCKS_PER_LOOK, Forgetting
-from eivor.estimation.recursive.looks import LOOKS_AT_ONCE, looks_between, newest_reference
+from eivor.estimation.recursive.looks import looks_at_once, looks_between, newest_reference
 from eivor.estimation.recursive.timed_rows import TimedRows
 from eivor.models.equation import Parameter
 
@@ -61,7 +61,8 @@ class RowRecursion:
         seen = replace(self, faded=faded, changes=())
         if self.detector is None:
             return replace(seen, faded=faded.then(rows))
-        for stretch in rows.stretches(faded.samples, LOOKS_AT_ONCE * self.forgetting.look):
+        span = looks_at_once(self.forgetting) * self.forgetting.look
+        for stretch in rows.stretches(faded.samples, span):
             rest = stretch
             while rest.count:
                 seen, rest = seen._watched(seen.faded or faded, rest, self.detector)
