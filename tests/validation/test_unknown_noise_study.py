@@ -53,7 +53,8 @@ def test_coverage_is_judged_of_what_is_not_refused():
 
 
 def test_the_published_suite_and_its_page_belong_together():
-    runs, seed, cases = read_suite(SUITE)
+    suite = read_suite(SUITE)
+    runs, seed, cases = suite.runs, suite.seed, suite.cases
     text = PAGE.read_text(encoding="utf-8").partition(marks(PART)[0])[2].partition(marks(PART)[1])[0]
     assert runs >= 300
     assert f"{runs} records of each case, seed {seed}" in text

@@ -33,7 +33,7 @@ PART = "unknown-noise"
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2
 VELOCITY = "velocity_z"
-METHODS = ("generalized_iv_unknown_noise", "bias_eliminating_least_squares", "frisch_scheme")
+METHODS = ("generalized_iv_unknown_noise", "bias_eliminating_least_squares", "frisch_scheme", "spectral_giv")
 #: The coverage that is asked of parameters, and of what is told of noises.
 OF_PARAMETERS, OF_NOISES = (0.91, 0.99), (0.90, 0.99)
 SUITE = Path(__file__).with_name("unknown_noise.toml")
@@ -59,7 +59,11 @@ class Case:
         """One of its methods; the generalized one is to find the order out where there is one."""
         if name == METHODS[0]:
             return ev.methods.generalized_iv_unknown_noise(orders=(VELOCITY,) if self.order else ())
-        made = {METHODS[1]: ev.methods.bias_eliminating_least_squares, METHODS[2]: ev.methods.frisch_scheme}
+        made = {
+            METHODS[1]: ev.methods.bias_eliminating_least_squares,
+            METHODS[2]: ev.methods.frisch_scheme,
+            METHODS[3]: ev.methods.spectral_giv,
+        }
         return made[name]()
 
 
@@ -87,14 +91,24 @@ class Told:
     refused: int
 
 
-def read_suite(path: Path) -> tuple[int, int, tuple[Case, ...]]:
-    """Runs, seed and cases of a suite file."""
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """Runs, seed, cases, and the part of a page that their tables are."""
+
+    runs: int
+    seed: int
+    cases: tuple[Case, ...]
+    part: str = PART
+
+
+def read_suite(path: Path) -> Suite:
+    """Suite of a file."""
     top = read_toml(path, "a suite of unknown noises")
     top.text("name")
-    runs, seed = top.whole("runs"), top.whole("seed")
+    runs, seed, part = top.whole("runs"), top.whole("seed"), top.text("part", PART)
     cases = tuple(_case(name, table) for name, table in top.named_sections("cases").items())
     top.finish()
-    return runs, seed, cases
+    return Suite(runs, seed, cases, part)
 
 
 def _case(name: str, table: TomlTable) -> Case:
@@ -127,6 +141,10 @@ def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
                         1.0 if "order" in name else truth[name]
                     )
                     found.setdefault((method, name), []).append((error, low <= truth[name] <= high))
+            for noise in (one for one in estimate.noises if one.of == "input"):
+                std = signals.noise["input"].std
+                near = abs(noise.strength - std) <= 1.96 * noise.strength_error
+                found.setdefault((method, "noise_std_input"), []).append((noise.strength / std - 1.0, near))
     for (method, name), pairs in found.items():
         errors, held = zip(*pairs, strict=True)
         yield Told(case.name, method, name, np.array(errors), np.array(held), refused[method])
@@ -192,15 +210,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
     chosen = parser.parse_args(arguments)
     try:
-        page = page_text(chosen.page, PART) if chosen.page else ""
-        runs, seed, cases = read_suite(chosen.suite)
-        runs = runs if chosen.runs is None else chosen.runs
+        suite = read_suite(chosen.suite)
+        page = page_text(chosen.page, suite.part) if chosen.page else ""
+        runs = suite.runs if chosen.runs is None else chosen.runs
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            told = [one for case in cases for one in tried(case, runs, seed)]
-        text = tables(told, runs, seed)
+            told = [one for case in suite.cases for one in tried(case, runs, suite.seed)]
+        text = tables(told, runs, suite.seed)
         if chosen.page:
-            write_whole(chosen.page, page_with(page, {PART: text}))
+            write_whole(chosen.page, page_with(page, {suite.part: text}))
     except EivorError as error:
         sys.stderr.write(f"{error}\n")
         return WRONG

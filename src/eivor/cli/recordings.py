@@ -152,7 +152,7 @@ def flight_options(
     from eivor.flights.terms import check_options
 
     chosen = by_name(method)
-    if instruments and not (compare or chosen.needs_instruments_of_flights):
+    if instruments and not (compare or chosen.of_flights.needs_instruments):
         raise UsageError(
             "--instruments with a method that has instruments, or with --compare",
             f"--instruments {instruments} with --method {method}",

@@ -46,9 +46,9 @@ class Method(ABC):
         """True when problems must have instruments."""
 
     @property
-    def needs_instruments_of_flights(self) -> bool:
-        """True when flights must give instruments, even where other problems need none."""
-        return self.needs_instruments
+    def of_flights(self) -> Method:
+        """The method that it is of problems with nuisances; itself unless it says otherwise."""
+        return self
 
     @property
     def takes_out_own_noise(self) -> bool:

@@ -36,11 +36,12 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.nuisance_scan import NuisanceScan, Places
 from eivor.estimation.own_equations import own_equations
 from eivor.estimation.products.nodes import Nodes, nodes_of
-from eivor.estimation.weighting.whitening import SpectralWhitening, whitened_by_residuals
+from eivor.estimation.weighting.rows import WeightedRows
 from eivor.inference.quantiles import check_level, chi_square_quantile, t_quantile
 from eivor.inference.sets.concentrated import allowed, least_ratio
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.models.separable import SeparableProblem
+from eivor.models.spectral import BinRows
 from eivor.shapes import Float
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
@@ -157,16 +158,19 @@ def parameter_sets(
     parameters = [parameter.name for parameter in estimate.best.rows.parameters]
     if name not in parameters:
         raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
-    method, nodes = by_name(estimate.method), nodes_of(problem.nuisances)
+    method, nodes = by_name(estimate.method).of_flights, nodes_of(problem.nuisances)
     if not (
         isinstance(method, LinearMethod)
         and isinstance(method.assembler, Instrumental)
-        and isinstance(method.row_weighting, SpectralWhitening)
+        and isinstance(estimate.best.rows.layout, BinRows)
         and len(nodes.axes) < 2
     ):
         return None
     place = parameters.index(name)
-    criteria = [_criterion(problem, nodes, candidate, place) for candidate in estimate.candidates]
+    criteria = [
+        _criterion(problem, nodes, one, place, method.row_weighting.last_pass(problem, one.theta, one.at))
+        for one in estimate.candidates
+    ]
     try:
         least = estimate.least_of_competitors([one.scan.minimum[1] for one in criteria])
     except np.linalg.LinAlgError:
@@ -188,9 +192,8 @@ def parameter_sets(
 
 
 def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, place: int
+    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, place: int, weights: WeightedRows
 ) -> CandidateCriterion:
-    weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
     theta = candidate.theta
     own = own_equations(weights.rows(candidate.at), place)
     unknowns = candidate.solved.unknowns - (theta.size - own.regressors.size)

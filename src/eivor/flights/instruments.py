@@ -51,7 +51,7 @@ class Instruments:
 
 def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
     """Instruments of a method: those that were asked for, else its natural ones."""
-    if not method.needs_instruments_of_flights:
+    if not method.of_flights.needs_instruments:
         return Instruments(NoInstruments())
     wanted = options.instruments or (method.natural_instruments.value,)
     if wanted == (NaturalInstruments.LAGS.value,):

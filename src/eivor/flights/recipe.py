@@ -74,7 +74,7 @@ def estimated(
         return without_fit(motion, prepared, options, reason)
     method = by_name(options.method)
     chosen = instruments(flying, options, method)
-    if method.needs_instruments_of_flights and chosen.absent:
+    if method.of_flights.needs_instruments and chosen.absent:
         method = by_name(motion.direct)
     try:
         check_declared(

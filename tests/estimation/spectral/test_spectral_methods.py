@@ -64,14 +64,47 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
     assert abs(found.parameters["input_gain"] / TRUTH[1] - 1.0) < 0.006
 
 
-@pytest.mark.parametrize("method", SPECTRAL)
-def test_without_the_noise_of_the_input_nothing_is_assumed(
-    problem_of: ProblemOf, method: Callable[[], object]
-) -> None:
-    problem = problem_of("rich", 500, 1)
-    bare = replace(problem.signals, noise={})
-    with pytest.raises(MissingNoiseError, match="noise of input"):
-        ev.identify(replace(problem, signals=bare), method())
+def without_noise(problem: ev.SignalRegression, *names: str) -> ev.SignalRegression:
+    kept = {name: noise for name, noise in problem.signals.noise.items() if name not in names}
+    return replace(problem, signals=replace(problem.signals, noise=kept))
+
+
+def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of: ProblemOf) -> None:
+    bare = without_noise(problem_of("rich", 500, 1), "input", "velocity_z")
+    with pytest.raises(MissingNoiseError, match=r"noise of input.*spectral_giv"):
+        ev.identify(bare, ev.methods.whittle_ml())
+
+
+def test_an_unknown_noise_of_a_coloured_input_is_told_with_the_parameters(problem_of: ProblemOf) -> None:
+    problem = problem_of("rich-high", 4000, 3)
+    known = ev.identify(problem, ev.methods.spectral_giv())
+    found = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
+    assert found.status is Status.IDENTIFIED
+    (noise,) = (one for one in found.noises if one.of == "input")
+    true = problem.signals.noise["input"].std
+    assert noise.strength == pytest.approx(true, abs=3.0 * noise.strength_error)
+    assert 0.02 * true < noise.strength_error < 0.2 * true
+    for name, truth in zip(found.names, TRUTH, strict=True):
+        low, high = found.interval(name)
+        assert low < truth < high
+        assert found.std_error(name) >= 0.95 * known.std_error(name)
+    assert not any(one.of == "input" for one in known.noises)
+    combined = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv_combined())
+    assert any(one.of == "input" for one in combined.noises)
+
+
+def test_an_unknown_noise_of_a_white_input_is_refused(problem_of: ProblemOf) -> None:
+    found = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
+    assert found.status is Status.REFUSED
+    assert found.method == "spectral_giv"
+
+
+def test_with_references_the_noise_of_the_input_is_of_no_account(problem_of: ProblemOf) -> None:
+    problem = problem_of("closed-loop", 2000, 5)
+    found = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
+    for name, true in zip(found.names[:2], TRUTH, strict=True):
+        low, high = found.interval(name)
+        assert low < true < high
 
 
 def test_what_is_no_sampled_motion_is_refused(problem_of: ProblemOf) -> None:

@@ -56,6 +56,10 @@ class NoisePrior:
     centre: NoiseModel
     fitted: Bool[np.ndarray, " 6"]
 
+    def with_input_variance(self, variance: float) -> NoisePrior:
+        """The same with another noise of the input."""
+        return replace(self, centre=replace(self.centre, input_variance=variance))
+
 
 def prior_of(
     pairs: PairedEquations,

@@ -29,6 +29,11 @@ from eivor.models.separable import SeparableProblem
 ALLOWED = 0.999
 
 
+def corrected_whitening(name: str) -> LinearMethod:
+    """Instrumental least squares of both equations, by corrected spectra."""
+    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(CorrectedSpectra()))
+
+
 def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     """Instrumental estimate of both equations, or generalized IV's where that contradicts it beyond chance.
 
@@ -40,9 +45,8 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     paired_bins(
         problem, np.zeros(problem.bins(problem.first_values).regressors.shape[1]), problem.first_values
     )
-    method = LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(CorrectedSpectra()))
     try:
-        found = method.estimate(problem)
+        found = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return _instead(name, generalized_iv().estimate(problem), "its equations have no solution")
     try:

@@ -153,12 +153,16 @@ class PairRows(WeightedRows):
         return self._renewed if self.renewals else None
 
     def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> PairRows:
-        pairs, bins = paired_bins(self.problem, theta, at), self.problem.bins(at)
-        model = pairs.fitted(bins).spectrum(pairs)
-        C, factor = self.spectra.weights(model, pairs.residual(bins), pairs.layout)
-        return _weighted(
-            self.problem, bins, self.spectra, (C, factor * pairs.density_scale), self.renewals - 1
-        )
+        return _by_residuals(self.problem, self.spectra, theta, at, self.renewals - 1)
+
+
+def _by_residuals(
+    problem: SeparableProblem, spectra: PairSpectra, theta: Float[np.ndarray, " n"], at: Values, renewals: int
+) -> PairRows:
+    pairs, bins = paired_bins(problem, theta, at), problem.bins(at)
+    model = pairs.fitted(bins).spectrum(pairs)
+    C, factor = spectra.weights(model, pairs.residual(bins), pairs.layout)
+    return _weighted(problem, bins, spectra, (C, factor * pairs.density_scale), renewals)
 
 
 def _weighted(
@@ -214,3 +218,7 @@ class PairWhitening(RowWeighting):
         ones = np.ones(bins.responses.shape[0])
         alike = PairSpectrum(ones, ones, 0.0j * ones)
         return _weighted(problem, bins, self.spectra, (alike, ones), self.passes - 1)
+
+    def last_pass(self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /) -> PairRows:
+        """By the residuals of an estimate."""
+        return _by_residuals(problem, self.spectra, theta, at, 0)

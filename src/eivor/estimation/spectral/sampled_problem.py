@@ -37,6 +37,8 @@ class SampledProblem:
         What instruments of another channel say of the input; None where it is its own.
     declared : tuple of MeasurementNoise or None
         Noises of z' and of z'', where the record declares them.
+    noise_sought : bool
+        Whether the noise of the input is unknown, and `input_variance` but where the search of it begins.
     """
 
     problem: SignalRegression
@@ -44,6 +46,7 @@ class SampledProblem:
     input_variance: float
     instrument: Complex[np.ndarray, " bins"] | None
     declared: tuple[MeasurementNoise | None, MeasurementNoise | None]
+    noise_sought: bool = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -67,22 +70,20 @@ def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
             type(problem).__name__,
             "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments).",
         )
-    driver = _motion_of(problem, method)[2]
+    driver = motion_of(problem, method)[2]
     noise = problem.signals.noise.get(driver)
     if noise is None:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off",
             "none that is declared",
-            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact. Or "
-            "have it estimated: ev.methods.generalized_iv_unknown_noise().",
+            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact. To "
+            "a likelihood it is a disturbance that moves the vehicle. ev.methods.spectral_giv() seeks it.",
         )
     if not isinstance(noise, WhiteNoise):
         raise UsageError(
             f"white noise of {driver} for {method}", f"a {type(noise).__name__}", "Use generalized_iv."
         )
-    if problem.instrument_columns:
-        return problem
-    return replace(problem, instrument_columns=lags(driver, *PILOT_LAGS))
+    return with_instruments(problem, driver)
 
 
 def without_spectra(problem: SignalRegression) -> str:
@@ -104,21 +105,33 @@ def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
     InstrumentError
         When instruments of another channel are mixed with inputs.
     """
-    state, response, driver = _motion_of(problem, method)
+    state, response, driver = motion_of(problem, method)
     signals = problem.signals
     noise = signals.noise[driver]
+    own = is_own_instrument(problem, driver)
     record = SampledRecord(
         signals.step_s,
         signals.sample_count,
         *(unitary_bins(signals.channel(name)) for name in (response, state, driver)),
     )
-    own = {column.channel for column in problem.instrument_columns} == {driver}
     instrument = None if own else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
     return SampledProblem(problem, record, noise.std**2, instrument, declared)
 
 
-def _motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:
+def with_instruments(problem: SignalRegression, driver: str) -> SignalRegression:
+    """The problem with lags of its input as instruments, where it brings none."""
+    if problem.instrument_columns:
+        return problem
+    return replace(problem, instrument_columns=lags(driver, *PILOT_LAGS))
+
+
+def is_own_instrument(problem: SignalRegression, driver: str) -> bool:
+    """Whether the instruments are lags of the input itself."""
+    return {column.channel for column in problem.instrument_columns} == {driver}
+
+
+def motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:
     """Channels of the state, of its derivative and of the input."""
     equation = problem.equation
     columns = [column for _, column in equation.terms]

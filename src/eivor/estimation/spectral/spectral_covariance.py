@@ -37,12 +37,15 @@ class SpectralCovariance:
         Degrees of freedom of each parameter: few bins that tell it count for few.
     influence : ndarray, shape (samples, n)
         Series whose sum is the error of each parameter, to first order.
+    noise_error : float
+        Standard error of sigma_u^2; zero where that is given.
     """
 
     model: Float[np.ndarray, "n n"]
     in_time: Float[np.ndarray, "n n"]
     degrees: Float[np.ndarray, " n"]
     influence: Float[np.ndarray, "samples n"]
+    noise_error: float = 0.0
 
 
 def spectral_covariance(solution: SpectralSolution) -> SpectralCovariance:
@@ -58,7 +61,10 @@ def spectral_covariance(solution: SpectralSolution) -> SpectralCovariance:
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
     influence = _influence(solution) @ inverse.T * enlarged
     in_time = sum_covariance(influence)
-    return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence)
+    noise_error = 0.0
+    if solution.noise_test is not None:
+        noise_error = float(np.sqrt(_meat(solution, whole[-1:]).sum()))
+    return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence, noise_error)
 
 
 def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, "n n"]:
@@ -74,10 +80,9 @@ def _meat(solution: SpectralSolution, inverse: Float[np.ndarray, "n m"]) -> Floa
     answered = np.tensordot(inverse, solution.tests, axes=1)
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:
-        count = solution.parameters
-        own = np.tensordot(inverse[:, :count], solution.motion.directions[:count], axes=1)
+        own = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
         shared = solution.spectrum.solved(solution.motion.input_noise)
-        phi = np.einsum("jkb,kb->jb", own.conj(), shared) * (solution.weights * solution.factors)
+        phi = np.einsum("jkb,kb->jb", own.conj(), shared)
         meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
     return 0.5 * meat
 

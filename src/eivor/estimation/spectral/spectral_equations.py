@@ -4,7 +4,12 @@ r"""The equations of the spectral generalized instrumental variables, and their 
     sum of c Re{ psi^H C^-1 r } = 0                             for each nuisance
 
 over bins: instruments of the least variance are what the parameters do to the residuals, whitened twice. The
-term s sigma_u^2 takes off what the input's noise adds, the compensation of (28)-(31) in frequency.
+term s sigma_u^2 takes off what the input's noise adds, the compensation of (28)-(31) in frequency. Where
+sigma_u^2 is unknown, what the input shares with the residuals at bins of little power tells it,
+
+    sum of c Re{ s^H C^-1 (U* r + s sigma_u^2) } / S_u = 0,
+
+with the input's power S_u: of a white input that is the gain's own equation.
 """
 
 from __future__ import annotations
@@ -21,7 +26,7 @@ from eivor.estimation.spectral.pair_spectrum import Pair, PairSpectrum
 from eivor.estimation.spectral.pilot import Pilot
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.weights import corrected_spectrum, held_back, signal_weights
-from eivor.shapes import Complex, Float
+from eivor.shapes import Complex, Float, Int
 
 #: Passes of spectrum and equations, Newton's steps in each, and the relative change that ends them.
 PASSES, STEPS, STILL = 8, 12, 1e-7
@@ -57,6 +62,8 @@ class SpectralSolution:
         Relative change of the parameters in the last pass.
     noises : tuple of FittedNoise
         Of the noise model, as it was fitted last.
+    noise_test : ndarray, shape (bins,), optional
+        1 / S_u where sigma_u^2 is unknown. Default: it is given.
     """
 
     motion: SampledMotion
@@ -69,6 +76,7 @@ class SpectralSolution:
     free_blend: bool
     change: float = np.inf
     noises: tuple[FittedNoise, ...] = ()
+    noise_test: Float[np.ndarray, " bins"] | None = None
 
     @property
     def settled(self) -> bool:
@@ -92,17 +100,30 @@ class SpectralSolution:
 
     @cached_property
     def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
-        """Test functions before C^-1: w c U d_j, and c psi."""
-        own = self.motion.directions[: self.parameters] * (self.weights * self.factors * self.instrument)
-        return np.concatenate([own, self.nuisance_shapes * self.factors])
+        """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
+        own = self.of_noise * self.instrument
+        shapes = self.nuisance_shapes * self.factors
+        return np.concatenate([own[: self.parameters], shapes, own[self.parameters :]])
+
+    @cached_property
+    def of_noise(self) -> Complex[np.ndarray, "m 2 bins"]:
+        """What the input's noise is taken off with: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
+        own = self.motion.directions[: self.parameters] * (self.weights * self.factors)
+        if self.noise_test is None:
+            return own
+        return np.concatenate([own, (self.motion.input_noise * (self.factors * self.noise_test))[None]])
+
+    @property
+    def noisy(self) -> Int[np.ndarray, " m"]:
+        """Numbers of the equations that the input's noise is taken off."""
+        return np.delete(np.arange(self.tests.shape[0]), self.parameters + np.arange(self.nuisances.size))
 
     def scores(self) -> Float[np.ndarray, " n"]:
         """Left sides of the equations."""
         found = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
         if self.input_variance:
-            own, taken = self.motion.directions[: self.parameters], self.weights * self.factors
-            shared = self.spectrum.solved(self.motion.input_noise * (self.input_variance * taken))
-            found[: self.parameters] += _products(own, shared[None])[:, 0]
+            shared = self.spectrum.solved(self.motion.input_noise * self.input_variance)
+            found[self.noisy] += _products(self.of_noise, shared[None])[:, 0]
         return found
 
     def stepped(self) -> SampledMotion:
@@ -115,8 +136,11 @@ class SpectralSolution:
         """Derivative of the equations by parameters and nuisances."""
         own = self.motion.directions[: self.parameters]
         moved = np.concatenate([own * self.motion.record.input, self.nuisance_shapes])
-        taken = self.input_variance * (self.weights * self.factors)
-        return Sensitivity(self.tests, self.spectrum.solved(moved), own, self.spectrum.solved(own * taken))
+        taken = self.spectrum.solved(own * self.input_variance)
+        by_noise = None if self.noise_test is None else self.spectrum.solved(self.motion.input_noise)
+        return Sensitivity(
+            self.tests, self.spectrum.solved(moved), self.of_noise, taken, self.noisy, by_noise
+        )
 
 
 @dataclass(frozen=True)
@@ -127,28 +151,44 @@ class Sensitivity:
     ----------
     tests, moved : ndarray, shape (n, 2, bins)
         Test function of each equation; what each unknown does to the residuals, whitened twice.
-    own, taken : ndarray, shape (parameters, 2, bins)
-        Of the compensation, alike: it is taken off.
+    own : ndarray, shape (m, 2, bins)
+        Of the compensation: what each equation that has one takes off the input's noise with.
+    taken : ndarray, shape (parameters, 2, bins)
+        What each parameter does to what is taken off, whitened twice.
+    noisy : ndarray of int, shape (m,)
+        Equations that have a compensation.
+    by_noise : ndarray, shape (2, bins), optional
+        Where the input's noise is sought, what that does. Default: it is given.
     """
 
     tests: Complex[np.ndarray, "n 2 bins"]
-    moved: Complex[np.ndarray, "n 2 bins"]
+    moved: Complex[np.ndarray, "k 2 bins"]
     own: Complex[np.ndarray, "m 2 bins"]
-    taken: Complex[np.ndarray, "m 2 bins"]
+    taken: Complex[np.ndarray, "p 2 bins"]
+    noisy: Int[np.ndarray, " m"]
+    by_noise: Complex[np.ndarray, "2 bins"] | None = None
 
     @cached_property
     def total(self) -> Float[np.ndarray, "n n"]:
         """J."""
-        count = self.own.shape[0]
-        found = _products(self.tests, self.moved)
-        found[:count, :count] -= _products(self.own, self.taken)
+        known = self.moved.shape[0]
+        found = np.zeros((self.tests.shape[0], self.tests.shape[0]))
+        found[:, :known] = _products(self.tests, self.moved)
+        found[np.ix_(self.noisy, np.arange(self.taken.shape[0]))] -= _products(self.own, self.taken)
+        if self.by_noise is not None:
+            found[self.noisy, -1] = _products(self.own, self.by_noise[None])[:, 0]
         return found
 
     def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
         """Share of each bin in J, as the trace of J^-1 times it."""
-        count = self.own.shape[0]
-        found: Float[np.ndarray, " bins"] = _shares(self.tests, np.tensordot(inverse.T, self.moved, 1))
-        return found - _shares(self.own, np.tensordot(inverse[:count, :count].T, self.taken, 1))
+        known, count = self.moved.shape[0], self.taken.shape[0]
+        found: Float[np.ndarray, " bins"] = _shares(
+            self.tests, np.tensordot(inverse[:known].T, self.moved, 1)
+        )
+        found = found - _shares(self.own, np.tensordot(inverse[:count, self.noisy].T, self.taken, 1))
+        if self.by_noise is None:
+            return found
+        return found + _shares(self.own, inverse[-1, self.noisy][:, None, None] * self.by_noise)
 
 
 def _products(
@@ -174,6 +214,7 @@ def solved_equations(
     input_variance: float,
     instrument: Complex[np.ndarray, " bins"] | None = None,
     free_blend: bool = False,
+    noise_test: Float[np.ndarray, " bins"] | None = None,
 ) -> SpectralSolution:
     """Solve from a pilot, with instruments of the input's own spectrum or another.
 
@@ -198,10 +239,16 @@ def solved_equations(
         weights,
         np.ones(bins.size),
         free_blend,
+        noise_test=noise_test,
     )
+    prior = pilot.prior
     for number in range(PASSES):
         residual = now.residual
-        noise = fitted_noise(now.motion, residual, noise, pilot.prior) if number else noise
+        if noise_test is not None:
+            known = max(now.input_variance, 0.0)
+            noise, prior = replace(noise, input_variance=known), prior.with_input_variance(known)
+            now = replace(now, weights=signal_weights(record.input, known))
+        noise = fitted_noise(now.motion, residual, noise, prior) if number else noise
         C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
         now = replace(now, spectrum=C, factors=held_back(residual, C))
         before = now.motion
@@ -210,7 +257,7 @@ def solved_equations(
         now = replace(now, change=change)
         if now.settled:
             break
-    return replace(now, noises=told_noises(now.motion, now.residual, noise, pilot.prior, MEASURE))
+    return replace(now, noises=told_noises(now.motion, now.residual, noise, prior, MEASURE))
 
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
@@ -228,7 +275,11 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
         if largest > LARGEST_SHARE:
             step *= LARGEST_SHARE / largest
         motion = moved_by(now.motion, step[: now.parameters])
-        now = replace(now, motion=motion, nuisances=now.nuisances + step[now.parameters :])
+        last = now.parameters + now.nuisances.size
+        found = now.input_variance + float(step[last:].sum())
+        now = replace(
+            now, motion=motion, nuisances=now.nuisances + step[now.parameters : last], input_variance=found
+        )
         if largest < STILL:
             break
     return now, np.maximum(sensitivity.leverage(inverse), 0.0)

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from eivor.errors import EivorError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.fitted_noise import FittedNoise
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
-from eivor.estimation.spectral.of_flights import spectral_giv_of_flights
+from eivor.estimation.spectral.of_flights import corrected_whitening, spectral_giv_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import (
@@ -31,6 +34,8 @@ from eivor.estimation.spectral.spectral_covariance import (
     sum_covariance,
 )
 from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
+from eivor.estimation.spectral.unknown_input import begun, told_input
+from eivor.estimation.spectral.weights import power_around
 from eivor.estimation.spectral.whitened_rows import solved_rows
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
@@ -73,9 +78,9 @@ class SpectralGeneralizedIV(Method):
         return False
 
     @property
-    def needs_instruments_of_flights(self) -> bool:
-        """Yes: their input answers the disturbances."""
-        return True
+    def of_flights(self) -> LinearMethod:
+        """By references, without the guard."""
+        return corrected_whitening(self.name)
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2.
@@ -116,12 +121,15 @@ class CombinedSpectralIV(Method):
 
 def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
     """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
-    checked = problem_of_motion(problem, name)
+    start = begun(problem, name)
+    if isinstance(start, Estimate):
+        return start
+    checked = problem_of_motion(start.problem, name)
     plain = consistent_estimate(checked)
     why = without_spectra(checked)
     if why:
         return fallen_back(name, plain, fallback(why))
-    sampled = sampled_problem(checked, name)
+    sampled = replace(sampled_problem(checked, name), noise_sought=start.sought)
     found = _spectral(sampled, plain)
     if isinstance(found, Reason):
         return fallen_back(name, plain, found)
@@ -161,8 +169,16 @@ class _Found:
         candidate = Candidate(
             {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
         )
-        answer = Estimate(name, parameters, (candidate,), noises=self.solution.noises)
+        answer = Estimate(name, parameters, (candidate,), noises=self.noises)
         return with_grounds(answer, settled=self.solution.settled)
+
+    @property
+    def noises(self) -> tuple[FittedNoise, ...]:
+        """Noises that were fitted, that of the input among them where it was sought."""
+        if self.solution.noise_test is None:
+            return self.solution.noises
+        own = told_input(self.solution.input_variance, self.covariance.noise_error)
+        return (*self.solution.noises, own)
 
 
 def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
@@ -202,17 +218,24 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
     Or rho 1/2, where it is near that.
     """
     pilot = pilot_at(start, sampled.input_variance)
-    held = solved_equations(pilot, sampled.input_variance, sampled.instrument)
+    noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_sought else None
+    solved = partial(
+        solved_equations,
+        input_variance=sampled.input_variance,
+        instrument=sampled.instrument,
+        noise_test=noise_test,
+    )
+    held = solved(pilot)
     freed = replace(held, free_blend=True)
     step = _found(replace(freed, motion=freed.stepped()))
     if _usual(step) == 0.0:
         return _found(held)
-    free = _found(solved_equations(pilot, sampled.input_variance, sampled.instrument, free_blend=True))
+    free = _found(solved(pilot, free_blend=True))
     usual = _usual(free)
     if usual is None:
         return free
     fixed = replace(pilot, motion=replace(free.solution.motion, blend=usual))
-    return _found(solved_equations(fixed, sampled.input_variance, sampled.instrument))
+    return _found(solved(fixed))
 
 
 def _usual(found: _Found) -> float | None:
@@ -253,5 +276,5 @@ def _combined(name: str, sampled: SampledProblem, plain: Estimate, found: _Found
     alone = joint_covariance(found.covariance)
     of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
     candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
-    answer = Estimate(name, parameters, (candidate,), noises=found.solution.noises)
+    answer = Estimate(name, parameters, (candidate,), noises=found.noises)
     return with_grounds(answer, settled=found.solution.settled)

@@ -29,15 +29,21 @@ def signal_weights(
     spectrum: Complex[np.ndarray, " bins"], noise_variance: float
 ) -> Float[np.ndarray, " bins"]:
     """w, the squared share of signal in the input's power near each bin, without the bin itself."""
+    share = 1.0 - noise_variance / power_around(spectrum)
+    weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
+    return weights
+
+
+def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
+    """Power near each bin, without the bin itself."""
     power = np.abs(spectrum) ** 2
     index = np.arange(power.size)
     first = np.maximum(index - INPUT_NEIGHBOURS, 0)
     last = np.minimum(index + INPUT_NEIGHBOURS + 1, power.size)
     sums = np.concatenate([[0.0], np.cumsum(power)])
     around = (sums[last] - sums[first] - power) / np.maximum(last - first - 1, 1)
-    share = 1.0 - noise_variance / np.maximum(around, np.finfo(np.float64).tiny)
-    weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
-    return weights
+    found: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
+    return found
 
 
 def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:

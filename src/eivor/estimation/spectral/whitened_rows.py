@@ -37,7 +37,7 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     theta = np.array([motion.friction, motion.gain, motion.blend])[: solution.parameters]
     tests = solution.tests
     moved = C.solved(solution.nuisance_shapes)
-    nuisance_tests = tests[solution.parameters :]
+    nuisance_tests = tests[solution.parameters : solution.parameters + solution.nuisances.size]
     by_nuisance = np.einsum("jkb,lkb->jl", moved.conj(), tests[: solution.parameters]).real
     among = np.einsum("jkb,lkb->jl", moved.conj(), nuisance_tests).real
     freed = tests[: solution.parameters] - np.tensordot(

@@ -55,6 +55,12 @@ class RowWeighting(ABC):
     def first_pass(self, problem: SeparableProblem) -> WeightedRows:
         """Rows weighted before anything is known."""
 
+    @abstractmethod
+    def last_pass(
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+    ) -> WeightedRows:
+        """Rows weighted by the residuals of an estimate, for good."""
+
 
 @dataclass(frozen=True, slots=True)
 class TimeRows(WeightedRows):
@@ -89,4 +95,10 @@ class EqualRows(RowWeighting):
 
     def first_pass(self, problem: SeparableProblem) -> TimeRows:
         """Rows in time."""
+        return TimeRows(problem)
+
+    def last_pass(
+        self, problem: SeparableProblem, _theta: Float[np.ndarray, " n"], _at: Values, /
+    ) -> TimeRows:
+        """Rows in time: no weight is made of residuals."""
         return TimeRows(problem)

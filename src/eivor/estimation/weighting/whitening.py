@@ -93,6 +93,12 @@ class SpectralWhitening(RowWeighting):
         count = bins.responses.shape[0]
         return _whitened(problem, bins, (np.full(count, 0.5), np.ones(count)), self.passes - 1)
 
+    def last_pass(
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+    ) -> WhitenedRows:
+        """See `whitened_by_residuals`."""
+        return whitened_by_residuals(problem, theta, at)
+
 
 def whitened_by_residuals(
     problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values

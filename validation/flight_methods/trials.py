@@ -1,0 +1,120 @@
+"""One flight and what each method says of it; pure functions of the grid's values and a number."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import eivor as ev
+from eivor.models.separable import Bounds
+from eivor.signals.recording import Recording
+from eivor.simulation.flights.known_log import log_of_flight
+from eivor.simulation.flights.trajectories import TrajectoryKind
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+
+SEED = 20261122
+#: References in turn.
+EXCITATIONS = (TrajectoryKind.MULTISINE, TrajectoryKind.STEPS, TrajectoryKind.CHIRP)
+#: What is said of the lag.
+SEARCHED, LEFT_OUT = "searched for", "left out"
+#: What is compared with the truth.
+PARAMETERS = ("viscous_friction", "input_gain")
+
+
+@dataclass(frozen=True, slots=True)
+class Regime:
+    """Flights of one kind.
+
+    Parameters
+    ----------
+    name : str
+        How tables call it.
+    gust_rms, duration : float
+        Of the simulated flights [m/s, s].
+    every : int
+        Of so many samples of the log one is kept.
+    left_out : bool
+        Whether methods are also told that there is no lag.
+    """
+
+    name: str
+    gust_rms: float
+    duration: float
+    every: int
+    left_out: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one method says of one flight.
+
+    Parameters
+    ----------
+    regime, run : str, int
+        Which flight.
+    method, lag : str
+        By which method, and whether the lag is `SEARCHED` or `LEFT_OUT`.
+    verdict : str
+        On the flight.
+    errors : list of float
+        Of friction and gain over the truth; NaN without an estimate.
+    held : list of bool
+        Whether their intervals hold the truth.
+    """
+
+    regime: str
+    run: int
+    method: str
+    lag: str
+    verdict: str
+    errors: list[float]
+    held: list[bool]
+
+
+def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[VerticalFlightSpec, Recording]:
+    """Specification and log of one flight."""
+    values: dict[str, Any] = vehicle
+    spec = VerticalFlightSpec(
+        **values,
+        gust_rms=regime.gust_rms,
+        duration=regime.duration,
+        trajectory=EXCITATIONS[run % len(EXCITATIONS)],
+        seed=SEED + run,
+    )
+    log = log_of_flight(spec).recording
+    channels = {
+        name: replace(one, time_s=one.time_s[:: regime.every], values=one.values[:: regime.every])
+        for name, one in log.channels.items()
+    }
+    return spec, replace(log, channels=channels)
+
+
+def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run: int) -> Iterator[Told]:
+    """Every method on one flight."""
+    spec, log = flight(regime, vehicle, run)
+    truth = np.array([getattr(spec, name) for name in PARAMETERS])
+    for lag, known in ((SEARCHED, None), (LEFT_OUT, Bounds(0.0, 0.0))):
+        if known is not None and not regime.left_out:
+            continue
+        for method in methods:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                result = ev.identify_flight(
+                    log, method=method, input_map="square", noise="estimate", lag=known
+                )
+            told = [result.quantities[name] for name in PARAMETERS]
+            errors = np.array([one.value for one in told]) / truth - 1.0
+            held = [one.interval[0] <= true <= one.interval[1] for one, true in zip(told, truth, strict=True)]
+            yield Told(
+                regime.name,
+                run,
+                method,
+                lag,
+                result.verdict.status.value,
+                errors.tolist(),
+                [bool(one) for one in held],
+            )
