@@ -25,6 +25,7 @@ from eivor.models.lagged_runs import LaggedRuns
 from eivor.motions.rates.allowances import all_allowances
 from eivor.motions.rates.axes import AXES, PITCH, ROLL, Axis
 from eivor.motions.rates.flights import rates_problem
+from eivor.motions.rates.rate_panel import rate_panel
 from eivor.motions.rates.rule import all_grounds
 from eivor.motions.rates.select import INPUTS, REFERENCES, active, selected
 from eivor.motions.rates.thrust import THRUST
@@ -131,10 +132,7 @@ class Rates(Motion[LaggedRuns]):
 
     def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
         """Rates of roll and pitch, see `Motion.overview`."""
-        return tuple(
-            Panel(f"{axis.name} rate\n[deg/s]", np.rad2deg(flight.signals.channel(axis.rate)))
-            for axis in (ROLL, PITCH)
-        )
+        return tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH))
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log, see `Motion.advice`."""

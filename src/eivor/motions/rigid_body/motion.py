@@ -25,6 +25,7 @@ from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.motions.rates.axes import AXES
+from eivor.motions.rates.rate_panel import rate_panel
 from eivor.motions.rates.select import active
 from eivor.motions.rigid_body.allowances import all_allowances
 from eivor.motions.rigid_body.combinations import Combinations
@@ -211,10 +212,7 @@ class RigidBody(Motion[LaggedRuns]):
 
     def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
         """Rates, see `Motion.overview`."""
-        return tuple(
-            Panel(f"{axis.name} rate\n[deg/s]", np.rad2deg(flight.signals.channel(axis.rate)))
-            for axis in AXES
-        )
+        return tuple(rate_panel(flight, axis) for axis in AXES)
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log, see `Motion.advice`."""

@@ -102,7 +102,8 @@ def _verdict(document: Document, told: ToldFlight) -> Markup:
         else [element("p", None, told.reasons[0].sentence)]
     )
     readings = [_reading(one) for one in told.brief]
-    listed = [element("div", {"class": "readings"}, *readings)] if readings else []
+    note = element("p", {"class": "note"}, "In brackets: 95 % intervals.")
+    listed = [element("div", {"class": "readings"}, *readings), note] if readings else []
     return element("div", {"class": f"verdict {status.value}"}, said, *summary, *why, *listed)
 
 
@@ -118,7 +119,7 @@ def _reading(told: ToldQuantity) -> Markup:
             "p", {"class": "name"}, f"{wording.words} ", element("span", {"class": "symbol"}, wording.symbol)
         ),
         element("p", {"class": "number"}, element("span", {"class": "value"}, value), *unit),
-        element("p", {"class": "interval"}, f"{interval} 95 %" if interval.startswith("[") else interval),
+        element("p", {"class": "interval"}, interval),
         badge(told.quantity.verdict, told.quantity.verdict.value),
     )
 

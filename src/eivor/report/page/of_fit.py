@@ -159,7 +159,7 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
         )
         yield Picture(
             f"Three 95 % sets of the {wording.words}",
-            "They are one where instruments are strong. Where they differ, the wider one counts.",
+            "Nearly one where instruments are strong; where they are weak, the wider of the last two counts.",
             Forest(_axis_words(wording), tuple(rows)),
             table,
         )
