@@ -7,6 +7,7 @@ corrected here; a finding tells the reader of a result what to look at.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,7 +30,45 @@ def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
     tuple of Finding
         Counts first, then doubts about units.
     """
-    return (*_count_findings(channels), *_time_findings(channels), *_unit_findings(channels))
+    looks = {name: look(channel) for name, channel in channels.items()}
+    return findings_of(looks, channels)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What findings need of every channel.
+
+    Parameters
+    ----------
+    quality : ChannelQuality
+        What was set right.
+    step_s : float
+        Median step of a sampled channel, NaN where there is none [s].
+    """
+
+    quality: ChannelQuality
+    step_s: float
+
+
+def look(channel: Channel) -> Look:
+    """Look at a channel."""
+    sampled = channel.time_s.size > 2 and not channel.held
+    return Look(channel.quality, float(np.median(np.diff(channel.time_s))) if sampled else np.nan)
+
+
+def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+    """Return what `channel_findings` does, of channels that were looked at as they were made.
+
+    Parameters
+    ----------
+    looks : mapping of str to Look
+        By canonical name.
+    channels : mapping of str to Channel
+        The same, of which some are asked for.
+    """
+    qualities = {name: one.quality for name, one in looks.items()}
+    steps = [one.step_s for one in looks.values() if np.isfinite(one.step_s)]
+    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(channels))
 
 
 _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
@@ -49,26 +88,25 @@ _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
 )
 
 
-def _count_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
     findings = []
     for name, count, meaning in _COUNTS:
         concerned = [
-            f"{key} {count(c.quality)}"
-            for key, c in channels.items()
+            f"{key} {count(quality)}"
+            for key, quality in qualities.items()
             # a setpoint without a value is one that is not in force, hence nothing to report
-            if count(c.quality) and not (name == "missing_values" and "reference_" in key)
+            if count(quality) and not (name == "missing_values" and "reference_" in key)
         ]
         if concerned:
             findings.append(Finding(name, f"{meaning[0].upper()}{meaning[1:]}: {', '.join(concerned)}."))
     return findings
 
 
-def _time_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+def _time_findings(steps: Sequence[float]) -> list[Finding]:
     """Doubt about the unit of the clock: a flight is sampled between once per second and 100 kHz."""
-    sampled = [c for c in channels.values() if c.time_s.size > 2 and not c.held]
-    if not sampled:
+    if not steps:
         return []
-    step = min(float(np.median(np.diff(c.time_s))) for c in sampled)
+    step = min(steps)
     if 1e-5 <= step <= 1.0:
         return []
     return [
@@ -96,10 +134,15 @@ def _median(values: Float[np.ndarray, " n"]) -> float:
 
 def _norm(channels: Mapping[str, Channel], names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
     """Norm of channels that share one clock; None when one is absent or the lengths differ."""
-    parts = [channels[name].values for name in names if name in channels]
-    if len(parts) != len(names) or len({part.size for part in parts}) != 1 or parts[0].size == 0:
+    if any(name not in channels for name in names):
         return None
-    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)), dtype=np.float64)
+    total = np.square(channels[names[0]].values)
+    for name in names[1:]:  # one at a time: long ones are not kept in memory
+        part = channels[name].values
+        if part.size != total.size:
+            return None
+        total += np.square(part)
+    return np.sqrt(total) if total.size else None
 
 
 def _force_doubts(channels: Mapping[str, Channel]) -> list[str]:

@@ -13,7 +13,7 @@ from eivor.shapes import Bool, Float
 #: Clocks, and the seconds in one tick of each; firmware up to 3.3 counts milliseconds.
 CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
 #: Messages that are together no larger are taken out of the file once, others column by column [bytes].
-KEPT_BYTES = 1 << 25
+KEPT_BYTES = 1 << 24
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ class Messages:
         factor = self.layout.fields[column].factor
         with np.errstate(invalid="ignore", over="ignore"):
             values = self.stored(column).astype(np.float64)
-        return np.asarray(values if factor == 1.0 else values * factor)
+            values *= factor
+        return np.asarray(values)
 
     def texts(self, column: str) -> list[str]:
         """Return a column of texts."""
@@ -86,7 +87,9 @@ class Messages:
 
     def time_s(self) -> Float[np.ndarray, " n"]:
         """Return the stamps [s], from the autopilot's start on."""
-        return self.values(self.clock) * CLOCKS[self.clock]
+        stamps = self.values(self.clock)
+        stamps *= CLOCKS[self.clock]
+        return stamps
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> Messages:
         """Return some of the messages."""

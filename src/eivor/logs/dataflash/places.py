@@ -44,8 +44,8 @@ class Places:
     _breaks: int = 0
 
     def of(self, number: int) -> np.ndarray:
-        """Return the places of a type, in order."""
-        parts = self.by_type.get(number)
+        """Return the places of a type, in order; they are handed out once."""
+        parts = self.by_type.pop(number, None)
         return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
 
     def findings(self) -> list[Finding]:

@@ -34,8 +34,9 @@ from eivor.logs.dataflash.states import add_states
 from eivor.logs.dataflash.text import read_lines
 from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
 from eivor.logs.dataflash.vehicle import vehicle_of
-from eivor.logs.findings import channel_findings
+from eivor.logs.findings import findings_of
 from eivor.logs.stamps import believable
+from eivor.shapes import Float
 from eivor.signals.recording import Finding, Frame, Recording
 
 #: Another source comes before the preferred one when it was logged so many times as often.
@@ -94,7 +95,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
             "Check LOG_BITMASK and LOG_BACKEND_TYPE, and that the vehicle was armed.",
         )
     findings += unit_findings(tables)
-    findings += delay_findings(reading.channels.values(), parameters)
+    findings += delay_findings(reading.heads.values(), parameters)
     if reading.silent:
         findings.append(
             Finding(
@@ -104,12 +105,12 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
     return Recording(
         name=file.name,
         format="dataflash",
-        channels=reading.channels,
+        channels=reading.channels.settled(),
         frame=Frame.NED,
         sha256=sha256,
         parameters=parameters,
         looked_for=LOOKED_FOR,
-        findings=(*findings, *channel_findings(reading.channels)),
+        findings=(*findings, *findings_of(reading.looks, reading.channels)),
         vehicle=vehicle_of(tables),
         origin=dataflash_origin(tables, parameters),
     )
@@ -182,14 +183,19 @@ def _add(reading: Reading, name: str, source: Source) -> None:
     if table is None or not table.has(source.column) or not table.clock:
         return
     factor = source.factor_in(table)
-    values = table.values(source.column) * factor
-    if source.zero_is_absent and not np.any(np.nan_to_num(values)):
+    if source.zero_is_absent and not np.any(np.nan_to_num(table.values(source.column))):
         return
-    if source.needs_height_loop:
-        manual = reading.with_sweeps(WITHOUT_HEIGHT_MODES)
-        values[reading.modes_at(table, manual, before=True)] = np.nan
-        values[reading.landed_at(table)] = np.nan
-    reading.add(
+
+    def values() -> Float[np.ndarray, " n"]:
+        found = table.values(source.column)
+        found *= factor
+        if source.needs_height_loop:
+            manual = reading.with_sweeps(WITHOUT_HEIGHT_MODES)
+            found[reading.modes_at(table, manual, before=True)] = np.nan
+            found[reading.landed_at(table)] = np.nan
+        return found
+
+    reading.add_made(
         name,
         table,
         values,

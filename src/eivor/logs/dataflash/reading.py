@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from eivor.logs.dataflash.messages import Messages
 from eivor.logs.dataflash.sources import LANDED_EVENTS, LAST_STICK_AXIS, SWEEP_MODE
+from eivor.logs.findings import Look, look
+from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.silences import silenced
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, clean_channel
+
+#: Of stamps that take more, those of one table at a time are kept [bytes].
+LONG_BYTES = 1 << 23
 
 
 @dataclass(slots=True)
@@ -29,6 +34,14 @@ class Reading:
         What is to be said of the log.
     start_s, end_s : float
         First and last stamp [s], on the autopilot's clock.
+    channels : KeptChannels
+        Made so far.
+    heads : dict of str to Channel
+        The same without their arrays.
+    looks : dict of str to Look
+        What findings need of each.
+    silent : list of str
+        Setpoints that are not in force throughout.
     """
 
     tables: Mapping[str, Messages]
@@ -36,7 +49,9 @@ class Reading:
     findings: list[Finding]
     start_s: float
     end_s: float
-    channels: dict[str, Channel] = field(default_factory=dict)
+    channels: KeptChannels = field(default_factory=KeptChannels)
+    heads: dict[str, Channel] = field(default_factory=dict)
+    looks: dict[str, Look] = field(default_factory=dict)
     silent: list[str] = field(default_factory=list)
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -45,52 +60,75 @@ class Reading:
         cls, tables: Mapping[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
     ) -> Reading:
         """Begin a reading."""
-        clocks = [table.time_s() for table in tables.values() if table.clock]
-        start = min((float(time.min()) for time in clocks), default=0.0)
-        end = max((float(time.max()) for time in clocks), default=0.0)
+        ends = [
+            (time.min(), time.max()) for table in tables.values() if table.clock for time in [table.time_s()]
+        ]
+        start = min((float(first) for first, _ in ends), default=0.0)
+        end = max((float(last) for _, last in ends), default=0.0)
         return cls(tables, parameters, findings, start, end)
 
     def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
-        """Stamps of messages on the recording's clock, less a delay [s]: one array for all that ask."""
+        """Stamps of messages on the recording's clock, less a delay [s]: one array for all in a row."""
         asked = (id(table.places), delay_s)
         if asked not in self._clocks:
+            stamps = table.time_s()
+            stamps -= self.start_s + delay_s
+            if stamps.nbytes > LONG_BYTES:
+                self._clocks.clear()
             # the places are kept too: what is alive keeps its identity
-            self._clocks[asked] = (table.places, table.time_s() - self.start_s - delay_s)
+            self._clocks[asked] = (table.places, stamps)
         return self._clocks[asked][1]
 
-    def add(
+    def add(self, name: str, table: Messages, values: Float[np.ndarray, " n"], label: str) -> None:
+        """Add a channel of values that are at hand, when it has one."""
+        self.add_made(name, table, lambda: values, label)
+
+    def add_made(
         self,
         name: str,
         table: Messages,
-        values: Float[np.ndarray, " n"],
+        values: Callable[[], Float[np.ndarray, " n"]],
         label: str,
         *,
         estimated: bool = False,
         delay_s: float = 0.0,
         is_setpoint: bool = False,
     ) -> None:
-        """Add a channel, when it has a value."""
-        channel = clean_channel(
-            name,
-            self.time_s(table, delay_s),
-            values,
-            unit_of(name),
-            source=label,
-            held=held_by_default(name),
-            estimated=estimated,
-            delay_s=delay_s,
-        )
+        """Add a channel, when it has a value; its values are made again where they are not kept."""
+
+        def logged() -> Channel:
+            return clean_channel(
+                name,
+                self.time_s(table, delay_s),
+                values(),
+                unit_of(name),
+                source=label,
+                held=held_by_default(name),
+                estimated=estimated,
+                delay_s=delay_s,
+            )
+
+        def in_force() -> Channel:
+            return silenced(logged(), self.end_s - self.start_s)
+
+        channel = logged()
         if not np.isfinite(channel.values).any():
             return
+        count = channel.time_s.size
         if is_setpoint:
-            until = silenced(channel, self.end_s - self.start_s)
-            self.silent += [name] if until.time_s.size > channel.time_s.size else []
-            channel = until
-        self.channels[name] = channel
+            channel = silenced(channel, self.end_s - self.start_s)
+            self.silent += [name] if channel.time_s.size > count else []
+        self._put(channel, in_force if is_setpoint else logged)
 
-    def keep(self, name: str, channel: Channel) -> None:
-        """Add a channel that is made of others."""
-        self.channels[name] = replace(channel, name=name)
+    def keep(self, channel: Channel) -> None:
+        """Put a channel that is made of others, or in the place of one."""
+        self._put(channel, lambda: channel)
+
+    def _put(self, channel: Channel, make: Callable[[], Channel]) -> None:
+        self.channels.put(channel, make)
+        nothing = np.empty(0)
+        self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
+        self.looks[channel.name] = look(channel)
 
     def modes_at(
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False

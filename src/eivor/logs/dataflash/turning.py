@@ -9,6 +9,7 @@ the throttle (13).
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -23,10 +24,19 @@ from eivor.logs.dataflash.sources import (
 )
 from eivor.logs.silences import SILENCE_S
 from eivor.logs.units import UNITS
-from eivor.shapes import Float
+from eivor.shapes import Bool, Float
 from eivor.signals.recording import Finding
 
 _DEG = UNITS["deg"][1]
+#: Of which functions of half of roll, pitch and yaw the two products are that each part is the sum of, or the
+#: difference (x and z).
+_COS, _SIN = (np.cos, np.sin), (np.sin, np.cos)
+_FACTORS = {
+    "w": (_COS, _COS, _COS),
+    "x": (_SIN, _COS, _COS),
+    "y": (_COS, _SIN, _COS),
+    "z": (_COS, _COS, _SIN),
+}
 #: A heading in radians that counts its turns is below.
 LARGEST_ANGLE = 1e6
 _ANGLES = ("roll", "pitch", "yaw")
@@ -45,24 +55,23 @@ def add_attitude(reading: Reading) -> None:
     table = reading.tables.get("ATT")
     if table is None or not table.has(*ATTITUDE) or not table.clock:
         return
-    roll, pitch, yaw = (table.values(name) * _DEG for name in ATTITUDE)
-    # a yaw without jumps makes a quaternion without jumps of sign
-    quaternion = _quaternion(roll, pitch, _unwrapped(yaw))
-    for part, values in zip("wxyz", quaternion, strict=True):
-        reading.add(f"attitude_{part}", table, values, "ATT.Roll, .Pitch and .Yaw")
+    for part in "wxyz":
+        reading.add_made(
+            f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw"
+        )
 
 
-def _quaternion(
-    roll: Float[np.ndarray, " n"], pitch: Float[np.ndarray, " n"], yaw: Float[np.ndarray, " n"]
-) -> list[Float[np.ndarray, " n"]]:
-    """Quaternions w, x, y, z from body to world."""
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(0.5 * one), np.sin(0.5 * one)) for one in (roll, pitch, yaw))
-    return [
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    ]
+def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
+    """Part w, x, y or z of the quaternion from body to world."""
+    first, second = np.ones((2, table.count))
+    for name, functions in zip(ATTITUDE, _FACTORS[part], strict=True):
+        half = table.values(name)
+        half *= _DEG
+        # a yaw without jumps makes a quaternion without jumps of sign
+        half = 0.5 * (_unwrapped(half) if name == "Yaw" else half)
+        first *= functions[0](half)
+        second *= functions[1](half)
+    return np.asarray(first + second if part in "wy" else first - second)
 
 
 def add_setpoints(reading: Reading) -> None:
@@ -79,22 +88,33 @@ def add_setpoints(reading: Reading) -> None:
         table = reading.tables.get(message)
         if table is None or not table.has(column) or not table.clock:
             continue
-        values = table.values(column) * _DEG
-        if column == "DesYaw":
-            values = _unwrapped(values)
         by_sticks = reading.modes_at(table, modes)
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if where.any():
-                told = values if where.all() else np.where(where, values, np.nan)
-                reading.add(f"{kind}{name}", table, told, f"{message}.{column}")
+                told = partial(_setpoint, table, column, None if where.all() else where)
+                reading.add_made(f"{kind}{name}", table, told, f"{message}.{column}")
+
+
+def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
+    """Setpoint [rad, rad/s], and no value where it is of another kind; None where it is not."""
+    values = table.values(column)
+    values *= _DEG
+    values = _unwrapped(values) if column == "DesYaw" else values
+    if where is not None:
+        values[~where] = np.nan
+    return values
 
 
 def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Angle without the jumps of whole turns [rad]; zero where it cannot be one."""
     angle = np.where(np.abs(angle) < LARGEST_ANGLE, angle, 0.0)
-    turns = np.round(np.diff(angle) / (2.0 * np.pi))
+    turns = np.diff(angle)
+    turns /= 2.0 * np.pi
+    np.round(turns, out=turns)
     if np.any(turns):
-        angle[1:] -= 2.0 * np.pi * np.cumsum(turns)
+        np.cumsum(turns, out=turns)
+        turns *= 2.0 * np.pi
+        angle[1:] -= turns
     return angle
 
 
@@ -115,7 +135,7 @@ def add_sweeps(reading: Reading) -> None:
         if name.startswith("injected"):
             _add_injection(reading, name, sweep, np.nan_to_num(values))
         else:
-            reading.add(name, sweep, values, "SIDD.Targ", is_setpoint=True)
+            reading.add_made(name, sweep, partial(np.copy, values), "SIDD.Targ", is_setpoint=True)
 
 
 def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.ndarray, " n"]:
@@ -141,4 +161,4 @@ def _add_injection(reading: Reading, name: str, sweep: Messages, values: Float[n
     injected = np.insert(channel.values, last + 1, 0.0)
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
-    reading.channels[name] = replace(channel, time_s=time, values=injected)
+    reading.keep(replace(channel, time_s=time, values=injected))
