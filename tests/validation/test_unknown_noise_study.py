@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from eivor.studies.generated_page import marks
 from validation.unknown_noise import study
@@ -52,11 +53,13 @@ def test_coverage_is_judged_of_what_is_not_refused():
     assert not requirements([told("input_gain", 95, refused=50, case="white")])[-1].met
 
 
-def test_the_published_suite_and_its_page_belong_together():
-    suite = read_suite(SUITE)
+@pytest.mark.parametrize(("path", "least"), [(SUITE, 300), (SUITE.with_name("spectral.toml"), 100)])
+def test_the_published_suites_and_their_page_belong_together(path, least):
+    suite = read_suite(path)
     runs, seed, cases = suite.runs, suite.seed, suite.cases
-    text = PAGE.read_text(encoding="utf-8").partition(marks(PART)[0])[2].partition(marks(PART)[1])[0]
-    assert runs >= 300
+    begin, end = marks(suite.part)
+    text = PAGE.read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    assert runs >= least
     assert f"{runs} records of each case, seed {seed}" in text
     for case in cases:
         for method in case.methods:
