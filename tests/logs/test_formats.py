@@ -70,6 +70,7 @@ def test_declared_formats_do_not_take_the_place_of_others(table):
             declare_format(taken)
     assert [row.name for row in readable_formats()] == [
         "ulog",
+        "ulog2csv",
         "parquet",
         "crazyflie",
         "dataflash",

@@ -14,12 +14,13 @@ from eivor.logs.crazyflie.format import CRAZYFLIE
 from eivor.logs.dataflash.format import DATAFLASH
 from eivor.logs.log_format import LogFormat
 from eivor.logs.table.formats import CSV, HDF5, MATLAB, PARQUET
-from eivor.logs.ulog.format import ULOG
+from eivor.logs.ulog.format import ULOG, ULOG_CSV
 from eivor.logs.unread import DJI, EIGHT_BIT, RECOGNISED, TELEMETRY, UTF_16
 
 #: Formats that are told by their first bytes.
 FORMATS: tuple[LogFormat, ...] = (
     ULOG,
+    ULOG_CSV,
     PARQUET,
     CRAZYFLIE,
     DATAFLASH,
@@ -107,8 +108,8 @@ def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
     Parameters
     ----------
     name : str
-        Of a format that is read: "ulog" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1", "ros2", "mcap",
-        "matlab", "hdf5", "csv", "parquet".
+        Of a format that is read: "ulog", "ulog2csv" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1",
+        "ros2", "mcap", "matlab", "hdf5", "csv", "parquet".
     channel : str
         A canonical channel: only the advice for it; empty for the advice on the whole flight.
 

@@ -57,7 +57,7 @@ def _advice(channel: str) -> tuple[str, ...]:
     return (f"Record {TO_RECORD[channel]}.",) if channel in TO_RECORD else ()
 
 
-def _bag(name: str, label: str, kind: str, *, folders: bool = False) -> LogFormat:
+def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
     return LogFormat(
         name,
         label,
@@ -68,12 +68,13 @@ def _bag(name: str, label: str, kind: str, *, folders: bool = False) -> LogForma
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
         "reference), "
         "vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
+        endings=(ending,),
     )
 
 
 #: ROS 1 bags, ROS 2 bags (a folder, or a file of sqlite3), and MCAP.
 BAGS: tuple[LogFormat, ...] = (
-    _bag("ros1", "ROS 1 bag", ROS1),
-    _bag("ros2", "ROS 2 bag", SQLITE, folders=True),
-    _bag("mcap", "MCAP", MCAP),
+    _bag("ros1", "ROS 1 bag", ROS1, ".bag"),
+    _bag("ros2", "ROS 2 bag", SQLITE, ".db3", folders=True),
+    _bag("mcap", "MCAP", MCAP, ".mcap"),
 )

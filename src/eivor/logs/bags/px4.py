@@ -12,6 +12,7 @@ from eivor.logs.bags.layouts import Layout, UnsoundMessageError, message_layout
 from eivor.logs.bags.px4_types import PACKAGE, px4_releases
 from eivor.logs.bags.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns
 from eivor.logs.ulog.channels import read_topics
+from eivor.logs.ulog.delays import unknown_filters
 from eivor.logs.ulog.instances import Topic, choose_instance
 from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS
 from eivor.logs.ulog.vehicle import vehicle_of
@@ -21,12 +22,6 @@ from eivor.signals.recording import Channel, Finding
 _NAME = re.compile(
     r"(?P<vehicle>.*?)(?:/fmu/(?P<way>in|out))?/(?P<topic>[a-z_]\w*?)(?P<instance>\d*)(?:_v\d+)?"
 )
-_FILTERS = (
-    "A bag holds no parameters: cutoffs of the filters of accelerations and rates (IMU_ACCEL_CUTOFF, "
-    "IMU_GYRO_CUTOFF) are not known, and their delay is not taken off. The vehicle's own ULog has them."
-)
-#: Topics that are behind these filters.
-_FILTERED = {"vehicle_acceleration", "vehicle_angular_velocity"}
 
 
 def is_px4(name: str, kind: str) -> bool:
@@ -64,8 +59,7 @@ def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dic
         return {}, ""
     topics = _chosen(sound, findings)
     channels = read_topics(topics, np.uint64(start_ns(sound) // 1000), {}, findings)
-    if any(channel.source.partition(".")[0].lstrip("-") in _FILTERED for channel in channels.values()):
-        findings.append(Finding("sensor_delay", _FILTERS))
+    findings += unknown_filters(channels.values(), "A bag holds")
     return channels, vehicle_of(topics, {})
 
 

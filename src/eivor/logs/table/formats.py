@@ -103,5 +103,15 @@ MATLAB = LogFormat(
     takes_map=True,
     advice=_advice,
     setpoints=_SETPOINTS,
+    endings=(".mat",),
 )
-HDF5 = LogFormat("hdf5", "HDF5", _is_hdf5, _read_hdf5, takes_map=True, advice=_advice, setpoints=_SETPOINTS)
+HDF5 = LogFormat(
+    "hdf5",
+    "HDF5",
+    _is_hdf5,
+    _read_hdf5,
+    takes_map=True,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    endings=(".h5", ".hdf5"),
+)

@@ -113,3 +113,23 @@ def delay_findings(channels: Iterable[Channel], delays: Mapping[str, tuple[Delay
         for name in sorted(used)
     ]
     return [Finding("sensor_delay", f"Taken off the stamps of {'; '.join(told)}.")] if told else []
+
+
+def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
+    """Say that delays of filters are not known where the parameters are not.
+
+    Parameters
+    ----------
+    channels : iterable of Channel
+        Of the log.
+    holder : str
+        What holds no parameters: "A bag holds".
+    """
+    if not any(channel.source.lstrip("-").partition(".")[0] in LOW_PASSES for channel in channels):
+        return []
+    sentence = (
+        f"{holder} no parameters: cutoffs of the filters of accelerations and rates "
+        f"({', '.join(LOW_PASSES.values())}) are not known, and their delay is not taken off. The vehicle's "
+        "own ULog has them."
+    )
+    return [Finding("sensor_delay", sentence)]

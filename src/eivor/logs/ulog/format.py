@@ -23,6 +23,21 @@ def _read(file: Path, options: ReadOptions) -> Recording:
     return read_ulog(file, sha256=options.sha256)
 
 
+def _read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
+    from eivor.logs.ulog.csv_folder import read_csv_folder
+
+    return read_csv_folder(folder, options, ULOG_CSV.name)
+
+
+def _is_csv_folder(_head: bytes, folder: Path) -> bool:
+    """Whether a folder holds a table of a topic."""
+    if not folder.is_dir():
+        return False
+    from eivor.logs.ulog.csv_names import tables_of
+
+    return bool(tables_of(folder))
+
+
 def _advice(channel: str) -> tuple[str, ...]:
     """How to set PX4's logger; for a channel, at which rate its topics are logged."""
     if not channel:
@@ -53,13 +68,21 @@ _PX4_ADVICE = (
     "Fly altitude steps, so that the height reference changes: a hover cannot be identified.",
 )
 
+_SETPOINTS = (
+    "trajectory_setpoint or vehicle_local_position_setpoint (the height reference), "
+    "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies)."
+)
+
 ULOG = LogFormat(
     "ulog",
     "ULog",
     begins_with(MAGIC),
     _read,
     advice=_advice,
-    setpoints="trajectory_setpoint or vehicle_local_position_setpoint (the height reference), "
-    "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies).",
+    setpoints=_SETPOINTS,
     endings=(".ulg", ".ulog"),
+)
+#: A folder of the tables that `ulog2csv` makes of one.
+ULOG_CSV = LogFormat(
+    "ulog2csv", "ulog2csv folder", _is_csv_folder, _read_csv_folder, advice=_advice, setpoints=_SETPOINTS
 )
