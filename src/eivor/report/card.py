@@ -7,7 +7,7 @@ from typing import Any
 from eivor.flights.motion import CardSection, Motion
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.logs import log_format
+from eivor.logs.formats import log_format
 from eivor.signals.recording import Recording
 
 
