@@ -21,6 +21,8 @@ Series = Float[np.ndarray, " n"]
 ORDER = ev.UnknownOrder("order", 0.3, 1.1)
 #: Lags of instruments: they reach as far as the memory that tells an order.
 REACH = (0, 1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96)
+#: As far as the input's own memory too.
+FAR = (*REACH, 128, 192, 256, 384)
 
 
 class KnownEquation(ABC):
@@ -142,10 +144,22 @@ class Way:
         Which.
     instruments : tuple of Column
         May be empty.
+    rounds : int
+        Estimates one after the other, each divided by the output's side at the one before it.
     """
 
     method: Method
     instruments: tuple[Column, ...] = ()
+    rounds: int = 1
+
+    def estimate(self, equation: KnownEquation, record: ev.Signals) -> ev.Estimate:
+        """Estimate that is divided by the output's side at the equation's guess first."""
+        at = equation.guess
+        for _ in range(self.rounds):
+            problem = equation.model.problem(record, self.instruments, divided_by_output_at=at)
+            found = ev.identify(problem, self.method)
+            at = found.parameters
+        return found
 
 
 def ways() -> dict[str, Way]:
@@ -159,4 +173,15 @@ def ways() -> dict[str, Way]:
         "generalized_iv": Way(ev.methods.generalized_iv(), own),
         "generalized_iv, two-stage": Way(ev.methods.generalized_iv(ev.methods.TwoStage()), own),
         "generalized_iv_tls": Way(ev.methods.generalized_iv_tls(), own),
+    }
+
+
+def sharper_ways() -> dict[str, Way]:
+    """Methods that allow for the noise, with instruments that reach further, or a second round."""
+    own, reference = (tuple(ev.Column(name, lag) for lag in FAR) for name in ("input", "reference"))
+    return {
+        "total_least_squares, again": Way(ev.methods.total_least_squares(), rounds=2),
+        "bias_compensated_least_squares, again": Way(ev.methods.bias_compensated_least_squares(), rounds=2),
+        "extended_iv, reference, far": Way(ev.methods.extended_iv(), reference),
+        "generalized_iv, far": Way(ev.methods.generalized_iv(), own),
     }

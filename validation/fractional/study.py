@@ -1,6 +1,6 @@
 """Study: bias, spread and coverage of fractional difference equations' coefficients and orders.
 
-    python -m validation.fractional.study --runs 1000 [--page docs/fractional-equations.md]
+    python -m validation.fractional.study --runs 1000 [--sharper] [--page docs/fractional-equations.md]
 
 Every run draws a record of a known equation with noise on input and output, 40 dB below each signal, and
 asks each method of the paper for coefficients, order and 95 % intervals.
@@ -11,19 +11,18 @@ from __future__ import annotations
 import argparse
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-import eivor as ev
 from eivor.errors import EstimationError, WeakInstrumentsWarning
 from eivor.shapes import Float
 from eivor.studies.generated_page import markdown, page_text, page_with
 from eivor.whole_file import write_whole
-from validation.fractional.records import Cell, KnownEquation, Relaxation, Way, ways
+from validation.fractional.records import Cell, KnownEquation, Relaxation, Way, sharper_ways, ways
 
-PART = "fractional study"
+PART, SHARPER_PART = "fractional study", "sharper orders"
 SCENARIOS: tuple[KnownEquation, ...] = (Relaxation(), Cell())
 HEADER = ("method", "answers", "parameter", "truth", "bias %", "sd %", "largest error", "coverage")
 
@@ -34,11 +33,8 @@ def answers(
     """Error of each parameter, and whether its interval covers the truth; one line for each answer."""
     lines = []
     for seed in seeds:
-        problem = scenario.model.problem(
-            scenario.record(seed), way.instruments, divided_by_output_at=scenario.guess
-        )
         try:
-            found = ev.identify(problem, way.method)
+            found = way.estimate(scenario, scenario.record(seed))
         except EstimationError:
             continue
         line = []
@@ -49,9 +45,9 @@ def answers(
     return np.array(lines).reshape(-1, len(scenario.truth), 2)
 
 
-def lines_of(scenario: KnownEquation, runs: int) -> Iterator[tuple[str, ...]]:
+def lines_of(scenario: KnownEquation, runs: int, chosen: Mapping[str, Way]) -> Iterator[tuple[str, ...]]:
     """Lines of a scenario's table."""
-    for name, way in ways().items():
+    for name, way in chosen.items():
         found = answers(scenario, way, range(runs))
         for place, (parameter, value) in enumerate(scenario.truth.items()):
             errors, covered = found[:, place, 0], found[:, place, 1]
@@ -73,9 +69,17 @@ def tables(runs: int) -> str:
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
         return "\n\n".join(
             f"**{scenario.name}**: {scenario.about}; {runs:,} runs.\n\n"
-            + markdown(HEADER, lines_of(scenario, runs))
+            + markdown(HEADER, lines_of(scenario, runs, ways()))
             for scenario in SCENARIOS
         )
+
+
+def sharper(runs: int) -> str:
+    """Table of the cell by ways that tell its order better."""
+    cell = Cell()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", WeakInstrumentsWarning)
+        return f"**cell**, {runs:,} runs.\n\n" + markdown(HEADER, lines_of(cell, runs, sharper_ways()))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -84,11 +88,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--runs", type=int, default=20, help="seeds of each scenario")
     parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+    parser.add_argument(
+        "--sharper", action="store_true", help="the cell with further lags, or a second round"
+    )
     chosen = parser.parse_args(arguments)
-    page = page_text(chosen.page, PART) if chosen.page else ""
-    made = tables(chosen.runs)
+    part, make = (SHARPER_PART, sharper) if chosen.sharper else (PART, tables)
+    page = page_text(chosen.page, part) if chosen.page else ""
+    made = make(chosen.runs)
     if chosen.page:
-        write_whole(chosen.page, page_with(page, {PART: made}))
+        write_whole(chosen.page, page_with(page, {part: made}))
     sys.stdout.write(made + "\n")
     return 0
 
