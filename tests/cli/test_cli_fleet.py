@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import json
+import re
+from pathlib import Path
+
+import polars as pl
 import pytest
 
 from eivor.fleets.table import read_flights
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
+from eivor.simulation.fleets.fleet_rows import fleet_rows
+from eivor.simulation.fleets.fleet_spec import FleetSpec
 from fleets.fleet_rows import row, write_fleet
 from fleets.fleet_tasks import rows_of, write_logs
+from report.parsed_page import parsed
 
 
 def test_query_prints_and_writes(eivor, tmp_path):
@@ -103,3 +111,43 @@ def test_real_logs_become_rows(eivor, log, tmp_path):
     assert flight["covariance_names"] == list(result.names)
     assert flight["diagnostic.r_squared"] == result.diagnostics["r_squared"]
     assert flight["duration_s"] == pytest.approx(29.99)
+
+
+HOSTILE = "</script><img src=x onerror=alert(1)>\x1b[31m"
+
+
+def test_report_prints_and_writes(eivor, tmp_path):
+    spec = FleetSpec(vehicles=3, flights=8, broken=((1, 4, 0.4),))
+    table = fleet_rows(spec).with_columns(vehicle=pl.col("vehicle").replace("v0001", HOSTILE))
+    (tmp_path / "fleet" / "flights").mkdir(parents=True)
+    table.write_parquet(tmp_path / "fleet" / "flights" / "part-0.parquet")
+    files = tmp_path / "report.json", tmp_path / "report.html"
+    run = eivor("fleet", "report", tmp_path / "fleet", "--json", files[0], "--html", files[1])
+    assert (run.code, run.err) == (0, "")
+    assert "24 logs; 3 vehicles of 1 type" in run.out
+    assert "the input gain steps by" in run.out
+    assert "\x1b[31m" not in run.out
+    told = json.loads(files[0].read_text())
+    assert told["schema"] == "eivor.fleet_report/1"
+    (motion,) = told["motions"]
+    keys = set(re.findall(r"`(\w+)`", Path("docs/fleet-report.md").read_text()))
+    for name in ("types", "vehicles", "deviating", "left_out", "covariates"):
+        assert all(set(one) <= keys for one in motion[name])
+    assert [one["course"] for one in motion["vehicles"] if one["quantity"] == "input_gain"].count(
+        "steps"
+    ) == 1
+    page = parsed(files[1].read_text())
+    assert not page.all("img")
+    assert len(page.all("svg", class_="forest")) == 4
+    assert HOSTILE.split("\x1b", maxsplit=1)[0] in page.all("main")[0].text
+    assert json.loads(page.all("script", id="result")[0].text) == told
+    run = eivor("fleet", "report", tmp_path / "fleet", "--json", "-")
+    assert json.loads(run.out) == told
+
+
+def test_report_of_what_tells_nothing(eivor, tmp_path):
+    fleet = write_fleet(tmp_path / "fleet", [row("a", verdict="failed", reason="It is empty.")])
+    run = eivor("fleet", "report", fleet, "--html", tmp_path / "report.html")
+    assert run.code == 0
+    assert "No flight tells a quantity" in run.out
+    assert eivor("fleet", "report", tmp_path).code == 1

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ import typer
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import output_file, write_out
+from eivor.cli.outputs import deliver, keep_apart, output_file, write_out
 from eivor.cli.readable_help import ReadableCommand, ReadableGroup
 from eivor.cli.recordings import flight_options, named_motion
 from eivor.cli.terminal import complain, console, show, step
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from eivor.fleets.report import FleetReport
     from eivor.fleets.run import FleetRun, Progress
     from eivor.studies.executors import Executor
 
@@ -251,6 +253,74 @@ def query(
         answer.write_csv(buffer)
         write_out(buffer.getvalue(), place)
     return ExitCode.IDENTIFIED
+
+
+@app.command(
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a fleet that cannot be read, or a file that "
+    "cannot be written (what was found is printed all the same).\n\n"
+    "[bold]JSON[/bold] (schema eivor.fleet_report/1): every vehicle and type with what is pooled, what "
+    "changes, and what was left out.",
+)
+@guarded
+def report(
+    fleet: FleetArgument,
+    *,
+    json: arguments.JsonOption = "",
+    html: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE", help="Write one page that opens anywhere, FILE.html.", show_default=False
+        ),
+    ] = "",
+) -> ExitCode:
+    """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
+    places = {
+        option: output_file(text, option=option)
+        for option, text in (("--json", json), ("--html", html))
+        if text and not (option == "--json" and text == STANDARD_OUTPUT)
+    }
+    keep_apart(places, {})
+
+    from eivor.fleets.reports import fleet_reports
+
+    with step("Pooling"):
+        reports = fleet_reports(Path(fleet))
+    title = Path(fleet).resolve().name
+    deliver(*_deliveries(reports, title, json, html))
+    return ExitCode.IDENTIFIED
+
+
+def _deliveries(
+    reports: Sequence[FleetReport], title: str, json: str, html: str
+) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield partial(_print_reports, reports, title)
+    if json:
+        yield partial(_write_json, reports, json)
+    if html:
+        yield partial(_write_page, reports, title, html)
+
+
+def _print_reports(reports: Sequence[FleetReport], title: str) -> None:
+    from eivor.report.fleet_document import fleet_document
+    from eivor.report.terminal import on_terminal
+
+    for one in reports:
+        show(on_terminal(fleet_document(one, title)))
+
+
+def _write_json(reports: Sequence[FleetReport], place: str) -> None:
+    from eivor.report.json_document import json_text
+    from eivor.report.json_fleet import fleet_json
+
+    write_out(json_text(fleet_json(reports)), place)
+
+
+def _write_page(reports: Sequence[FleetReport], title: str, place: str) -> None:
+    from eivor.report.page.fleet_page import fleet_page
+
+    write_out(fleet_page(reports, title), place)
 
 
 def _table(answer: pl.DataFrame) -> Table:

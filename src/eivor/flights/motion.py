@@ -16,6 +16,7 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.flights.across import AcrossFlights
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active, airborne_by_log
@@ -372,6 +373,8 @@ class Motion(ABC, Generic[P]):
     """Names of other motions that the same actuators make: where they tell the lag, it is taken from them."""
     companions: ClassVar[tuple[Companion, ...]] = ()
     """Quantities that other motions tell, with the lag that this one tells."""
+    across: ClassVar[tuple[AcrossFlights, ...]] = ()
+    """Quantities that reports of fleets pool; the headline as it is where nothing is said."""
     needed: ClassVar[tuple[str, ...]]
     """Channels without which nothing can be identified, beside an input."""
     references: ClassVar[tuple[ReferenceSource, ...]]

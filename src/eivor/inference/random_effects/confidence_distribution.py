@@ -19,20 +19,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
+from eivor.inference.quantiles import normal_quantile
 from eivor.inference.random_effects.groups import Groups
 from eivor.inference.random_effects.mean import RandomEffectsMeans
-from eivor.inference.random_effects.weighted import weighted
 from eivor.shapes import Float, Int
 
 #: Members of a group with a prediction, at least, and those below which it should be taken with care.
 FEWEST, FEW = 3, 6
 #: Variances between at which Q is computed, as shares of what the estimates scatter by.
 GRID = np.concatenate(([0.0], np.geomspace(3e-3, 3e2, 20)))
-_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 #: Probabilities at which the distribution is looked at, and what each counts.
 PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
-#: Halvings of the logarithm of a half-width, after which it is known to some parts in a million.
-HALVINGS = 24
+#: Steps of the search for a half-width: halvings of its logarithm, then chords (the Illinois rule).
+HALVINGS, CHORDS = 5, 6
 
 
 @dataclass(frozen=True)
@@ -73,13 +73,31 @@ class BetweenDistribution:
         self, centre: Float[np.ndarray, " groups"], errors: Float[np.ndarray, "nodes groups"], level: float
     ) -> Float[np.ndarray, " groups"]:
         offsets = self.means - centre
-        low, high = 1e-3 * errors[0], np.abs(offsets).max(axis=0) + 5.0 * errors[-1]
+
+        def excess(half_width: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " groups"]:
+            above, below = (half_width - offsets) / errors, (-half_width - offsets) / errors
+            return COUNTS @ (special.ndtr(above) - special.ndtr(below)) - level
+
+        z = normal_quantile(level)
+        low = z * errors.min(axis=0)  # narrower than any of the normals that are mixed
+        high = z * errors.max(axis=0) + np.abs(offsets).max(axis=0)
         for _ in range(HALVINGS):
             middle = np.sqrt(low * high)
-            inside = special.ndtr((middle - offsets) / errors) - special.ndtr((-middle - offsets) / errors)
-            short = COUNTS @ inside < level
+            short = excess(middle) < 0.0
             low, high = np.where(short, middle, low), np.where(short, high, middle)
-        return high
+        at_low, at_high = excess(low), excess(high)
+        for _ in range(CHORDS):
+            apart = at_high - at_low
+            middle = high - at_high * (high - low) / np.where(apart > 0.0, apart, 1.0)
+            found = excess(middle)
+            short = found < 0.0
+            low, at_low, at_high = (
+                np.where(short, middle, low),
+                np.where(short, found, 0.5 * at_low),
+                np.where(short, 0.5 * at_high, found),
+            )
+            high = np.where(short, high, middle)
+        return middle
 
 
 def between_distribution(
@@ -96,12 +114,15 @@ def between_distribution(
     """
     degrees = np.maximum(groups.sizes - 1, 1)
     centre = groups.sums(estimates) / groups.sizes
-    scatter = groups.sums((estimates - groups.spread(centre)) ** 2) / degrees
+    about = estimates - groups.spread(centre)
+    scatter = groups.sums(about**2) / degrees
     grid = GRID[:, None] * np.maximum(scatter, groups.sums(variances) / groups.sizes)
     squares, means, variance = (np.empty_like(grid) for _ in range(3))
     for number, between in enumerate(grid):
-        at = weighted(groups, estimates, variances, between)
-        squares[number], means[number], variance[number] = groups.sums(at.squares), at.mean, 1.0 / at.total
+        weights = 1.0 / (variances + groups.spread(between))
+        total, first = groups.sums(weights), groups.sums(weights * about)
+        squares[number] = groups.sums(weights * about**2) - first**2 / total
+        means[number], variance[number] = centre + first / total, 1.0 / total
     inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
     place = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))
     of_mean = place(variance)

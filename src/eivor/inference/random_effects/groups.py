@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,7 +22,7 @@ class Groups:
 
     sizes: Int[np.ndarray, " groups"]
 
-    @property
+    @cached_property
     def starts(self) -> Int[np.ndarray, " groups"]:
         """First row of each group."""
         return np.cumsum(self.sizes) - self.sizes

@@ -50,7 +50,7 @@ from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, s
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
 from eivor.motions.vertical.terms import TERMS, GroundEffect, OptionalTerm
-from eivor.motions.vertical.wording import EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
+from eivor.motions.vertical.wording import ACROSS, EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.shapes import Float
 from eivor.signals.input_map import input_map
 from eivor.signals.noise import WhiteNoise
@@ -85,6 +85,7 @@ class Vertical(Motion[VerticalFlights]):
     of_flight = ("viscous_friction",)
     terms = MappingProxyType({word: term.meaning for word, term in TERMS.items()})
     rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
+    across = ACROSS
     words = WORDS
     inputs = INPUTS
     telemetry = TELEMETRY

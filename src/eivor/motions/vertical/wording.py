@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from eivor.flights.estimated import LAG_WORDINGS
+from eivor.flights.across import AcrossFlights, Covariate
+from eivor.flights.estimated import EFFECTIVE_LAG, LAG_WORDINGS
 from eivor.flights.motion import CardSection, Words
 from eivor.flights.quantity import Kind, Wording
 from eivor.inference.verdict import Status
 from eivor.logs.formats import advising_format
+from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.motions.vertical.rule import FLY
 
 EQUATION = (
@@ -40,6 +42,28 @@ SHOWN = (
     "ground_effect",
     "voltage_exponent",
     "thrust_curve",
+)
+#: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
+#: What hovers goes against both, by half as much where thrust goes with the square of the command.
+ACROSS = (
+    AcrossFlights("viscous_friction", covariates=(Covariate("air_density"),), told_by=("viscous_friction",)),
+    AcrossFlights(
+        "input_gain",
+        logarithm=True,
+        covariates=(Covariate("air_density", 1.0, 0.3), Covariate("battery_voltage", 1.0, 1.0)),
+        told_by=("input_gain",),
+    ),
+    AcrossFlights(
+        EFFECTIVE_LAG,
+        logarithm=True,
+        covariates=(Covariate("battery_voltage", 0.0, 1.0),),
+        told_by=(ACTUATOR_LAG.name,),
+    ),
+    AcrossFlights(
+        "hover_input",
+        logarithm=True,
+        covariates=(Covariate("air_density", -0.75, 0.3), Covariate("battery_voltage", -0.75, 0.75)),
+    ),
 )
 WORDS = Words(
     title="Vertical motion",

@@ -1,0 +1,114 @@
+"""Rows of a fleet's table that are pooled, in the order of types, vehicles and time, and what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED
+from eivor.flights.across import AcrossFlights
+from eivor.flights.motion import Motion
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.inference.quantiles import normal_quantile
+from eivor.inference.random_effects.groups import Groups
+from eivor.inference.verdict import Status
+
+#: A flight whose vehicle or type is not known.
+UNKNOWN = "unknown"
+HOUR_S = 3600.0
+#: Columns by which rows belong together.
+VEHICLE = ("type", "vehicle")
+#: Why rows are left out, in this order.
+NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
+    "the log gave no result",
+    "the flight tells no value with a standard error",
+    "no reference: the value may be biased more than its interval says",
+    f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
+    "not positive",
+)
+
+
+def across_of(motion: Motion[Any]) -> tuple[AcrossFlights, ...]:
+    """What a motion compares over flights; its headline as it is where it says nothing."""
+    return motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
+
+
+def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
+    """Columns of a fleet's table that its report reads."""
+    numbers = [
+        f"{one.name}.{part}" for one in across for part in ("value", "std_error", "low", "high", "verdict")
+    ]
+    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for one in across for name in one.told_by]
+    about = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
+    return list(
+        dict.fromkeys([*about, *numbers, *told, *(with_.name for one in across for with_ in one.covariates)])
+    )
+
+
+def in_order(table: pl.DataFrame) -> pl.DataFrame:
+    """Rows by type, vehicle and time, without copies, with the hours flown before the middle of each flight.
+
+    Parameters
+    ----------
+    table : polars.DataFrame
+        Rows of one motion.
+    """
+    duration = pl.col("duration_s").fill_null(0.0)
+    return (
+        table.filter(pl.col("verdict") != COPY)
+        .with_columns(pl.col(name).cast(pl.String).fill_null(UNKNOWN) for name in VEHICLE)
+        .sort(*VEHICLE, "start", "name", nulls_last=True)
+        .with_columns(((duration.cum_sum() - 0.5 * duration) / HOUR_S).over(VEHICLE).alias("hours"))
+    )
+
+
+def why_left_out(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
+    """Why a row does not say anything of a quantity; null where it does.
+
+    Parameters
+    ----------
+    across : AcrossFlights
+        The quantity.
+    columns : sequence of str
+        Of the table.
+    """
+    value, error = pl.col(f"{across.name}.value"), _error(across)
+    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
+    weak = pl.any_horizontal(
+        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in told if name in columns)]
+    )
+    provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
+    return (
+        pl.when(pl.col("verdict") == FAILED)
+        .then(pl.lit(NO_RESULT))
+        .when(value.is_null() | error.is_null() | (error <= 0.0))
+        .then(pl.lit(NO_NUMBER))
+        .when(provisional)
+        .then(pl.lit(NO_REFERENCE))
+        .when(weak)
+        .then(pl.lit(NOT_EXCITED))
+        .when((value <= 0.0) & across.logarithm)
+        .then(pl.lit(NOT_POSITIVE))
+        .otherwise(None)
+    )
+
+
+def compared(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """The number that is compared, and its variance."""
+    value, error = pl.col(f"{across.name}.value"), _error(across)
+    return (value.log(), (error / value) ** 2) if across.logarithm else (value, error**2)
+
+
+def _error(across: AcrossFlights) -> pl.Expr:
+    """Standard error, or that of an interval where there is none."""
+    half = 0.5 * (pl.col(f"{across.name}.high") - pl.col(f"{across.name}.low"))
+    return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
+
+
+def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
+    """Groups of rows that stand together already, with what they go by."""
+    found = rows.group_by(*by, maintain_order=True).agg(pl.len().alias("rows"))
+    return found.select(by), Groups(found["rows"].to_numpy().astype(np.int64))

@@ -1,0 +1,157 @@
+"""The page of a fleet: forests of its vehicles, and how quantities went over flight hours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import polars as pl
+
+from eivor.fleets.course import DRIFTS, STEPS
+from eivor.fleets.pooled_rows import VEHICLE, why_left_out
+from eivor.fleets.report import FleetReport
+from eivor.flights.across import AcrossFlights
+from eivor.report.document import Document, Section
+from eivor.report.fleet_document import FOREST, LINES, fleet_document, shown_vehicles
+from eivor.report.json_fleet import fleet_json
+from eivor.report.page.figures import Figures
+from eivor.report.page.forest import Forest, ForestRow
+from eivor.report.page.markup import Markup, element, joined
+from eivor.report.page.number_tables import number_table
+from eivor.report.page.parts import section_html
+from eivor.report.page.picture import Picture, Pictures
+from eivor.report.page.plot import Curve, Dots, Mark, Plot, Rule
+from eivor.report.page.scale import margined
+from eivor.report.page.shell import whole_page
+from eivor.report.told_fleet import Row, interval_told
+
+#: Vehicles of a forest, and vehicles whose quantities are drawn over time, at most.
+MOST_ROWS, MOST_LINES = 40, 8
+
+
+def fleet_page(reports: Sequence[FleetReport], title: str) -> str:
+    """Text of a page that tells a fleet: HTML without anything to fetch.
+
+    Parameters
+    ----------
+    reports : sequence of FleetReport
+        One for each motion.
+    title : str
+        The fleet's name.
+    """
+    figures = Figures(0)
+    documents = [fleet_document(report, title) for report in reports]
+    told = [
+        _motion(report, document, figures, f"m{number}-")
+        for number, (report, document) in enumerate(zip(reports, documents, strict=True))
+    ]
+    theme = element("button", {"type": "button", "id": "theme"}, "Dark")
+    about = element("p", {"class": "about"}, "Eivor · Fleet")
+    save = element("button", {"type": "button", "id": "save"}, "Save the numbers as JSON")
+    body = joined(
+        [
+            element("header", None, element("div", None, about, element("h1", None, title)), theme),
+            element("main", {"id": "main"}, *told, element("p", None, save)),
+        ]
+    )
+    return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
+
+
+def _motion(report: FleetReport, document: Document, figures: Figures, name: str) -> Markup:
+    drawn = {}
+    if report.vehicles.height:
+        drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
+        drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report)))])
+    sections = [section_html(one, f"{name}{_word(one)}", drawn) for one in document.sections]
+    return joined([element("p", {"class": "said"}, document.about), *sections])
+
+
+def _word(section: Section) -> str:
+    return "-".join(section.heading.lower().split())
+
+
+def _forests(report: FleetReport) -> Iterator[Picture]:
+    """Vehicles side by side, and below them their type."""
+    chosen = shown_vehicles(report.vehicles).head(MOST_ROWS).select(VEHICLE)
+    several = report.vehicles["type"].n_unique() > 1
+    for across in report.quantities:
+        mine = pl.col("quantity") == across.name
+        rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
+        wording = report.motion.wording[across.name]
+        drawn = [
+            _forest_row(
+                row, report, across, f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
+            )
+            for row in rows.iter_rows(named=True)
+        ]
+        drawn += [
+            _forest_row(row, report, across, f"type {row['type']}", whole=True)
+            for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
+        ]
+        axis = f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
+        yield Picture(f"{wording.words[0].upper()}{wording.words[1:]}", "", Forest(axis, tuple(drawn)), None)
+
+
+def _forest_row(
+    row: Row, report: FleetReport, across: AcrossFlights, label: str, *, whole: bool = False
+) -> ForestRow:
+    wording = report.motion.wording[across.name]
+    ends = [row[name] for name in ("low", "high")]
+    pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
+    numbers = " ".join(dict.fromkeys(interval_told(row, wording, ("mean", "low", "high"))))
+    return ForestRow(label, numbers, row["mean"] * wording.scale, pieces, None, whole)
+
+
+def _over_hours(report: FleetReport) -> Iterator[Picture]:
+    """Flights of a few vehicles over their hours, those that change first."""
+    chosen = shown_vehicles(report.vehicles).head(MOST_LINES).select(VEHICLE)
+    for kind, vehicle in chosen.iter_rows():
+        own = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
+        flights, means = report.flights.filter(own), report.vehicles.filter(own)
+        for across in report.quantities:
+            row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
+            used = flights.filter(why_left_out(across, flights.columns).is_null())
+            if row is not None and used.height > 1:
+                yield _line(report, across, row, used)
+
+
+def _line(report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame) -> Picture:
+    wording = report.motion.wording[across.name]
+    hours = used["hours"].to_numpy()
+    value, error = (
+        wording.scale * used[f"{across.name}.{part}"].to_numpy() for part in ("value", "std_error")
+    )
+    low, high = value - 1.96 * error, value + 1.96 * error
+    gap = np.full(hours.size, np.nan)
+    bars = np.stack([low, high, gap], axis=1).ravel()
+    marks: list[Mark] = [
+        Curve("", "measured", np.repeat(hours, 3), bars),
+        Dots("flights, 95 %", "measured", hours, value),
+        *_course(row, across, hours, wording.scale),
+    ]
+    unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+    table = number_table(
+        ("flight hours", f"{wording.symbol}{unit}", "low", "high", "log"),
+        zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), used["name"].to_list(), strict=True),
+    )
+    y = margined(f"{wording.symbol}{unit}", np.concatenate([low, high]))
+    return Picture(
+        f"{row['vehicle']}: {wording.words}",
+        "",
+        Plot(margined("flight hours", hours), y, tuple(marks)),
+        table,
+    )
+
+
+def _course(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) -> Iterator[Mark]:
+    """Mean, drift or step of a vehicle."""
+    mean = row["mean"] * scale
+    if row["course"] == STEPS and row["step_hours"] is not None:
+        yield Rule("step", "second", row["step_hours"], True)
+    elif row["course"] == DRIFTS and row["hours"]:
+        share = (hours - hours.mean()) / row["hours"]
+        change = np.log1p(row["change"]) * share if across.logarithm else row["change"] * scale * share
+        line = mean * np.exp(change) if across.logarithm else mean + change
+        yield Curve("drift", "predicted", hours, line)
+        return
+    yield Rule("mean", "predicted", mean, False)

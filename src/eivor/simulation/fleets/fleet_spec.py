@@ -1,0 +1,138 @@
+"""What a simulated fleet is, and what is true of each of its flights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.motions.vertical.model import GRAVITY
+from eivor.shapes import Float, Int
+
+#: Density of the air [kg/m^3] and voltage of the battery [V] about which they vary.
+DENSITY, VOLTAGE = 1.20, 15.6
+#: Powers of them that thrust goes with.
+DENSITY_POWER, VOLTAGE_POWER = 1.0, 1.5
+#: Flights between one summer and the next.
+SEASON = 60
+
+
+@dataclass(frozen=True, slots=True)
+class FleetSpec:
+    """A fleet of one type.
+
+    Parameters
+    ----------
+    vehicles, flights : int
+        Vehicles, and flights of each.
+    viscous_friction, hover_input, actuator_lag : float
+        Of the type: K [1/s], command at hover [share of full command], lag [s].
+    between_vehicles, between_flights : float
+        Standard deviations of the logarithms of quantities between vehicles, and between flights.
+    wear : float
+        Share of its thrust that each vehicle has lost at its last flight.
+    broken : tuple of (int, int, float)
+        Vehicle, number of its first flight with a damaged propeller, and the share of thrust that this costs.
+    weather, battery : float
+        Standard deviations of the logarithms of density, of which half goes with the season, and of voltage.
+    duration_s : float
+        Of a flight [s].
+    seed : int
+        Of all draws.
+
+    Raises
+    ------
+    UsageError
+        When there is no flight, or thrust would be lost altogether.
+    """
+
+    vehicles: int = 10
+    flights: int = 40
+    viscous_friction: float = 0.4
+    hover_input: float = 0.5
+    actuator_lag: float = 0.04
+    between_vehicles: float = 0.05
+    between_flights: float = 0.02
+    wear: float = 0.0
+    broken: tuple[tuple[int, int, float], ...] = ()
+    weather: float = 0.0
+    battery: float = 0.0
+    duration_s: float = 600.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if min(self.vehicles, self.flights) < 1:
+            raise UsageError(
+                "a fleet of one vehicle with one flight, at least",
+                f"{self.vehicles} with {self.flights} each",
+                "Name more.",
+            )
+        lost = max([self.wear, *(share for _, _, share in self.broken)])
+        if not 0.0 <= lost < 1.0:
+            raise UsageError("a share of thrust lost in [0, 1)", f"{lost}", "Name a smaller one.")
+
+
+@dataclass(frozen=True)
+class FleetTruth:
+    """What is true of the flights of a fleet, vehicle after vehicle.
+
+    Parameters
+    ----------
+    vehicle, flight : ndarray of int, shape (rows,)
+        Numbers.
+    viscous_friction, input_gain, actuator_lag, hover_input : ndarray, shape (rows,)
+        K [1/s], K_u [m/s^2 per squared share of full command], tau [s], and the share at hover.
+    worn : ndarray, shape (rows,)
+        Share of thrust that is left.
+    air_density, battery_voltage : ndarray, shape (rows,)
+        [kg/m^3], [V].
+    """
+
+    vehicle: Int[np.ndarray, " rows"]
+    flight: Int[np.ndarray, " rows"]
+    viscous_friction: Float[np.ndarray, " rows"]
+    input_gain: Float[np.ndarray, " rows"]
+    actuator_lag: Float[np.ndarray, " rows"]
+    hover_input: Float[np.ndarray, " rows"]
+    worn: Float[np.ndarray, " rows"]
+    air_density: Float[np.ndarray, " rows"]
+    battery_voltage: Float[np.ndarray, " rows"]
+
+
+def fleet_truth(spec: FleetSpec) -> FleetTruth:
+    """Draw what is true of every flight.
+
+    Parameters
+    ----------
+    spec : FleetSpec
+        The fleet.
+    """
+    rng = np.random.default_rng([spec.seed, 1])
+    shape = (spec.vehicles, spec.flights)
+    vehicle, flight = np.indices(shape)
+    begin = rng.uniform(0.0, SEASON, (spec.vehicles, 1))
+    season = np.sin(2.0 * np.pi * (flight + begin) / SEASON)
+    density = spec.weather * (season + np.sqrt(0.5) * rng.standard_normal(shape))
+    voltage = spec.battery * rng.standard_normal(shape)
+    worn = 1.0 - spec.wear * flight / max(spec.flights - 1, 1)
+    for which, first, share in spec.broken:
+        worn = np.where((vehicle == which) & (flight >= first), worn * (1.0 - share), worn)
+
+    def own() -> Float[np.ndarray, "vehicles flights"]:
+        of_vehicle = spec.between_vehicles * rng.standard_normal((spec.vehicles, 1))
+        return of_vehicle + spec.between_flights * rng.standard_normal(shape)
+
+    thrust = own() + np.log(worn) + DENSITY_POWER * density + VOLTAGE_POWER * voltage
+    gain = GRAVITY / spec.hover_input**2 * np.exp(thrust)
+    return FleetTruth(
+        vehicle.ravel(),
+        flight.ravel(),
+        (spec.viscous_friction * np.exp(own() + density)).ravel(),
+        gain.ravel(),
+        (spec.actuator_lag * np.exp(own())).ravel(),
+        np.sqrt(GRAVITY / gain).ravel(),
+        worn.ravel(),
+        (DENSITY * np.exp(density)).ravel(),
+        (VOLTAGE * np.exp(voltage)).ravel(),
+    )

@@ -1,0 +1,187 @@
+"""Reports of fleets whose truth is known: what is pooled, left out, and told to change."""
+
+from __future__ import annotations
+
+import numpy as np
+import polars as pl
+import pytest
+from statsmodels.stats.meta_analysis import combine_effects
+
+from eivor.fleets.course import DRIFTS, STEADY, STEPS
+from eivor.fleets.pooled_rows import (
+    NO_NUMBER,
+    NO_REFERENCE,
+    NO_RESULT,
+    NOT_EXCITED,
+    NOT_POSITIVE,
+    across_of,
+    wanted_columns,
+)
+from eivor.fleets.report import FleetReport, fleet_report
+from eivor.fleets.reports import fleet_reports
+from eivor.motions import motion_by_name
+from eivor.simulation.fleets.fleet_rows import fleet_rows
+from eivor.simulation.fleets.fleet_spec import FleetSpec
+from fleets.fleet_rows import row, write_fleet
+
+VERTICAL = motion_by_name("vertical")
+GAIN, FRICTION = "input_gain", "viscous_friction"
+
+
+def reported(spec: FleetSpec, change: pl.DataFrame | None = None) -> FleetReport:
+    return fleet_report(fleet_rows(spec) if change is None else change, VERTICAL)
+
+
+def of(report: FleetReport, quantity: str) -> pl.DataFrame:
+    return report.vehicles.filter(pl.col("quantity") == quantity)
+
+
+def at(table: pl.DataFrame, column: str, rows: dict[int, object]) -> pl.DataFrame:
+    """Table with a column changed in some rows."""
+    values = table[column].to_list()
+    for place, value in rows.items():
+        values[place] = value
+    return table.with_columns(pl.Series(column, values, dtype=table.schema[column]))
+
+
+def test_vehicles_are_pooled_as_statsmodels_does():
+    table = fleet_rows(FleetSpec(vehicles=2, flights=9, between_flights=0.1, seed=1))
+    report = reported(FleetSpec(), table)
+    for vehicle in ("v0000", "v0001"):
+        rows = table.filter(pl.col("vehicle") == vehicle)
+        value, error = (rows[f"{GAIN}.{part}"].to_numpy() for part in ("value", "std_error"))
+        truth = combine_effects(np.log(value), (error / value) ** 2, method_re="iterated", atol=1e-12)
+        (told,) = of(report, GAIN).filter(pl.col("vehicle") == vehicle).rows(named=True)
+        assert np.log(told["mean"]) == pytest.approx(truth.mean_effect_re, abs=1e-6)
+        assert told["between"] == pytest.approx(np.sqrt(truth.tau2), abs=1e-6)
+        assert told["pooled"] == 9
+        assert told["next_low"] < told["low"] < told["mean"] < told["high"] < told["next_high"]
+        assert told["between_low"] <= told["between"] <= told["between_high"]
+
+
+def test_what_excitation_tells_is_pooled_whatever_its_verdict():
+    table = fleet_rows(FleetSpec(vehicles=1, flights=12))
+    table = at(table, f"{FRICTION}.verdict", {0: "refused", 1: "weak", 2: "provisional"})
+    table = at(table, "diagnostic.first_stage_F_viscous_friction", {3: 9.9})
+    table = at(table, f"{FRICTION}.std_error", {4: None})
+    table = at(table, f"{FRICTION}.low", {4: None})
+    table = at(table, f"{FRICTION}.value", {0: -0.1})
+    table = at(table, f"{GAIN}.value", {5: -1.0})
+    table = at(table, "verdict", {6: "failed", 7: "copy"})
+    report = reported(FleetSpec(), table)
+    assert of(report, FRICTION).select("pooled", "left_out").rows() == [(7, 4)]
+    assert report.logs == {"logs": 12, "copies": 1, "failed": 1}
+    told = {(row["quantity"], row["reason"]): row["flights"] for row in report.left_out.iter_rows(named=True)}
+    for reason in (NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED):
+        assert told[FRICTION, reason] == 1
+    assert told[GAIN, NOT_POSITIVE] == 1
+
+
+def test_pooling_identified_flights_only_would_bias_upward():
+    """The trap: flights whose interval reaches zero are refused; without them the mean is too large."""
+    errors = 0.2 * np.ones(400)
+    found = 0.25 + errors * np.random.default_rng(0).standard_normal(400)
+    rows = [
+        row(f"{number:03d}", vehicle="one", type="quad")
+        | {f"{FRICTION}.value": value, f"{FRICTION}.std_error": 0.2}
+        | {f"{FRICTION}.verdict": "identified" if value > 0.4 else "refused"}
+        for number, value in enumerate(found.tolist())
+    ]
+    report = fleet_report(pl.DataFrame(rows), VERTICAL)
+    (told,) = of(report, FRICTION).rows(named=True)
+    assert told["low"] < 0.25 < told["high"]
+    assert np.mean(found[found > 0.4]) > told["next_high"]
+
+
+def test_a_single_flight_has_a_mean_and_no_interval():
+    report = reported(FleetSpec(vehicles=3, flights=1))
+    assert of(report, GAIN)["mean"].null_count() == 0
+    for name in ("low", "high", "between", "next_low", "next_high"):
+        assert of(report, GAIN)[name].null_count() == 3
+    (told,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
+    assert told["pooled"] == 3
+    assert told["low"] < told["mean"] < told["high"]
+
+
+def test_vehicles_nobody_knows_are_one():
+    table = fleet_rows(FleetSpec(vehicles=2, flights=4)).with_columns(
+        vehicle=pl.lit(None, pl.String), type=pl.lit(None, pl.String)
+    )
+    assert of(reported(FleetSpec(), table), GAIN).select("type", "vehicle", "pooled").rows() == [
+        ("unknown", "unknown", 8)
+    ]
+
+
+def test_flights_without_a_time_are_pooled_and_have_no_course():
+    table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
+        start=pl.lit(None, pl.Datetime("us", "UTC"))
+    )
+    (told,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
+    assert (told["pooled"], told["course"]) == (12, "")
+    half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
+    (told,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
+    assert (told["pooled"], told["course"], told["change"]) == (12, "", None)
+
+
+def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
+    spec = FleetSpec(vehicles=6, flights=40, weather=0.05, battery=0.03, broken=((2, 17, 0.15),), seed=3)
+    gains = of(reported(spec), GAIN)
+    assert gains.filter(pl.col("course") != STEADY)["vehicle"].to_list() == ["v0002"]
+    (told,) = gains.filter(pl.col("vehicle") == "v0002").rows(named=True)
+    assert told["course"] == STEPS
+    assert abs(told["step_flight"] - 18) <= 3
+    assert told["step_flight_first"] <= 18 <= told["step_flight_last"]
+    assert told["step_low"] < -0.15 < told["step_high"] < 0.0
+    assert told["step_start"] == fleet_rows(spec)["start"][int(told["step_flight"]) - 1]
+
+
+def test_wear_is_a_drift_whose_interval_covers():
+    gains = of(reported(FleetSpec(vehicles=4, wear=0.10, weather=0.05, battery=0.03, seed=1)), GAIN)
+    assert gains["course"].to_list() == [DRIFTS] * 4
+    assert (gains["change_high"] < 0.0).all()
+    assert ((gains["change_low"] < -0.10) & (gains["change_high"] > -0.10)).all()
+
+
+def test_covariates_come_first_and_are_told():
+    spec = FleetSpec(vehicles=8, flights=30, weather=0.05, battery=0.05, seed=2)
+    report = reported(spec)
+    slopes = report.covariates.filter(pl.col("quantity") == GAIN).rows(named=True)
+    for told, power in zip(slopes, (1.0, 1.5), strict=True):
+        assert told["slope"] == pytest.approx(power, abs=3 * told["std_error"])
+        assert told["std_error"] < 0.15
+    unknown = fleet_rows(spec).drop("air_density", "battery_voltage")
+    assert not reported(spec, unknown).covariates.height
+
+
+def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
+    table = fleet_rows(FleetSpec(vehicles=9, flights=12, between_vehicles=0.02, seed=5))
+    value = table[f"{GAIN}.value"].to_list()
+    table = at(
+        table, f"{GAIN}.value", {30: 1.4 * value[30], **{place: 0.7 * value[place] for place in range(12)}}
+    )
+    report = reported(FleetSpec(), table)
+    assert report.deviating.select("name", "quantity").rows() == [(table["name"][30], GAIN)]
+    assert report.deviating["expected"][0] == pytest.approx(value[30], rel=0.15)
+    assert report.vehicles.filter(pl.col("differs"))["vehicle"].to_list() == ["v0000"]
+
+
+def test_a_table_that_tells_nothing_is_reported():
+    report = fleet_report(pl.DataFrame([row("a", verdict="failed", reason="It is empty.")]), VERTICAL)
+    assert not report.vehicles.height
+    assert not report.quantities
+
+
+def test_a_folder_has_a_report_for_each_motion(tmp_path):
+    numbers = {f"{FRICTION}.{part}": 0.4 for part in ("value", "std_error", "low", "high")}
+    fleet = write_fleet(
+        tmp_path / "fleet",
+        [
+            row("a", **numbers, **{f"{FRICTION}.verdict": "weak"}),
+            row("b", **numbers, **{f"{FRICTION}.verdict": "weak"}),
+        ],
+        [row("a", motion="rates")],
+    )
+    reports = fleet_reports(fleet)
+    assert [report.motion.name for report in reports] == ["rates", "vertical"]
+    assert of(reports[1], FRICTION)["pooled"].to_list() == [2]
+    assert set(wanted_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
