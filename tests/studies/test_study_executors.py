@@ -7,9 +7,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -25,16 +23,12 @@ from eivor.studies.executors import (
 )
 from eivor.studies.run import run_study
 from eivor.studies.trial_shards import SHARD_TRIALS
+from studies.dask_cluster import SOURCES, Cluster, dask_cluster, wait_for_workers, wait_until
 from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
 from studies.study_parts import content, small_study
 
 #: Enough shards that every worker has some and a killed one leaves some.
 RUNS = 6 * SHARD_TRIALS + 10
-#: Longest wait for another process [s]: a machine that is busy with other work must not fail a test.
-PATIENCE_S = 600.0
-ROOT = Path(__file__).parents[2]
-#: Where processes that are begun here find this checkout and the parts of its tests.
-SOURCES = os.pathsep.join(str(ROOT / folder) for folder in ("src", "tests"))
 
 
 @pytest.fixture(scope="module")
@@ -98,14 +92,6 @@ def group_lives(group: int) -> bool:
     except ProcessLookupError:
         return False
     return True
-
-
-def wait_until(true, process: subprocess.Popen[bytes] | None = None, patience_s: float = PATIENCE_S) -> None:
-    end = time.monotonic() + patience_s
-    while not true():
-        assert process is None or process.poll() is None, "the process ended before it was killed"
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 @pytest.mark.thorough
@@ -187,51 +173,10 @@ def test_closing_ends_the_work(tmp_path):
     assert not (tmp_path / "4").exists()
 
 
-@dataclass
-class Cluster:
-    address: str
-    workers: list[subprocess.Popen[bytes]]
-
-
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    """A Dask scheduler and two workers on loopback, each a process of its own."""
-    scheduler_file = tmp_path / "scheduler.json"
-    environment = os.environ | {
-        "PYTHONPATH": SOURCES,
-        # A worker that was killed is missed at once.
-        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "5s",
-    }
-
-    def begun(command: str, *options: str) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            [
-                *(sys.executable, "-m", f"distributed.cli.dask_{command}"),
-                *("--scheduler-file", str(scheduler_file), "--no-dashboard", *options),
-            ],
-            env=environment,
-            cwd=tmp_path,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        )
-
-    processes = [begun("scheduler", "--host", "127.0.0.1", "--port", "0")]
-    try:
-        wait_until(scheduler_file.exists, processes[0])
-        options = ("--no-nanny", "--nthreads", "1", "--host", "127.0.0.1")
-        processes += [begun("worker", *options) for _ in range(2)]
-        yield Cluster(address_in(scheduler_file), processes[1:])
-    finally:
-        for process in reversed(processes):
-            process.kill()
-            process.wait()
-
-
-def address_in(scheduler_file: Path) -> str:
-    import json
-
-    found: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
-    return found
+    with dask_cluster(tmp_path) as begun:
+        yield begun
 
 
 @pytest.mark.thorough
@@ -251,13 +196,6 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
     assert cluster.workers[0].poll() is not None
     assert cluster.workers[1].poll() is None
     assert content(folder) == expected
-
-
-def wait_for_workers(address: str, count: int) -> None:
-    from distributed import Client
-
-    with Client(address, timeout=PATIENCE_S, set_as_default=False) as client:
-        client.wait_for_workers(count, timeout=PATIENCE_S)
 
 
 @pytest.mark.thorough
