@@ -1,0 +1,96 @@
+"""Bands of joint draws on flights with known truth, and the command that finds out how often they hold it.
+
+    python -m validation.response_band.study --kept FILE.jsonl [--size small|full] [--page docs/exports.md]
+
+flies the grid beside this file, keeps every flight in the file, and prints its table: at each time after a
+step of the command the share of flights whose band of 90 % of the draws holds the true climb rate. A run that
+was interrupted goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input
+of no use.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from eivor.studies.generated_page import markdown
+from eivor.toml_table import read_toml
+from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
+from validation.requirement import Requirement
+from validation.response_band.trials import DRAWS, SEED, TIMES_S, Told, trials
+from validation.suites import versions
+
+PART = "response band"
+GRID = Path(__file__).with_name("grid.toml")
+#: Asked: pointwise coverage of the band of 90 %.
+COVERAGE = (0.86, 0.94)
+#: What a kind of flights may differ in.
+SETTINGS = ("gust_rms", "delay", "vigour")
+HEADER = ("flights", "how many", "identified", *(f"{time:g} s" for time in TIMES_S), "all times")
+
+
+def answer(grid: Path, size: str, kept: Path) -> Answer:
+    """Fly what the file does not have yet, and judge all of it."""
+    told = {(one.name, one.run): one for one in kept_lines(kept, Told)}
+    found = []
+    for name, settings, place, runs in _asked(grid, size):
+        for one in trials(name, settings, place, [run for run in runs if (name, run) not in told]):
+            told[name, one.run] = one
+            keep(kept, [one])
+        found += [told[name, run] for run in runs]
+    covered = float(np.mean([held for one in found for held in one.held]))
+    low, high = COVERAGE
+    requirement = Requirement(
+        "pointwise coverage of the band of 90 %",
+        f"{low:g} to {high:g}",
+        f"{covered:.3f}",
+        low <= covered <= high,
+    )
+    return _tables(found, requirement), (requirement,)
+
+
+def _asked(grid: Path, size: str) -> Iterator[tuple[str, Mapping[str, float], int, range]]:
+    root = read_toml(grid, "grid of flights")
+    for place, kind in enumerate(root.sections("flights")):
+        name = kind.text("name")
+        settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}
+        runs = {word: kind.whole(word) for word in ("small", "full")}[size]
+        kind.finish()
+        yield name, settings, place, range(runs)
+    root.finish()
+
+
+def _tables(found: list[Told], requirement: Requirement) -> str:
+    kinds = dict.fromkeys(one.name for one in found)
+    asked = [(requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")]
+    rows = [_line(kind, [one for one in found if one.name == kind]) for kind in kinds]
+    return "\n\n".join(
+        (
+            f"Made by `python -m validation.response_band.study` with {versions()}: {len(found)} flights of "
+            f"a minute, {DRAWS} draws of each, seed {SEED}.",
+            markdown(("what", "asked", "measured", "met"), asked),
+            markdown(HEADER, [*rows, _line("**all**", found)]),
+        )
+    )
+
+
+def _line(kind: str, told: list[Told]) -> tuple[str, ...]:
+    held = np.array([one.held for one in told if one.held], dtype=float)
+    return (
+        kind,
+        f"{len(told)}",
+        f"{sum(one.verdict == 'identified' for one in told)}",
+        *(f"{share:.2f}" for share in held.mean(axis=0)),
+        f"{held.mean():.3f}",
+    )
+
+
+COMMAND = KeptStudyCommand("validation.response_band.study", __doc__, GRID, PART, answer)
+main = COMMAND.main
+
+
+if __name__ == "__main__":
+    sys.exit(main())

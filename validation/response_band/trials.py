@@ -1,0 +1,104 @@
+"""Trials of the study: a simulated flight, its draws, and when their band holds the true response."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+import eivor as ev
+from eivor.errors import EivorError
+from eivor.shapes import Float
+from eivor.simulation.flights.truth import SimulatedFlight
+from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
+from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+
+#: Times after a step of the command at which the climb rate is asked [s].
+TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+#: Share of the draws that a band holds at each of them, and how many draws there are.
+LEVEL, DRAWS = 0.90, 1000
+SEED = 20261122
+#: What is drawn for each flight, evenly: K [1/s], hover command, lag [s].
+VEHICLES = {"viscous_friction": (0.2, 0.6), "hover_input": (0.3, 0.6), "actuator_lag": (0.02, 0.08)}
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one flight says.
+
+    Parameters
+    ----------
+    name : str
+        Of its kind.
+    run : int
+        Number of the flight.
+    verdict : str
+        Of the flight; empty where nothing was estimated.
+    held : list of bool
+        At each of `TIMES_S`, whether the band holds the true climb rate.
+    width : list of float
+        Half of the band over the true climb rate.
+    """
+
+    name: str
+    run: int
+    verdict: str
+    held: list[bool]
+    width: list[float]
+
+
+def trials(name: str, settings: Mapping[str, float], place: int, runs: Sequence[int]) -> Iterator[Told]:
+    """Fly some of a kind side by side: the kind's place and a run give the same flight in any company."""
+    specs = [_spec(settings, place, run) for run in runs]
+    for run, spec, flight in zip(runs, specs, simulate_vertical_flights(specs), strict=True):
+        yield _told(name, run, spec, flight)
+
+
+def _spec(settings: Mapping[str, float], place: int, run: int) -> VerticalFlightSpec:
+    rng = np.random.default_rng([SEED, place, run])
+    vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
+    return VerticalFlightSpec(**vehicle, **settings, seed=int(rng.integers(2**31)))
+
+
+def _told(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
+    try:
+        fit = ev.identify_flight(flight.recording)
+        draws = fit.sample(DRAWS, seed=run)
+    except EivorError:
+        return Told(name, run, "", [], [])
+    best = fit.parameters
+    drawn = climb_rates(
+        draws["viscous_friction"],
+        draws["input_gain"],
+        draws.get("actuator_lag", np.full(DRAWS, best["actuator_lag"])),
+        draws.get("delay", np.full(DRAWS, best["delay"])),
+    )
+    numbers = (spec.viscous_friction, spec.input_gain, spec.actuator_lag, spec.delay)
+    (truth,) = climb_rates(*(np.array([number]) for number in numbers))
+    low, high = np.quantile(drawn, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL], axis=0)
+    return Told(
+        name,
+        run,
+        fit.verdict.status.value,
+        ((low <= truth) & (truth <= high)).tolist(),
+        (0.5 * (high - low) / truth).tolist(),
+    )
+
+
+def climb_rates(
+    friction: Float[np.ndarray, " n"],
+    gain: Float[np.ndarray, " n"],
+    lag: Float[np.ndarray, " n"],
+    delay: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n times"]:
+    """Climb rate after a step of the mapped command, of which one per cent is 1 [m/s per unit].
+
+    v' = gain x - friction v, with the state's answer x = 1 - exp(-(t - delay) / lag).
+    """
+    rows = friction[:, None], gain[:, None], np.maximum(lag, 1e-4)[:, None]
+    since = np.maximum(np.array(TIMES_S) - delay[:, None], 0.0)
+    each, steep, slow = rows
+    steady = -np.expm1(-each * since) / each
+    passing = (np.exp(-each * since) - np.exp(-since / slow)) / (1.0 / slow - each)
+    return steep * (steady - passing)
