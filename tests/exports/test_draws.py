@@ -61,6 +61,26 @@ def test_different_degrees_keep_their_correlation() -> None:
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
 
 
+def test_all_delays_are_drawn_as_often_as_they_fit(tmp_path: Path) -> None:
+    """A delay that fits worse by 2 in the criterion is e times less likely."""
+    told = document()
+    (best,) = told["covariance"]["candidates"]
+    other = {**best, "best": False, "excess": 2.0, "at": {"actuator_lag": 0.04, "delay": 0.01}}
+    other["values"] = [0.3, 23.9, 0.04]
+    told["covariance"]["candidates"].append(other)
+    fit = ev.load_fit(written(told, tmp_path))
+    draws = fit.sample(20_000, seed=1, delays="all")
+    assert list(draws) == ["actuator_lag", "delay", "viscous_friction", "input_gain"]
+    late = draws["delay"] == 0.01
+    assert late.mean() == pytest.approx(1.0 / (1.0 + np.e), abs=0.01)
+    assert np.median(draws["actuator_lag"][late]) == pytest.approx(0.04, abs=1e-4)
+    assert np.median(draws["actuator_lag"][~late]) == pytest.approx(0.05, abs=1e-4)
+    assert not np.all(np.diff(late.astype(int)) >= 0)
+    assert list(fit.sample(10)) == list(JOINT)
+    with pytest.raises(UsageError, match="delays 'best' or 'all'"):
+        fit.sample(10, delays="some")
+
+
 def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
     fit = ev.load_fit(written(document(degrees=2.0), tmp_path))
     with pytest.raises(EstimationError, match="degrees of freedom"):

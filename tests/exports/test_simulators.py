@@ -47,7 +47,7 @@ def test_rotorpy_by_hand(tmp_path: Path) -> None:
 
 def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
     """Of a flight that turns about all axes only the largest command is asked for."""
-    told = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))))
+    told = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))) | {"name": WORSE})
     told["prediction"]["vehicle"]["torque_ratio"] = None
     fit = ev.load_fit(written(told, tmp_path))
     found = table(fit.export("drone-models"))
@@ -154,6 +154,14 @@ def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
         fit.export("px4", vehicle=short)
     with pytest.raises(UsageError, match="priors that MuJoCo uses"):
         fit.export("mujoco", vehicle=vehicle_file(tmp_path), priors={"thrust": (1.0, 0.0)})
+
+
+@pytest.mark.parametrize("name", ["inertia_xx", "largest_command", "speed_scale"])
+def test_what_no_vehicle_has_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=f"a {name} above zero"):
+        exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
+    told = refused(of_speeds(), "viscous_friction")
+    assert 'axis="0 0 1" damping="0.0"' in exported("mujoco", tmp_path, told, viscous_friction=(0.0, 0.1))
 
 
 def test_moments_of_inertia_are_those_of_a_body(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ of no use.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +27,18 @@ PART = "response band"
 GRID = Path(__file__).with_name("grid.toml")
 #: Asked: pointwise coverage of the band of 90 %.
 COVERAGE = (0.86, 0.94)
+#: Flights that are simulated side by side.
+TOGETHER = 25
 #: What a kind of flights may differ in.
 SETTINGS = ("gust_rms", "delay", "vigour")
-HEADER = ("flights", "how many", "identified", *(f"{time:g} s" for time in TIMES_S), "all times")
+HEADER = (
+    "flights",
+    "how many",
+    "identified",
+    *(f"{time:g} s" for time in TIMES_S),
+    "all times",
+    "at the best delay",
+)
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
@@ -52,15 +61,20 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     return _tables(found, requirement), (requirement,)
 
 
-def _asked(grid: Path, size: str) -> Iterator[tuple[str, Mapping[str, float], int, range]]:
-    root = read_toml(grid, "grid of flights")
+def _asked(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
+    """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
+    root, asked = read_toml(grid, "grid of flights"), []
     for place, kind in enumerate(root.sections("flights")):
         name = kind.text("name")
         settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}
         runs = {word: kind.whole(word) for word in ("small", "full")}[size]
         kind.finish()
-        yield name, settings, place, range(runs)
+        asked += [
+            (name, settings, place, range(first, min(first + TOGETHER, runs)))
+            for first in range(0, runs, TOGETHER)
+        ]
     root.finish()
+    return sorted(asked, key=lambda one: (one[3].start, one[2]))
 
 
 def _tables(found: list[Told], requirement: Requirement) -> str:
@@ -85,6 +99,7 @@ def _line(kind: str, told: list[Told]) -> tuple[str, ...]:
         f"{sum(one.verdict == 'identified' for one in told)}",
         *(f"{share:.2f}" for share in held.mean(axis=0)),
         f"{held.mean():.3f}",
+        f"{np.mean([held for one in told for held in one.held_at_best]):.3f}",
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -35,8 +36,9 @@ class Told:
         Number of the flight.
     verdict : str
         Of the flight; empty where nothing was estimated.
-    held : list of bool
-        At each of `TIMES_S`, whether the band holds the true climb rate.
+    held, held_at_best : list of bool
+        At each of `TIMES_S`, whether the band holds the true climb rate: of draws at all delays that fit, and
+        at the one that fits best.
     width : list of float
         Half of the band over the true climb rate.
     """
@@ -45,6 +47,7 @@ class Told:
     run: int
     verdict: str
     held: list[bool]
+    held_at_best: list[bool]
     width: list[float]
 
 
@@ -62,28 +65,33 @@ def _spec(settings: Mapping[str, float], place: int, run: int) -> VerticalFlight
 
 
 def _told(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
-    try:
-        fit = ev.identify_flight(flight.recording)
-        draws = fit.sample(DRAWS, seed=run)
-    except EivorError:
-        return Told(name, run, "", [], [])
-    best = fit.parameters
-    drawn = climb_rates(
-        draws["viscous_friction"],
-        draws["input_gain"],
-        draws.get("actuator_lag", np.full(DRAWS, best["actuator_lag"])),
-        draws.get("delay", np.full(DRAWS, best["delay"])),
-    )
     numbers = (spec.viscous_friction, spec.input_gain, spec.actuator_lag, spec.delay)
     (truth,) = climb_rates(*(np.array([number]) for number in numbers))
-    low, high = np.quantile(drawn, [0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL], axis=0)
+    try:
+        fit = ev.identify_flight(flight.recording)
+        low, high = _band(fit, "all", run)
+    except EivorError:
+        return Told(name, run, "", [], [], [])
+    least, most = _band(fit, "best", run)
     return Told(
         name,
         run,
         fit.verdict.status.value,
         ((low <= truth) & (truth <= high)).tolist(),
+        ((least <= truth) & (truth <= most)).tolist(),
         (0.5 * (high - low) / truth).tolist(),
     )
+
+
+def _band(fit: ev.FlightEstimate, delays: Literal["best", "all"], seed: int) -> Float[np.ndarray, "2 times"]:
+    draws, best = fit.sample(DRAWS, seed=seed, delays=delays), fit.parameters
+    columns = (
+        draws.get(name, np.full(DRAWS, best[name]))
+        for name in ("viscous_friction", "input_gain", "actuator_lag", "delay")
+    )
+    ends = (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL)
+    band: Float[np.ndarray, "2 times"] = np.quantile(climb_rates(*columns), ends, axis=0)
+    return band
 
 
 def climb_rates(

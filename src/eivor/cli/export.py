@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -32,6 +33,13 @@ EXIT_CODES = (
 )
 
 
+class Delays(StrEnum):
+    """At which delays draws are taken."""
+
+    BEST = "best"
+    ALL = "all"
+
+
 @guarded
 def export(
     fit: Annotated[
@@ -54,6 +62,13 @@ def export(
         ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", metavar="SEED", help="Of the draws.")] = 0,
+    delays: Annotated[
+        Delays,
+        typer.Option(
+            "--delays",
+            help="Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
+        ),
+    ] = Delays.BEST,
     mass: Annotated[
         str,
         typer.Option(
@@ -91,6 +106,12 @@ def export(
     """Write a result's numbers where they are used, with intervals; only what is identified."""
     if not to and draws is None:
         raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
+    if delays is Delays.ALL and (to or draws is None):
+        raise UsageError(
+            "--delays all with a table of draws",
+            f"--to {to}",
+            "Simulators have no delay: their draws are at the one that fits best.",
+        )
     supplied = _supplied(mass, prior or [], vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
@@ -102,7 +123,7 @@ def export(
     try:
         if draws is None or to:
             return _export(result.exported(to, supplied, draws, seed), output)
-        return _draw(result, draws, seed, supplied, Path(output))
+        return _draw(result, draws, seed, supplied, Path(output), delays)
     except NotIdentifiedError as error:
         complain(str(error))
         return ExitCode.NOT_IDENTIFIED
@@ -115,11 +136,13 @@ def _export(made: Exported, output: str) -> ExitCode:
     return ExitCode.NOT_IDENTIFIED if made.left_out else ExitCode.IDENTIFIED
 
 
-def _draw(result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path) -> ExitCode:
+def _draw(
+    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
+) -> ExitCode:
     from eivor.report.draws_table import draws_table
 
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
-    table = draws_table(result, count, seed, supplied.mass)
+    table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with writing(path):

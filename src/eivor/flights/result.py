@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -366,11 +366,13 @@ class FlightEstimate:
 
         return json_text(json_document(self))
 
-    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
+    def sample(
+        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
+    ) -> dict[str, Float[np.ndarray, " n"]]:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
         from eivor.report.saved_fit import saved_fit
 
-        return saved_fit(self).sample(n, seed)
+        return saved_fit(self).sample(n, seed, delays=delays)
 
     def to_statespace(self) -> StateSpace:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import polars as pl
 
@@ -14,7 +16,14 @@ from eivor.report.saved_fit import SavedFit
 MASS_STREAM = 1
 
 
-def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: Known | None = None) -> pl.DataFrame:
+def draws_table(
+    fit: SavedFit,
+    n: int,
+    seed: int = 0,
+    mass: Known | None = None,
+    *,
+    delays: Literal["best", "all"] = "best",
+) -> pl.DataFrame:
     """Table of joint draws.
 
     Parameters
@@ -25,6 +34,8 @@ def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: Known | None = None)
         See `SavedFit.sample`.
     mass : Known, optional
         Of the vehicle [kg]: drawn from a normal distribution beside the others, cut at zero.
+    delays : {"best", "all"}
+        See `SavedFit.sample`.
 
     Returns
     -------
@@ -39,7 +50,7 @@ def draws_table(fit: SavedFit, n: int, seed: int = 0, mass: Known | None = None)
     EstimationError, UsageError
         See `SavedFit.sample`.
     """
-    draws = fit.sample(n, seed)
+    draws = fit.sample(n, seed, delays=delays)
     told = [name for name, one in fit.quantities.items() if one.verdict is Status.IDENTIFIED]
     columns = {name: column for name, column in draws.items() if name in told}
     if not columns:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -159,13 +159,14 @@ class SavedFit:
             )
         return quantity.widened(self._wald(name, level))
 
-    def sample(self, n: int, seed: int = 0) -> dict[str, Float[np.ndarray, " n"]]:
-        """Draw joint sets of the parameters at the delay that fits best.
+    def sample(
+        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        """Draw joint sets of the parameters, at the delay that fits best or at all that fit.
 
-        Each is drawn by the law that its interval at this delay is read from, Student's t with the degrees of
+        Each is drawn by the law that its interval at a delay is read from, Student's t with the degrees of
         freedom of the covariance, and they are correlated as the covariance says. What cannot be below a
-        bound is put there, as its interval is cut. Other delays that fit, and systematic parts of intervals,
-        are not drawn.
+        bound is put there, as its interval is cut. Systematic parts of intervals are not drawn.
 
         Parameters
         ----------
@@ -173,11 +174,16 @@ class SavedFit:
             How many.
         seed : int
             Of the random numbers: the same seed gives the same draws.
+        delays : {"best", "all"}
+            With "all" the delay is drawn too, each that fits as often as its likelihood says, and the others
+            with it. Lag and delay make up for each other: what is computed of both, such as a response to a
+            step, is as uncertain as the flight leaves it only so.
 
         Returns
         -------
         dict of str to ndarray, shape (n,)
-            One array for each name of `names`, refused ones too: see `refused`.
+            One array for each name of `names`, refused ones too: see `refused`. With all delays one for
+            each discrete nuisance as well.
 
         Raises
         ------
@@ -194,8 +200,27 @@ class SavedFit:
                 f"{n:,} draws with seed {seed}",
                 "Ask for fewer.",
             )
+        if delays not in {"best", "all"}:
+            raise UsageError("delays 'best' or 'all'", f"{delays!r}", "Give one of them.")
+        rng = np.random.default_rng(seed)
         best = self._best()
-        draws = joint_draws(best.values, best.covariance, n, np.random.default_rng(seed))
+        if delays == "best":
+            return self._drawn(best, n, rng)
+        shares = np.exp(-0.5 * np.array([one.excess for one in self.candidates]))
+        counts = rng.multinomial(n, shares / shares.sum())
+        parts = [
+            {name: np.full(count, value) for name, value in one.at.items()}
+            | self._drawn(one, int(count), rng)
+            for one, count in zip(self.candidates, counts, strict=True)
+            if count
+        ]
+        order = rng.permutation(n)
+        return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
+
+    def _drawn(
+        self, candidate: SavedCandidate, n: int, rng: np.random.Generator
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        draws = joint_draws(candidate.values, candidate.covariance, n, rng)
         bounds = (self._lowest(name) for name in self.names)
         return {
             name: np.maximum(column, bound)

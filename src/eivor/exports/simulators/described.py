@@ -27,6 +27,7 @@ FLIGHT = {
     RIGID_BODY: ("thrust_gain", "actuator_lag", "delay"),
 }
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
+MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
 #: What is given for a thrust, which is this times the mass.
 GAINS = {VERTICAL: "input_gain", RIGID_BODY: "thrust_gain"}
 #: Simulators divide by the lag, and fly off with a drag below zero.
@@ -108,6 +109,7 @@ def describe(
             "Identify the log with --model vertical or rigid-body.",
         )
     supplied.check_only((*FLIGHT[fitted.model], *BESIDE), target, body=True)
+    _check_signs(supplied)
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
     parts = _parts(fitted, given, vehicle)
@@ -121,6 +123,13 @@ def describe(
     numbers = (f"{words}: {told[name].number.words}" for name, words in WORDS.items() if name in told)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
     return Described(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
+
+
+def _check_signs(supplied: Supplied) -> None:
+    """Refuse what no vehicle has."""
+    for name, one in supplied.priors.items():
+        if one.value < 0.0 or (one.value == 0.0 and name not in MAY_BE_ZERO):
+            raise UsageError(f"a {name} above zero", f"{one.value:g}", "Correct the prior.")
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:

@@ -89,12 +89,16 @@ def itself(name: str) -> Callable[[Columns], Column]:
 def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
     """Mass times what a flight tells per mass; both err independently.
 
-    Each side of the interval is the root of the squared sides of both, relative to their values.
+    Each side of the interval is the root of the squared sides of both.
     """
-    value = mass.value * per_mass.value * share
+    value = share * mass.value * per_mass.value
     below, above = (
-        math.hypot(mass.interval[side] / mass.value - 1.0, per_mass.interval[side] / per_mass.value - 1.0)
+        share
+        * math.hypot(
+            per_mass.value * (mass.interval[side] - mass.value),
+            mass.value * (per_mass.interval[side] - per_mass.value),
+        )
         for side in (0, 1)
     )
     source = f"{per_mass.source}, times the mass as given"
-    return Number(value, (value * (1.0 - below), value * (1.0 + above)), source)
+    return Number(value, (value - below, value + above), source)
