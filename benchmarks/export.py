@@ -9,8 +9,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-import eivor as ev
 from _shared import EIVOR, alternating, arguments, machine
+
+import eivor as ev
 
 VEHICLE = """
 [rotors]

@@ -27,7 +27,7 @@ def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     vehicle = vehicle_file(tmp_path).rename("mine.toml")
     written(of_rigid_body(asdict(load_vehicle(vehicle))), tmp_path).rename("rigid.json")
     written(of_motors(document()), tmp_path)
-    assert len(COMMANDS) == 13
+    assert len(COMMANDS) == 14
     for command in COMMANDS:
         with pytest.raises(SystemExit) as left:
             app(shlex.split(command), prog_name="eivor")

@@ -209,8 +209,8 @@ class SavedFit:
         shares = np.exp(-0.5 * np.array([one.excess for one in self.candidates]))
         counts = rng.multinomial(n, shares / shares.sum())
         parts = [
-            {name: np.full(count, value) for name, value in one.at.items()}
-            | self._drawn(one, int(count), rng)
+            self._drawn(one, int(count), rng)
+            | {name: np.full(count, value) for name, value in one.at.items() if name not in self.names}
             for one, count in zip(self.candidates, counts, strict=True)
             if count
         ]
