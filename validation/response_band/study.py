@@ -63,7 +63,8 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
 
 def _asked(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
     """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
-    root, asked = read_toml(grid, "grid of flights"), []
+    root = read_toml(grid, "grid of flights")
+    asked: list[tuple[str, Mapping[str, float], int, range]] = []
     for place, kind in enumerate(root.sections("flights")):
         name = kind.text("name")
         settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}

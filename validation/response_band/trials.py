@@ -61,7 +61,15 @@ def trials(name: str, settings: Mapping[str, float], place: int, runs: Sequence[
 def _spec(settings: Mapping[str, float], place: int, run: int) -> VerticalFlightSpec:
     rng = np.random.default_rng([SEED, place, run])
     vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
-    return VerticalFlightSpec(**vehicle, **settings, seed=int(rng.integers(2**31)))
+    return VerticalFlightSpec(
+        viscous_friction=vehicle["viscous_friction"],
+        hover_input=vehicle["hover_input"],
+        actuator_lag=vehicle["actuator_lag"],
+        delay=settings.get("delay", 0.0),
+        gust_rms=settings.get("gust_rms", 0.0),
+        vigour=settings.get("vigour", 1.0),
+        seed=int(rng.integers(2**31)),
+    )
 
 
 def _told(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
