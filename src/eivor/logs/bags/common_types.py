@@ -28,25 +28,22 @@ _TEXTS = {
     "geometry_msgs/AccelStamped": "std_msgs/Header header; Accel accel",
     "geometry_msgs/TransformStamped": "std_msgs/Header header; string child_frame_id; Transform transform",
     "nav_msgs/Odometry": "std_msgs/Header header; string child_frame_id; "
-    "geometry_msgs/PoseWithCovariance pose; "
-    "geometry_msgs/TwistWithCovariance twist",
+    "geometry_msgs/PoseWithCovariance pose; geometry_msgs/TwistWithCovariance twist",
     "sensor_msgs/Imu": "std_msgs/Header header; geometry_msgs/Quaternion orientation; "
-    "float64[9] orientation_covariance; geometry_msgs/Vector3 angular_velocity; "
-    "float64[9] angular_velocity_covariance; geometry_msgs/Vector3 linear_acceleration; "
-    "float64[9] linear_acceleration_covariance",
+    "float64[9] orientation_covariance; geometry_msgs/Vector3 angular_velocity; float64[9] "
+    "angular_velocity_covariance; geometry_msgs/Vector3 linear_acceleration; float64[9] "
+    "linear_acceleration_covariance",
     "sensor_msgs/BatteryState": "std_msgs/Header header; float32 voltage; float32 temperature; "
-    "float32 current; "
-    "float32 charge; float32 capacity; float32 design_capacity; float32 percentage; "
+    "float32 current; float32 charge; float32 capacity; float32 design_capacity; float32 percentage; "
     "uint8 power_supply_status; uint8 power_supply_health; uint8 power_supply_technology; bool present; "
     "float32[] cell_voltage; float32[] cell_temperature; string location; string serial_number",
     "mavros_msgs/AttitudeTarget": "std_msgs/Header header; uint8 type_mask; "
     "geometry_msgs/Quaternion orientation; geometry_msgs/Vector3 body_rate; float32 thrust",
     "mavros_msgs/PositionTarget": "std_msgs/Header header; uint8 coordinate_frame; uint16 type_mask; "
-    "geometry_msgs/Point position; geometry_msgs/Vector3 velocity; "
-    "geometry_msgs/Vector3 acceleration_or_force; float32 yaw; float32 yaw_rate",
+    "geometry_msgs/Point position; geometry_msgs/Vector3 velocity; geometry_msgs/Vector3 "
+    "acceleration_or_force; float32 yaw; float32 yaw_rate",
     "mavros_msgs/State": "std_msgs/Header header; bool connected; bool armed; bool guided; "
-    "bool manual_input; "
-    "string mode; uint8 system_status",
+    "bool manual_input; string mode; uint8 system_status",
     "mavros_msgs/ExtendedState": "std_msgs/Header header; uint8 vtol_state; uint8 landed_state",
     "mavros_msgs/RCOut": "std_msgs/Header header; uint16[] channels",
     "mavros_msgs/ActuatorControl": "std_msgs/Header header; uint8 group_mix; float32[8] controls",

@@ -22,16 +22,13 @@ TO_RECORD = {
 }
 _ADVICE = (
     "Take the vehicle's own log where there is one (ULog of PX4, .bin of ArduPilot): it has the same "
-    "quantities at "
-    "higher rates, and parameters.",
+    "quantities at higher rates, and parameters.",
     "Of PX4, record what dds_topics.yaml sends out, with vehicle_local_position, vehicle_attitude, "
-    "sensor_combined, "
-    "vehicle_thrust_setpoint, trajectory_setpoint and vehicle_land_detected among it, each at 100 Hz or "
-    "more where "
-    "the link can.",
+    "sensor_combined, vehicle_thrust_setpoint, trajectory_setpoint and vehicle_land_detected among it, "
+    "each at 100 Hz or more where the link can.",
     "Of mavros, record local_position/odom, local_position/velocity_local, imu/data, imu/data_raw, "
-    "setpoint_raw/target_attitude, setpoint_raw/target_local and extended_state, and raise their rates with "
-    "`ros2 run mavros mav cmd` or SR parameters to 50 Hz or more.",
+    "setpoint_raw/target_attitude, setpoint_raw/target_local and extended_state, and raise their rates to "
+    "50 Hz or more (the service set_message_interval of mavros; SR parameters of ArduPilot).",
     "Fly height steps, so that the height reference changes: a hover cannot be identified.",
 )
 
@@ -66,8 +63,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         takes_map=True,
         advice=_advice,
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
-        "reference), "
-        "vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
+        "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
         endings=(ending,),
     )
 

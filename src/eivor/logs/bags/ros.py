@@ -88,8 +88,7 @@ def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
         fields |= {f"twist.world.{axis}": fields[f"twist.twist.linear.{axis}"] for axis in "xyz"}
         sentence = (
             f"The velocity of {topic.name} is that of its place as it stands: it is taken as one in "
-            "the world, "
-            "although odometry's is in the body's axes."
+            "the world, although odometry's is in the body's axes."
         )
         findings.append(Finding("odometry_frame", sentence))
     return BagTopic(topic.name, topic.kind, fields, topic.stamp_ns, topic.record_ns)
@@ -144,15 +143,13 @@ def _told(
     for kind, names in unclear.items():
         sentence = (
             f"Several topics of type {kind}, of which none says what it is of: {', '.join(names)}. None "
-            "is used; name "
-            "the right one in a channel map (--map)."
+            "is used; name the right one in a channel map (--map)."
         )
         findings.append(Finding("several_topics", sentence))
     if "actuator_output_1" in channels:
         sentence = (
             "mavros/rc/out holds pulse widths in microseconds, and nothing in a bag tells their range: "
-            "they stay as "
-            "they are, and no input map fits an offset."
+            "they stay as they are, and no input map fits an offset."
         )
         findings.append(Finding("pulse_range_unknown", sentence))
     return findings
