@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from eivor.inference.verdict import Status
+from eivor.report.page import of_fit
 from eivor.report.page.chart import LARGEST, MISSING, Chart, Line, stretches_of
 from eivor.report.page.forest import Forest, ForestRow
 from eivor.report.page.markup import element
@@ -138,3 +139,11 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
 def test_text_and_attributes_are_escaped():
     made = element("p", {"title": '"><b>'}, "<i>&amp;", element("b", None, "\u202e"))
     assert made.html == '<p title="&quot;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;<b>\\u202e</b></p>'
+
+
+def test_a_spectrum_of_many_bins_is_drawn_in_few_points_of_the_same_power():
+    frequency = np.arange(1, 5001) / 10.0
+    banded, amplitude = of_fit._banded(frequency, np.full(5000, 3.0))
+    assert banded.size < 350
+    assert (np.diff(banded) > 0.0).all()
+    np.testing.assert_allclose(amplitude, 3.0)

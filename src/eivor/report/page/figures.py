@@ -12,7 +12,7 @@ from eivor.report.page.picture import Picture, Pictures
 from eivor.report.page.plot import Band, Curve, Dots, Mark, Plot, Rule
 
 #: Samples of all lines of a page together; each chart has its share.
-SAMPLES = 240_000
+SAMPLES = 160_000
 #: What a chart has in any case, and what no screen has any use for.
 FEWEST, MOST = 1_000, 20_000
 

@@ -36,6 +36,8 @@ WIDE_RATIO = 10.0
 LOOKS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
 #: Rows of a table beside a spectrum: so many for each decade.
 ROWS_PER_DECADE = 8
+#: Bands of a spectrum in each decade.
+BANDS_PER_DECADE = 90
 
 
 def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
@@ -112,8 +114,8 @@ def _abscissa(words: str, grid: Float[np.ndarray, " values"]) -> Linear | Logari
 
 
 def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
-    frequency, driven = spectrum(trace.driven, runs)
-    _, left = spectrum(trace.measured - trace.predicted, runs)
+    frequency, driven = _banded(*spectrum(trace.driven, runs))
+    _, left = _banded(*spectrum(trace.measured - trace.predicted, runs))
     low, high = runs[0].spectral.band_hz
     top = float(max(driven.max(), left.max()))
     least = max(float(min(driven.min(), left.min())), LEAST_AMPLITUDE * top)
@@ -137,6 +139,15 @@ def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
         Plot(x, y, marks),
         number_table((x.words, f"input: {trace.drive}", "residual"), zip(*columns, strict=True)),
     )
+
+
+def _banded(
+    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"]
+) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
+    """Root mean square amplitude of narrow bands: bins stand closer than a drawing shows."""
+    _, place = np.unique(np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])), return_inverse=True)
+    count = np.bincount(place)
+    return np.bincount(place, frequency) / count, np.sqrt(np.bincount(place, amplitude**2) / count)
 
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
