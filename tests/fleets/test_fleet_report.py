@@ -19,6 +19,7 @@ from eivor.fleets.pooled_rows import (
 )
 from eivor.fleets.report import FleetReport, fleet_report
 from eivor.fleets.reports import fleet_reports
+from eivor.fleets.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
 from eivor.simulation.fleets.fleet_rows import fleet_rows
 from eivor.simulation.fleets.fleet_spec import FleetSpec
@@ -163,6 +164,14 @@ def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
     assert report.deviating.select("name", "quantity").rows() == [(table["name"][30], GAIN)]
     assert report.deviating["expected"][0] == pytest.approx(value[30], rel=0.15)
     assert report.vehicles.filter(pl.col("differs"))["vehicle"].to_list() == ["v0000"]
+
+
+def test_simulated_rows_are_a_table_of_a_fleet(tmp_path):
+    table = fleet_rows(FleetSpec(vehicles=1, flights=2))
+    assert set(LEADING) | set(TRAILING) <= set(table.columns)
+    (tmp_path / "flights").mkdir()
+    table.write_parquet(tmp_path / "flights" / "part-0.parquet")
+    assert read_flights(tmp_path)["name"].to_list() == ["v0000-0000.ulg", "v0000-0001.ulg"]
 
 
 def test_a_table_that_tells_nothing_is_reported():

@@ -73,6 +73,11 @@ def fleet_rows(spec: FleetSpec, std_errors: tuple[float, float] = STD_ERRORS) ->
         columns |= {f"{name}.{part}": one for part, one in numbers.items()}
         columns[f"{name}.verdict"] = ["identified"] * rows
     columns |= {"air_density": truth.air_density, "battery_voltage": truth.battery_voltage}
+    columns["temperature"] = pl.Series([None] * rows, dtype=pl.Float64)
+    columns["covariance"] = pl.Series([None] * rows, dtype=pl.List(pl.Float64))
+    columns["covariance_names"] = pl.Series([None] * rows, dtype=pl.List(pl.String))
+    for name in ("eivor_version", "options_hash"):
+        columns[name] = pl.Series([None] * rows, dtype=pl.String)
     for name in ("viscous_friction", "input_gain", "actuator_lag"):
         columns[f"diagnostic.first_stage_F_{name}"] = np.full(rows, FIRST_STAGE)
     return pl.DataFrame(columns)
