@@ -66,7 +66,7 @@ def test_queries(tmp_path):
         ]
     )
     assert dict(query(table, "verdicts").select("verdict", "logs").rows())["copy"] == 1
-    vehicles = query(table, "vehicles").select("vehicle", "logs", "with_result", "identified", "hours")
+    vehicles = query(table, "vehicles").select("vehicle", "logs", "told", "identified", "hours")
     assert vehicles.rows()[0] == ("one", 2, 2, 1, 1.0)
     assert query(table, "failed")["reason"].to_list() == ["It is empty."]
     assert query(table, "refused")["name"].to_list() == ["c"]

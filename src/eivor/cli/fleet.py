@@ -338,7 +338,7 @@ def _table(answer: pl.DataFrame) -> Table:
         table.add_column(
             name.replace("_", " "),
             justify="right" if is_number else "left",
-            no_wrap=is_number,
+            no_wrap=is_number or kind.is_temporal(),
             overflow="fold",
         )
     for row in answer.iter_rows():

@@ -19,17 +19,17 @@ def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
-    """Each vehicle with its logs, the hours that they hold, and the first and the last of them."""
+    """Each vehicle: its logs, those with a result, the hours they hold, days of the first and the last."""
     told = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
         .agg(
             pl.len().alias("logs"),
-            told.sum().alias("with_result"),
+            told.sum().alias("told"),
             (pl.col("verdict") == "identified").sum().alias("identified"),
             (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
-            pl.col("start").min().alias("first"),
-            pl.col("start").max().alias("last"),
+            pl.col("start").min().dt.date().alias("first"),
+            pl.col("start").max().dt.date().alias("last"),
         )
         .sort("motion", "type", "vehicle", nulls_last=True)
     )
