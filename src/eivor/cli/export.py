@@ -66,6 +66,7 @@ def export(
         Delays,
         typer.Option(
             "--delays",
+            metavar="best|all",
             help="Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
         ),
     ] = Delays.BEST,
