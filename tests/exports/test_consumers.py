@@ -43,6 +43,7 @@ def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path: Path) -> None:
     assert flown(parameters, HOVER)[0] == pytest.approx(0.0, abs=1e-4)
 
 
+@pytest.mark.thorough  # of the extra `simulators`
 def test_mujoco_climbs_as_the_flight_did(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
@@ -62,6 +63,7 @@ def test_mujoco_climbs_as_the_flight_did(tmp_path: Path) -> None:
     assert model.actuator_ctrlrange[0, 1] == pytest.approx((2500.0 / HOVER) ** 2)
 
 
+@pytest.mark.thorough  # of the extra `simulators`
 def test_pybullet_reads_mass_and_inertia(tmp_path: Path) -> None:
     pybullet = pytest.importorskip("pybullet", reason="pybullet is not installed")
     client = pybullet.connect(pybullet.DIRECT)
@@ -78,6 +80,7 @@ def test_pybullet_reads_mass_and_inertia(tmp_path: Path) -> None:
         pybullet.disconnect(client)
 
 
+@pytest.mark.thorough  # of the extra `simulators`
 def test_yourdfpy_finds_nothing_wrong(tmp_path: Path) -> None:
     yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
     robot = yourdfpy.URDF.load(saved("pybullet", tmp_path), load_meshes=False)

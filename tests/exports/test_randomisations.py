@@ -65,6 +65,7 @@ def test_rotorpy_flies_a_draw(tmp_path: Path) -> None:
     np.testing.assert_allclose(after["v"], 0.0, atol=1e-6)
 
 
+@pytest.mark.thorough  # of the extra `simulators`
 def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
     fields = {name: np.array(one) for name, one in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
