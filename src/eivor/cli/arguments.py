@@ -23,6 +23,12 @@ STANDARD_OUTPUT = "-"
 Window = tuple[float, float]
 
 #: Arguments and options that several commands have.
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
+    ),
+]
 LogsArgument = Annotated[
     list[str] | None,
     typer.Argument(

@@ -90,12 +90,7 @@ def run_command(
     input_channel: arguments.InputOption = "",
     input_map: arguments.InputMapOption = "",
     max_tilt: arguments.MaxTiltOption = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
-        ),
-    ] = None,
+    workers: arguments.WorkersOption = None,
     dask: Annotated[
         str,
         typer.Option(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption
+from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, WorkersOption
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import deliver, keep_apart, output_file, write_out, writing
 from eivor.cli.terminal import complain, console, show, step
@@ -52,12 +52,7 @@ def study(
         int | None,
         typer.Option(metavar="N", help="Trials, in place of the study's own number.", show_default=False),
     ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
-        ),
-    ] = None,
+    workers: WorkersOption = None,
     dask: Annotated[
         str,
         typer.Option(

@@ -14,9 +14,9 @@ import hashlib
 import io
 import json
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ import polars as pl
 from eivor.errors import InputError, UsageError
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.table import FLIGHTS, Row, flight_frame, part_files
-from eivor.studies.sealed_table import is_sealed, sealed
+from eivor.studies.sealed_table import is_sealed, sealed, system_errors_told
 from eivor.whole_file import remove_abandoned, write_whole
 
 SCHEMA = "eivor.fleet/1"
@@ -41,6 +41,9 @@ NAME_DIGITS = 24
 UNOPENED = "part-unopened-{motion}.parquet"
 #: Columns that say what is there.
 KEYS = ("motion", "name", "sha256", "verdict", "options_hash")
+
+#: The system's error for a file of a fleet's folder, as one of Eivor's.
+fleet_errors_told = partial(system_errors_told, of="fleet", kept="Rows that were written")
 
 
 class SupersededError(Exception):
@@ -71,7 +74,7 @@ class FleetFolder:
             When it cannot be written.
         """
         run = uuid.uuid4().hex
-        with system_errors_told(self.folder):
+        with fleet_errors_told(self.folder):
             (self.folder / FLIGHTS).mkdir(parents=True, exist_ok=True)
             for place in (self.folder, self.folder / FLIGHTS):
                 remove_abandoned(place)
@@ -102,7 +105,7 @@ class FleetFolder:
             "options": {**held, options.motion: {"hash": options.hash(), **options.document()}},
         }
         if document != before:
-            with system_errors_told(self.folder):
+            with fleet_errors_told(self.folder):
                 write_whole(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
     def check(self, options: FleetOptions) -> None:
@@ -195,7 +198,7 @@ class FleetFolder:
         content = sealed(flight_frame(rows), _facts(options_hash))
         name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
-        with system_errors_told(self.folder):
+        with fleet_errors_told(self.folder):
             write_whole(self.folder / FLIGHTS / name, content)
         return name
 
@@ -208,7 +211,7 @@ class FleetFolder:
             When the system refuses.
         """
         found = [pl.DataFrame(schema=dict.fromkeys(KEYS, pl.String))]
-        with system_errors_told(self.folder):
+        with fleet_errors_told(self.folder):
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
@@ -220,13 +223,13 @@ class FleetFolder:
     def replace_unopened(self, rows: Sequence[Row], names: set[str], options: FleetOptions) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones of these names."""
         path = self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
-        with system_errors_told(self.folder):
+        with fleet_errors_told(self.folder):
             before = pl.read_parquet(path).rows(named=True) if path.exists() else []
         now = [*rows, *(row for row in before if row["name"] not in names)]
         if now:
             self.write(now, options.hash(), path.name)
         else:
-            with system_errors_told(self.folder):
+            with fleet_errors_told(self.folder):
                 path.unlink(missing_ok=True)
 
 
@@ -236,23 +239,3 @@ def _facts(options_hash: str) -> dict[str, str]:
 
 def _listed(versions: Mapping[str, Any]) -> str:
     return ", ".join(f"{package} {number}" for package, number in versions.items())
-
-
-@contextmanager
-def system_errors_told(folder: Path) -> Iterator[None]:
-    """Turn the system's error for a file of the fleet into one of Eivor's.
-
-    Raises
-    ------
-    InputError
-        When a file could not be read or written.
-    """
-    try:
-        yield
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            f"a folder '{folder}' that the fleet can be written to",
-            f"what the system says: {reason}",
-            "Rows that were written are kept: make room, or repair it, and run the same again.",
-        ) from error

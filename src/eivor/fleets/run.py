@@ -18,7 +18,7 @@ from pathlib import Path
 import polars as pl
 
 from eivor.errors import InputError
-from eivor.fleets.fleet_folder import FleetFolder, SupersededError, system_errors_told
+from eivor.fleets.fleet_folder import FleetFolder, SupersededError, fleet_errors_told
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.flight_row import copy_row, failed_row, named_row
 from eivor.fleets.folder_lock import folder_lock
@@ -133,12 +133,12 @@ def run_fleet(
             "Check the path; a log of a table with names of its own needs the ending .csv or .parquet.",
         )
     folder = folder.absolute()
-    with system_errors_told(folder):
+    with fleet_errors_told(folder):
         if not folder.exists() or folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
     place = FleetFolder(folder)
     place.check(options)
-    with system_errors_told(folder), folder_lock(folder):
+    with fleet_errors_told(folder), folder_lock(folder):
         run = _Run(place.begin(), options, executor or InProcess(), shared, progress)
         try:
             return run.done(found, guarded=guarded, shard_logs=shard_logs)

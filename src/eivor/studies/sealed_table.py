@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 
 import polars as pl
+
+from eivor.errors import InputError
 
 #: Key of the checksum in the metadata, and how it is written there: Thrift's header of 64 bytes of text.
 SEAL_KEY = "eivor.sha256"
@@ -65,3 +69,32 @@ def _checksum(content: bytes, place: int) -> bytes:
     digest.update(b"0" * SEAL_BYTES)
     digest.update(content[place + SEAL_BYTES :])
     return digest.hexdigest().encode()
+
+
+@contextmanager
+def system_errors_told(folder: Path, *, of: str, kept: str) -> Iterator[None]:
+    """Turn the system's error for a file of a folder of tables into one of Eivor's.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    of : str
+        What its tables are of.
+    kept : str
+        What was written before and stays.
+
+    Raises
+    ------
+    InputError
+        When a file could not be read or written.
+    """
+    try:
+        yield
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"a folder '{folder}' that the {of} can be written to",
+            f"what the system says: {reason}",
+            f"{kept} are kept: make room, or repair it, and run the same again.",
+        ) from error

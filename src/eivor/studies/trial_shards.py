@@ -15,15 +15,15 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
 import polars as pl
 
 from eivor.errors import InputError, UsageError
-from eivor.studies.sealed_table import GROUP_ROWS, is_sealed, parquet_bytes, sealed
+from eivor.studies.sealed_table import GROUP_ROWS, is_sealed, parquet_bytes, sealed, system_errors_told
 from eivor.studies.study import Study
 from eivor.studies.trial import TrialRecord
 from eivor.whole_file import remove_abandoned, write_whole
@@ -36,6 +36,9 @@ PACKAGES = ("eivor", "numpy", "scipy", "polars")
 INTERVAL_PARTS = ("std_error", "low", "high")
 IDENTITY_FILE = "study.json"
 TABLE_FILE = "trials.parquet"
+
+#: The system's error for a file of a study's folder, as one of Eivor's.
+study_errors_told = partial(system_errors_told, of="study", kept="Trials that were complete")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +111,7 @@ class TrialShards:
         InputError
             When the system refuses, for example because the disk is full. What was complete stays.
         """
-        with kept_on_failure(self.folder):
+        with study_errors_told(self.folder):
             write_whole(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
@@ -119,7 +122,7 @@ class TrialShards:
         InputError
             When the system refuses, or a shard is not whole.
         """
-        with kept_on_failure(self.folder):
+        with study_errors_told(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             table = pl.concat(
                 [
@@ -155,7 +158,7 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
         versions.
     """
     shards = TrialShards(study, folder)
-    with kept_on_failure(folder):
+    with study_errors_told(folder):
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
         shards.path(0).parent.mkdir(parents=True, exist_ok=True)
@@ -249,23 +252,3 @@ def frame(study: Study, trials: Sequence[TrialRecord]) -> pl.DataFrame:
                 for part in ("value", *(INTERVAL_PARTS if study.intervals else ()))
             ]
     return pl.DataFrame(columns)
-
-
-@contextmanager
-def kept_on_failure(folder: Path) -> Iterator[None]:
-    """Turn the system's error for a file of the study into one of Eivor's.
-
-    Raises
-    ------
-    InputError
-        When a file could not be read or written.
-    """
-    try:
-        yield
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            f"a folder '{folder}' that the study can be written to",
-            f"what the system says: {reason}",
-            "Trials that were complete are kept: make room, or repair it, and run the same again.",
-        ) from error

@@ -23,31 +23,13 @@ MOST_TICKS = 6
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A line through points.
+class Points:
+    """Places in a drawing.
 
     Parameters
     ----------
     label, look : str
-        What it is, empty for what the legend leaves out, and how it looks.
-    x, y : ndarray, shape (n,)
-        The points.
-    """
-
-    label: str
-    look: str
-    x: Float[np.ndarray, " n"]
-    y: Float[np.ndarray, " n"]
-
-
-@dataclass(frozen=True)
-class Dots:
-    """Points.
-
-    Parameters
-    ----------
-    label, look : str
-        See `Curve`.
+        What they are, empty for what the legend leaves out, and how they look.
     x, y : ndarray, shape (n,)
         Where.
     """
@@ -58,22 +40,16 @@ class Dots:
     y: Float[np.ndarray, " n"]
 
 
-@dataclass(frozen=True)
-class Stems:
-    """Points with lines to zero.
+class Curve(Points):
+    """A line through points."""
 
-    Parameters
-    ----------
-    label, look : str
-        See `Curve`.
-    x, y : ndarray, shape (n,)
-        Where.
-    """
 
-    label: str
-    look: str
-    x: Float[np.ndarray, " n"]
-    y: Float[np.ndarray, " n"]
+class Dots(Points):
+    """Points."""
+
+
+class Stems(Points):
+    """Points with lines to zero."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +59,7 @@ class Band:
     Parameters
     ----------
     label, look : str
-        See `Curve`.
+        See `Points`.
     low, high : float
         Its ends.
     upright : bool
@@ -104,7 +80,7 @@ class Rule:
     Parameters
     ----------
     label, look : str
-        See `Curve`.
+        See `Points`.
     at : float
         The value.
     upright : bool
