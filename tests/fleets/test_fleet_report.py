@@ -21,6 +21,8 @@ from eivor.fleets.report import FleetReport, fleet_report
 from eivor.fleets.reports import fleet_reports
 from eivor.fleets.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.report.told_fleet import few_told, next_told
 from eivor.simulation.fleets.fleet_rows import fleet_rows
 from eivor.simulation.fleets.fleet_spec import FleetSpec
 from fleets.fleet_rows import row, write_fleet
@@ -194,3 +196,11 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
     assert [report.motion.name for report in reports] == ["rates", "vertical"]
     assert of(reports[1], FRICTION)["pooled"].to_list() == [2]
     assert set(wanted_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
+
+
+def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
+    wording = RigidBody.wording["roll_gain"]
+    row = {"mean": 2.0, "next_low": 0.0, "next_high": None, "pooled": 2}
+    assert next_told(row, wording) == "–"
+    assert not list(few_told([row], "vehicles"))
+    assert next_told(row | {"next_high": 4.0}, wording).endswith(" *")

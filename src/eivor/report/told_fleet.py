@@ -44,20 +44,21 @@ def between_told(row: Row, across: AcrossFlights, wording: Wording) -> str:
 
 
 def next_told(row: Row, wording: Wording) -> str:
-    """Interval of the next member, with a mark where there are few."""
-    if row["next_low"] is None:
+    """Interval of the next member, with a mark where there are few; none where it has no end."""
+    if not _next_is_bounded(row):
         return NO_NUMBER
-    _, interval = plain_numbers(row["mean"] * wording.scale, _scaled(row, wording))
+    ends = (row["next_low"] * wording.scale, row["next_high"] * wording.scale)
+    _, interval = plain_numbers(row["mean"] * wording.scale, ends)
     return f"{interval} *" if row["pooled"] < FEW else interval
 
 
-def _scaled(row: Row, wording: Wording) -> tuple[float, float]:
-    return row["next_low"] * wording.scale, row["next_high"] * wording.scale
+def _next_is_bounded(row: Row) -> bool:
+    return row["next_low"] is not None and row["next_high"] is not None
 
 
 def few_told(rows: Sequence[Row], members: str) -> Iterator[str]:
     """Return what the mark of `next_told` means, where there is one."""
-    if any(row["next_low"] is not None and row["pooled"] < FEW for row in rows):
+    if any(_next_is_bounded(row) and row["pooled"] < FEW for row in rows):
         yield f"* of fewer than {FEW} {members}: take it with care."
 
 
