@@ -159,8 +159,8 @@ MapOption = Annotated[
     typer.Option(
         "--map",
         metavar="FILE.toml",
-        help="Channel map of a table or of a Crazyflie's log, or the name of a shipped one: nanobench, "
-        "rotorpy.",
+        help="Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
+        "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
         show_default=False,
     ),
 ]

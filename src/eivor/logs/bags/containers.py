@@ -22,6 +22,7 @@ from eivor.logs.bags.decompression import Budget, bounded_chunks, zstd_error
 from eivor.logs.bags.definitions import type_name
 from eivor.logs.bags.files import MAGICS, MCAP, ROS1, SQLITE, ZSTD
 from eivor.logs.bags.mcap_schemas import check_schemas
+from eivor.whole_file import write_whole
 
 #: What reading of a damaged bag may raise, beside the errors of rosbags and of its decompressors.
 _DAMAGE = (
@@ -183,7 +184,7 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
     plain = folder / "unpacked"
-    plain.write_bytes(budget.zstd(file.read_bytes()))
+    write_whole(plain, budget.zstd(file.read_bytes()))
     return plain
 
 
