@@ -22,7 +22,7 @@ from eivor.fleets.reports import fleet_reports
 from eivor.fleets.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.report.told_fleet import few_told, next_told
+from eivor.report.told_fleet import few_told, interval_told, next_told
 from eivor.simulation.fleets.fleet_rows import fleet_rows
 from eivor.simulation.fleets.fleet_spec import FleetSpec
 from fleets.fleet_rows import row, write_fleet
@@ -204,3 +204,13 @@ def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
     assert next_told(row, wording) == "–"
     assert not list(few_told([row], "vehicles"))
     assert next_told(row | {"next_high": 4.0}, wording).endswith(" *")
+
+
+def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
+    wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
+    assert interval_told({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
+        "0.24",
+        "[1.7e-05, 3400]",
+    )
+    assert interval_told({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
+    assert interval_told({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")

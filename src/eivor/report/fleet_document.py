@@ -139,7 +139,7 @@ def _types(report: FleetReport, rows: Sequence[Row]) -> TableOf:
 
 
 def _vehicles(report: FleetReport, rows: Sequence[Row]) -> TableOf:
-    columns = (*_columns("vehicle", "flights", "next flight"), TableColumn("course"))
+    columns = (*_columns("vehicle", "flights", "next flight"), TableColumn("course", whole=True))
     seen: set[tuple[str, str]] = set()
     cells = []
     for row in rows:

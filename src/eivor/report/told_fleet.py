@@ -15,6 +15,8 @@ from eivor.report.wording import NO_NUMBER, plain_numbers
 Row = Mapping[str, Any]
 #: Sentences of one kind, at most.
 MOST = 20
+#: Of an interval that reaches so many times the value, digits that half its length tells would leave a zero.
+FAR = 20.0
 
 
 def wording_of(report: FleetReport, across: AcrossFlights) -> Wording:
@@ -27,8 +29,15 @@ def interval_told(row: Row, wording: Wording, names: tuple[str, str, str]) -> tu
     value, low, high = (row[name] for name in names)
     if value is None:
         return NO_NUMBER, NO_NUMBER
-    ends = tuple(float("nan") if end is None else end * wording.scale for end in (low, high))
-    return plain_numbers(value * wording.scale, (ends[0], ends[1]))
+    value *= wording.scale
+    low, high = (float("nan") if end is None else end * wording.scale for end in (low, high))
+    if 0.0 < FAR * value < high:
+        return _two_digits(value), f"[{_two_digits(low)}, {_two_digits(high)}]"
+    return plain_numbers(value, (low, high))
+
+
+def _two_digits(number: float) -> str:
+    return f"{float(f'{number:.2g}'):g}"
 
 
 def between_told(row: Row, across: AcrossFlights, wording: Wording) -> str:

@@ -18,7 +18,7 @@ from eivor.report.page.scale import Linear, margined
 
 ROW, FOOT, SIDE = 44.0, 44.0, 14.0
 #: Letters of eleven pixels.
-SMALL_LETTER = 6.6
+SMALL_LETTER = 7.4
 #: Half-widths over so many times the middle one are not what the scale is made for: they are cut.
 WIDEST = 6.0
 
