@@ -18,6 +18,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 COMMANDS = re.findall(r"^\$ eivor (export .*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 
+@pytest.mark.thorough
 def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     told = of_motors(document())

@@ -14,6 +14,7 @@ from eivor.fleets.limits import Limits
 from fleets.guarded_answers import answered
 
 
+@pytest.mark.thorough
 def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     guard = Guard(answered, Limits(time_s=0.4, memory_gb=1.0))

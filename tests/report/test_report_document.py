@@ -51,6 +51,7 @@ def _lines(part: Part) -> Iterator[str]:
             yield f"![]({part.name}.svg)"
 
 
+@pytest.mark.thorough
 def test_another_medium_tells_a_result(pool: FlightEstimate) -> None:
     lines = list(markdown(flight_document(pool, card=True)))
     assert lines[0] == "# first, second"
@@ -82,6 +83,7 @@ def test_another_medium_tells_inspections(recording: Recording, inspected: Poole
     ]
 
 
+@pytest.mark.thorough
 def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
     """Whatever the one source says is in the document and in JSON; neither asks the result for it."""
     told = told_flight(pool)

@@ -95,6 +95,7 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
     assert _inside(figure)
 
 
+@pytest.mark.thorough
 @pytest.mark.long
 def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:
     figure = flight_figure(pool)

@@ -126,7 +126,7 @@ def check(value: Any, expected: Any, where: str = "document") -> None:
         assert isinstance(value, expected), where
 
 
-@pytest.fixture(params=["fit", "pool", "still"])
+@pytest.fixture(params=["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
 def document(request: pytest.FixtureRequest) -> dict[str, Any]:
     """The document of a flight, a pool, and a result without an estimate, read back."""
     result: FlightEstimate = request.getfixturevalue(request.param)
@@ -189,6 +189,7 @@ def test_the_numbers_are_those_of_the_result(fit: FlightEstimate) -> None:
     assert document["derived"]["effective_lag"]["value"] == pytest.approx(lag + delay)
 
 
+@pytest.mark.thorough
 def test_a_pool_has_flights_and_comparisons(pool: FlightEstimate, fit: FlightEstimate) -> None:
     document: dict[str, Any] = json_document(pool)
     assert [row["log"] for row in document["flights"]] == ["first", "second"]

@@ -63,6 +63,7 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
     assert all(any(piece in line for line in text.splitlines()) for piece in pieces)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60])
 def test_columns_fold_into_rows_where_their_numbers_would_break(pool: FlightEstimate, width: int) -> None:
     lines = _lines(_text(on_terminal(flight_document(pool)), width))
@@ -71,6 +72,7 @@ def test_columns_fold_into_rows_where_their_numbers_would_break(pool: FlightEsti
     assert lines[row + 1].startswith("  K [1/s]")
 
 
+@pytest.mark.thorough
 def test_a_long_word_folds_and_its_row_stays(pool: FlightEstimate) -> None:
     long = replace(pool.flights[0], label="a_log_with_a_very_long_name_that_no_window_holds.csv")
     text = _text(on_terminal(flight_document(replace(pool, flights=(long,)))), 40)
@@ -117,6 +119,7 @@ def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     assert str(document).count(reason) == 1
 
 
+@pytest.mark.thorough
 def test_what_is_said_of_every_log_is_said_once(pool: FlightEstimate) -> None:
     findings = tuple(
         Finding("no_attitude", f"{flight.recording.name}: No attitude.") for flight in pool.prepared

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from validation.fleet_changes.study import main
 from validation.fleet_changes.trials import Cell, told
 
 CELL = Cell("nothing", 0.0, 40, 20, 1, 0.05, 0.03)
 
 
+@pytest.mark.thorough
 def test_steps_are_dated_and_nothing_is_not_told():
     assert told(CELL).changes <= 0.1
     step = told(replace(CELL, what="step", share=0.08))

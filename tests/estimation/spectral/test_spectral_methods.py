@@ -75,6 +75,7 @@ def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of:
         ev.identify(bare, ev.methods.whittle_ml())
 
 
+@pytest.mark.thorough
 def test_an_unknown_noise_of_a_coloured_input_is_told_with_the_parameters(problem_of: ProblemOf) -> None:
     problem = problem_of("rich-high", 4000, 3)
     known = ev.identify(problem, ev.methods.spectral_giv())
