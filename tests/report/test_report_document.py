@@ -130,7 +130,7 @@ def test_json_and_document_of_an_inspection_take_one_flight(inspected: PooledIns
     assert any(f"{start:.1f} to {end:.1f} s" in line for line in markdown(inspection_document(found)))
 
 
-@pytest.mark.parametrize("name", ["fit", "pool", "still"])
+@pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
 def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureRequest) -> None:
     result: FlightEstimate = request.getfixturevalue(name)
     document, json = flight_document(result), json_document(result)
