@@ -49,7 +49,7 @@ def test_few_runs_are_cut_into_tenths():
 @pytest.mark.calibration
 def test_constancy_keeps_its_size_in_flights():
     """Flights in gusts: no more of them change than the level says."""
-    runs = 24
+    runs = 12
     each = [problem(*flights(1, seconds=40.0, noise=Noise(gust=0.5), seed=s), lags=LAGS) for s in range(runs)]
     found = [ev.diagnose(ev.identify(one, ev.methods.reference_iv())).constancy.p_value for one in each]
     assert sum(p < 0.05 for p in found) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)

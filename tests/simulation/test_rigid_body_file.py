@@ -140,7 +140,7 @@ def test_shipped_flights_fly(name):
 @pytest.mark.calibration
 def test_their_vertical_motion_is_identified():
     """Seeds from zero on, none left out; 95 % intervals of the friction and the input gain."""
-    seeds, chance = 8, 1e-3
+    seeds, chance = 4, 1e-3
     spec = shipped_rigid_body_flight("crazyflie")
     flights = simulate_rigid_body_flights([replace(spec, seed=seed) for seed in range(seeds)])
     accepted = held = 0

@@ -24,7 +24,7 @@ from validation.choices.study import (
 )
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "studies" / "choices.md"
-SEEDS, CHANCE = 6, 1e-3
+SEEDS, CHANCE = 4, 1e-3
 
 
 def made_up(number: int) -> Trial:

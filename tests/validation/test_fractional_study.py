@@ -32,7 +32,7 @@ def test_the_cells_order_is_within_a_hundredth_by_other_methods_too(name):
     assert np.abs(errors).max() < 0.006
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 def test_intervals_of_the_cell_cover_by_the_papers_method():
     """24 runs: of 95 % intervals fewer than 18 cover once in ten thousand times."""

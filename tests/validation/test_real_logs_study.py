@@ -217,7 +217,7 @@ def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch
 @pytest.mark.calibration
 def test_small_size(tmp_path):
     """A few flights of the families of clocks: accepted, and few intervals miss."""
-    grid = study.part_of(GRID, 0.045, "r")
+    grid = study.part_of(GRID, 0.025, "r")
     families = tuple(
         family
         for family in grid.families
@@ -226,6 +226,6 @@ def test_small_size(tmp_path):
     folder = folder_of(tmp_path, replace(grid, families=families[:3]))
     folder.run(rows_of, 1)
     table = folder.gathered().rows
-    assert table.height >= 20
+    assert table.height >= 12
     assert (table["verdict"] == "identified").mean() > 0.6
     assert far_off(table).value < 0.2

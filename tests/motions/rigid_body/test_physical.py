@@ -354,7 +354,7 @@ def test_intervals_include_what_is_supplied():
     assert all(share >= 0.8 for share in found.values()), found
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 def test_intervals_hold_the_truth():
     """.95 in 500 draws, with 99 % binomial bounds over all fifteen parameters."""
     found = _coverage(500, 0.02)
