@@ -116,6 +116,7 @@ def test_real_logs_become_rows(eivor, log, tmp_path):
 HOSTILE = "</script><img src=x onerror=alert(1)>\x1b[31m"
 
 
+@pytest.mark.thorough
 def test_report_prints_and_writes(eivor, tmp_path):
     spec = FleetSpec(vehicles=3, flights=8, broken=((1, 4, 0.4),))
     table = fleet_rows(spec).with_columns(vehicle=pl.col("vehicle").replace("v0001", HOSTILE))

@@ -193,6 +193,7 @@ def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Pa
     assert "one vehicle" in run.err
 
 
+@pytest.mark.thorough
 def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
     log = recordings / "ardupilot" / "log_0036_mechanical_failure.bin"
     run = eivor("inspect", log)

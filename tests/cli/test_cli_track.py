@@ -8,6 +8,7 @@ import re
 import pytest
 
 
+@pytest.mark.thorough
 def test_track_prints_draws_and_writes(eivor, tmp_path):
     figure, out = tmp_path / "gain.png", tmp_path / "gain.json"
     run = eivor("track", "--example", "--figure", figure, "--json", out)

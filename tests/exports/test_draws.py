@@ -29,6 +29,7 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
 
 
+@pytest.mark.thorough
 def test_single_draws_are_correlated_too() -> None:
     """Each call has its own strata; the correlation must not come from the number of draws."""
     covariance = JointCovariance((CovariancePart("classical", np.array([[1.0, 0.95], [0.95, 1.0]])),))

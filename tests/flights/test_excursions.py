@@ -63,6 +63,7 @@ def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
         assert found.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
     # the tilt is made up: the cosine of those samples is wrong, and would be seen in the gain
@@ -72,6 +73,7 @@ def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
     assert found.half_width < 0.1 * GAIN
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_pictures_and_predictions_leave_them_out(log):
     from eivor.report.fit_numbers import flight_runs

@@ -35,6 +35,7 @@ def dropped(hover):
     return track(ev.identify_flight(weakened(hover, 20.0, 0.8)))
 
 
+@pytest.mark.thorough
 def test_a_drop_is_told_where_it_is_and_by_how_much(dropped):
     (change,) = dropped.changes
     assert change.change == -1

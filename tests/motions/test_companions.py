@@ -34,6 +34,7 @@ def logging(*names: str) -> Recording:
     return replace(LOG, channels={**LOG.channels, **added})
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("logged", "missing"),
     [

@@ -39,6 +39,7 @@ def test_it_is_a_motion_of_its_own():
     assert motion_names()[:2] == ("vertical", "rates")
 
 
+@pytest.mark.thorough
 def test_setpoints_at_50_hz_tell_effectiveness_and_lag(fit):
     assert fit.verdict.status is Status.IDENTIFIED
     for name, truth in HEADLINE.items():

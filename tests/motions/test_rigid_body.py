@@ -165,6 +165,7 @@ def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, 
     assert friction.verdict is Status.IDENTIFIED
 
 
+@pytest.mark.thorough
 def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
     motion = RigidBody(known(SPEC))
     prepared = prepare(flight.recording, motion, FlightOptions())

@@ -49,6 +49,7 @@ def test_the_controller_is_read_off_a_flight(flown_first):
         assert value == pytest.approx(getattr(spec.controller, name), rel=0.2), name
 
 
+@pytest.mark.thorough
 def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
     spec, _, problem = flown_first
     found = residual_densities(problem, Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0))

@@ -50,6 +50,7 @@ def problem_of_flight() -> SeparableProblem:
     return Vertical().problem((flight,), LaggedReferences(flight.usable_references))
 
 
+@pytest.mark.thorough
 def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
     found = identified("spectral_giv")
     assert found.verdict.status is Status.IDENTIFIED

@@ -74,6 +74,7 @@ def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *ref
     return [one[0].quantity for one in ahead.by_quantity]
 
 
+@pytest.mark.thorough
 def test_true_numbers_predict_every_quantity(flight, truth):
     ahead = MOTION.ahead((flight,), models(truth), frozenset())
     assert [one[0].quantity for one in ahead.by_quantity] == QUANTITIES
@@ -138,6 +139,7 @@ def test_a_refused_drag_counts_as_zero(flight, truth):
     assert velocity["least_squares"].rms[-1] > 1.0
 
 
+@pytest.mark.thorough
 def test_what_the_log_lacks_is_left_out(flown, truth):
     log = flown.recording
     assert quantities(MOTION, without(log, "position_x", "position_y", "position_z"), truth) == QUANTITIES[:5]

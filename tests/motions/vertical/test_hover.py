@@ -47,6 +47,7 @@ def test_a_parameter_that_disagrees_is_pointed_out(log):
     assert message.startswith("The log's own MPC_THR_HOVER is 0.35, but this vehicle hovered at 0.49")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_an_estimate_is_compared_where_it_says_something(log):
     """It leaves its start at 10 s; what is invalid, and the two seconds after, are not looked at."""

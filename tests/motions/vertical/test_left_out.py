@@ -58,6 +58,7 @@ def test_nothing_is_missed_where_the_model_holds(log):
     assert said.startswith("not missed: quadratic drag (p ")
 
 
+@pytest.mark.thorough
 def test_quadratic_drag_is_missed(log):
     velocity = log.channels["velocity_z"].values
     found = terms_of(commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity)))

@@ -113,6 +113,7 @@ def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     assert "left_out_quadratic_drag" in fit.diagnostics
 
 
+@pytest.mark.thorough
 def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     voltage = sagging(log)
     sags = commanded(with_channel(log, "battery_voltage", 16.0 * voltage), lambda U: U / voltage**2)
