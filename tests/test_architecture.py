@@ -71,9 +71,10 @@ def test_contracts_hold(copy):
         ("new_room.py", "x = 1", 0),
         ("flights/recipe.py", "import matplotlib.pyplot", 1),
         ("logs/read.py", "def f():\n    import pyulog", 2),
-        ("flights/grid.py", "import polars", 3),
-        ("models/column.py", "def f():\n    import validation", 4),
-        ("motions/vertical/model.py", "import rotorpy", 5),
+        ("logs/read.py", "def f():\n    import rosbags", 3),
+        ("flights/grid.py", "import polars", 4),
+        ("models/column.py", "def f():\n    import validation", 5),
+        ("motions/vertical/model.py", "import rotorpy", 6),
     ],
 )
 def test_contracts_catch(copy, file, line, contract):
