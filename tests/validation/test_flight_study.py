@@ -156,6 +156,7 @@ def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatc
     assert "| constant-reference hovers accepted | none | 3 of 3 | **no** |" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatch):
     """A few flights of both simulators, cut short, by one process and by two: the same bytes."""
     whole = published_grid()

@@ -328,9 +328,9 @@ def test_example_file_is_small_and_complete():
     assert {f"rotor_command_{i}" for i in (1, 2, 3, 4)} < set(frame.columns)
 
 
-@pytest.mark.parametrize("stamps", [600, pytest.param(6000, marks=pytest.mark.calibration)])
+@pytest.mark.parametrize("stamps", [600, pytest.param(6000, marks=pytest.mark.long)])
 def test_example_is_what_its_script_makes(stamps, monkeypatch):
-    """Each stamp follows from the one before it: the first tenth serves, and a calibration has them all."""
+    """Each stamp follows from the one before it: the first tenth serves, and the long one has them all."""
     flown = itertools.count(1)
     monkeypatch.setattr(rotorpy_flight, "is_lost", lambda *_: next(flown) == stamps)
     script = example_script()
