@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from importlib import resources
 
 import numpy as np
@@ -18,6 +19,8 @@ from eivor.simulation.flights.trajectories import TrajectoryKind
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 from eivor.simulation.records.simulate import simulate
+from eivor.simulation.rigid_body.vehicle_text import vehicle_text
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
 from eivor.simulation.scenario_files.scenario_file import read_scenario, shipped_scenario
 
 FLIGHT = """
@@ -331,3 +334,9 @@ def test_a_scenario_without_rotors_has_no_vehicle_file(eivor, tmp_path):
     assert run.code == 2
     assert "'rich', whose rotors are nowhere" in run.err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("name", "told"), [('🚁 "ä"\\', '🚁 "ä"\\'), ("a\x7f\ud800\nb", "a???b")])
+def test_a_vehicles_name_is_text_in_its_file(name, told):
+    text = vehicle_text(shipped_rigid_body_flight("crazyflie"), name)
+    assert tomllib.loads(text.encode("utf-8").decode("utf-8"))["name"] == told

@@ -19,7 +19,7 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
         What the vehicle is called.
     """
     rotors, sensors = spec.vehicle.rotors, spec.sensors
-    lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {json.dumps(name)}"]
+    lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")
     cutoffs = {
         "gyro_cutoff_hz": sensors.angular_rate.cutoff_hz,
@@ -28,8 +28,13 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
     lines += [f"{key} = {cutoff!r}" for key, cutoff in cutoffs.items() if cutoff]
     lines += ["", "[rotors]", f"positions = {[[x, y] for x, y, _ in rotors.positions]}"]
     lines += [f"spins = {list(rotors.spins)}", "speed_scale = 1.0", f"torque_ratio = {rotors.torque_ratio!r}"]
-    lines.append(f"thrust_map = {json.dumps(_thrust_map(rotors))}")
+    lines.append(f"thrust_map = {_text(_thrust_map(rotors))}")
     return "\n".join(lines) + "\n"
+
+
+def _text(words: str) -> str:
+    """Text as TOML has it: letters as they are, question marks for what cannot be printed."""
+    return json.dumps("".join(one if one.isprintable() else "?" for one in words), ensure_ascii=False)
 
 
 def _thrust_map(rotors: Rotors) -> str:
