@@ -12,7 +12,7 @@ from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.flights.motion import Circumstances
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status, verdict
 from eivor.motions.vertical.curve_rule import curve_reasons

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from eivor.flights.circumstances import Circumstances, Searched, Strength
 from eivor.flights.grounds import unbounded_reasons
-from eivor.flights.motion import Circumstances, Searched, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status
 from eivor.motions.rates import rule as rates

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.motion import SimpleModel
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.rates.motion import Rates

@@ -14,7 +14,7 @@ import eivor as ev
 from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError
-from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.circumstances import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import verdict

@@ -10,9 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.motion import Trace
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
+from eivor.flights.shown import Trace
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.motion import Vertical

@@ -17,7 +17,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EivorError, UsageError
 from eivor.estimation.pool_replicates import PoolFlights, Replicate, pool_flights
-from eivor.flights.motion import Drawn, Motion
+from eivor.flights.drawn import Drawn
+from eivor.flights.motion import Motion
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.resampling.replicates import Bootstrap, check_draws
 from eivor.models.separable import SeparableProblem

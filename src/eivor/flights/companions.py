@@ -11,9 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from eivor.errors import InputError
+from eivor.flights.companion import Companion
 from eivor.flights.estimated import EFFECTIVE_LAG
 from eivor.flights.lag_beside import lag_told_by
-from eivor.flights.motion import Companion, Motion
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate

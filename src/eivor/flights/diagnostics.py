@@ -11,9 +11,10 @@ import numpy as np
 from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.evidence import periodicity
-from eivor.flights.motion import Trace, Words
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN
+from eivor.flights.shown import Trace
+from eivor.flights.words import Words
 from eivor.inference.diagnostics.constancy import Constancy
 from eivor.inference.diagnostics.endogeneity import Endogeneity
 from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.circumstances import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
@@ -101,6 +101,11 @@ def unbounded_reasons(quantity: Unjudged, words: str, others: Sequence[Reason]) 
             "Fly larger and quicker movements, or longer.",
         )
     ]
+
+
+def weakly_told(words: str, first_stage: float) -> str:
+    """Sentence of a parameter about which instruments tell too little."""
+    return f"First-stage F of the {words} is {first_stage:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
 
 
 def roughly_known(lag_half_width_s: float) -> str:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from enum import Enum
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -21,17 +19,21 @@ from eivor.flights.agreement import SensorAgreement
 from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active, airborne_by_log
 from eivor.flights.allowance import Allowance
-from eivor.flights.given_lag import GivenLag
+from eivor.flights.circumstances import Circumstances, Strength
+from eivor.flights.companion import Companion
+from eivor.flights.drawn import Drawn
 from eivor.flights.grid import MEMORY_S, Grid
 from eivor.flights.implied import Implications
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import Predicted, SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged, Wording
 from eivor.flights.references import ReferenceSource
 from eivor.flights.selection import InputFamily, Selection
+from eivor.flights.shown import Panel, Trace
 from eivor.flights.tracked import Followed
-from eivor.inference.sets.confidence_set import ConfidenceSet
-from eivor.inference.verdict import Reason, Status
+from eivor.flights.words import CardSection, Words
+from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import SeparableProblem, Values
 from eivor.shapes import Float
@@ -40,310 +42,6 @@ from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 
 P = TypeVar("P", bound=SeparableProblem)
-
-
-@dataclass(frozen=True, slots=True)
-class Words:
-    """How reports speak of a motion.
-
-    Parameters
-    ----------
-    title : str
-        Name of the motion, as a heading.
-    meanings : mapping of Status to str
-        What each verdict means.
-    fly : str
-        What to fly when nothing else helps, one sentence.
-    limits : str
-        What samples are limited by, after "three seconds in the air in runs of a second or more,".
-    limited_by : str
-        The same as a list of nouns.
-    loosen : str
-        What to do when those limits leave nothing.
-    no_reference : str
-        What is missing when no reference is logged.
-    no_lag : str
-        Why there is no lag to find when the input is measured.
-    where : str
-        Where the vehicle is while the motion holds.
-    begins : str
-        What it does to get there.
-    another_log : str
-        What to do when it never does.
-    """
-
-    title: str
-    meanings: Mapping[Status, str]
-    fly: str
-    limits: str = "inside the window"
-    limited_by: str = "window and gaps"
-    loosen: str = "Widen the window."
-    no_reference: str = "None is logged."
-    no_lag: str = "The input was measured:\nthere is no lag to find."
-    where: str = "in the air"
-    begins: str = "takes off"
-    another_log: str = "Give a log of a flight."
-
-
-@dataclass(frozen=True, slots=True)
-class Searched:
-    """A nuisance parameter that was searched for on a grid.
-
-    Parameters
-    ----------
-    value : float
-        Where the search ended.
-    highest : float
-        Top of the grid.
-    """
-
-    value: float
-    highest: float
-
-
-@dataclass(frozen=True, slots=True)
-class Strength:
-    """What the instruments tell, in numbers.
-
-    Parameters
-    ----------
-    first_stage : mapping of str to float
-        Conditional first-stage F of each joint parameter; NaN without instruments.
-    p_value : float
-        Of the over-identification test.
-    searched : mapping of str to Searched
-        Nuisance parameters that were searched for.
-    robust : mapping of str to ConfidenceSet
-        Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
-        instruments are weak, or where the sets have no bounds.
-    """
-
-    first_stage: Mapping[str, float]
-    p_value: float
-    searched: Mapping[str, Searched] = field(default_factory=dict)
-    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Circumstances:
-    """What a verdict needs to know beside the numbers.
-
-    Parameters
-    ----------
-    flights : int
-        Number of flights used.
-    command_rate_hz, response_rate_hz : float
-        Slowest command, and the fastest of what was measured over the slowest flight [Hz].
-    exogenous : bool
-        The instruments do not answer the vehicle.
-    direct : bool
-        The method uses no instruments.
-    missing_reference : str
-        Why there is no instrument; empty when there is one.
-    constant_reference : bool
-        A reference is logged, and constant.
-    excitation : str
-        How much the flights moved, as a sentence; empty when it is not known.
-    single_frequency_hz : float
-        The frequency of a reference that has only one; zero for others [Hz].
-    numbers : mapping of str to float
-        What the motion adds, see `Motion.diagnostics`.
-    given_lag : GivenLag or None
-        What was known of the lag from elsewhere.
-    sensors : SensorAgreement or None
-        Whether two measurements of one response agree.
-    aligned : bool
-        The differences between them that can be taken out are.
-    used_s : float
-        Time used of all flights [s].
-    past_inputs : bool
-        The instruments are past inputs, which a controller computes.
-    """
-
-    flights: int
-    command_rate_hz: float
-    response_rate_hz: float
-    exogenous: bool
-    direct: bool
-    missing_reference: str = ""
-    constant_reference: bool = False
-    excitation: str = ""
-    single_frequency_hz: float = 0.0
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    given_lag: GivenLag | None = None
-    sensors: SensorAgreement | None = None
-    aligned: bool = False
-    used_s: float = np.inf
-    past_inputs: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """What a draw of flights says, before quantities are derived from it.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Linear parameters.
-    at : mapping of str to float
-        Every nuisance.
-    sums : mapping of str to float
-        Those of `Motion.flight_sums` there, over the flights drawn.
-    """
-
-    parameters: Mapping[str, float]
-    at: Values
-    sums: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Trace:
-    """One axis over the samples of all runs, run after run: what was measured and what the model says.
-
-    Parameters
-    ----------
-    axis : str
-        What is measured, in words.
-    unit : str
-        As it is shown.
-    model, drive : str
-        The prediction, and the part of it that the input makes, in symbols.
-    measured, predicted, driven : ndarray, shape (samples,)
-        In that unit; the mean of each run may be missing from them.
-    band_hz : tuple of float, optional
-        Band that they are of, where it is another than that of the flights.
-    """
-
-    axis: str
-    unit: str
-    model: str
-    drive: str
-    measured: Float[np.ndarray, " samples"]
-    predicted: Float[np.ndarray, " samples"]
-    driven: Float[np.ndarray, " samples"]
-    band_hz: tuple[float, float] | None = None
-
-
-class Horizon(Enum):
-    """How far ahead a prediction looks."""
-
-    ONE_STEP = "one_step"
-    """What is measured at a sample, of everything else that is measured there."""
-    OPEN_LOOP = "open_loop"
-    """The state over a whole run, of its input alone."""
-
-    @property
-    def words(self) -> str:
-        """In words."""
-        return {"one_step": "one step ahead", "open_loop": "in open loop"}[self.value]
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """A measured quantity over the samples of all runs, run after run, and what given numbers say of it.
-
-    Parameters
-    ----------
-    horizon : Horizon
-        How far ahead it looks.
-    quantity, unit : str
-        What is measured, in words, and its unit as it is shown.
-    measured, predicted : ndarray, shape (samples,)
-        In that unit. What belongs to a run alone, its trim and its start, is fitted in both alike.
-    """
-
-    horizon: Horizon
-    quantity: str
-    unit: str
-    measured: Float[np.ndarray, " samples"]
-    predicted: Float[np.ndarray, " samples"]
-
-
-@dataclass(frozen=True, slots=True)
-class SimpleModel:
-    """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate.
-
-    Parameters
-    ----------
-    words : str
-        What it is.
-    values : mapping of str to float
-        Every linear parameter and every nuisance.
-    """
-
-    words: str
-    values: Mapping[str, float]
-
-
-def joined(traces: tuple[Trace, ...]) -> Trace:
-    """Traces of one axis of several flights, one after the other."""
-    return replace(
-        traces[0],
-        measured=np.concatenate([trace.measured for trace in traces]),
-        predicted=np.concatenate([trace.predicted for trace in traces]),
-        driven=np.concatenate([trace.driven for trace in traces]),
-    )
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A series of a flight to look at, whether or not something could be estimated.
-
-    Parameters
-    ----------
-    label : str
-        With its unit.
-    values : ndarray, shape (n,)
-        On the flight's grid.
-    asked : ndarray, shape (n,), optional
-        What the vehicle was asked for, in the same unit.
-    """
-
-    label: str
-    values: Float[np.ndarray, " n"]
-    asked: Float[np.ndarray, " n"] | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class CardSection:
-    """One part of a flight card.
-
-    Parameters
-    ----------
-    title : str
-        A few words.
-    sentences : tuple of str
-        What to do.
-    """
-
-    title: str
-    sentences: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Companion:
-    """A quantity of another motion of the same flight that belongs to a motion's result.
-
-    Parameters
-    ----------
-    motion, quantity : str
-        Names of that motion, and of its quantity.
-    called : str
-        Name of the quantity in this motion's results, which its wording has.
-    input : str
-        Channel, or family of channels, that drives it there.
-    input_map : str
-        Of that channel, unless a user names another.
-    needs : mapping of str to tuple of str
-        What must be logged, in words, and the channels of which one will do.
-    """
-
-    motion: str
-    quantity: str
-    called: str
-    input: str
-    input_map: str
-    needs: Mapping[str, tuple[str, ...]]
 
 
 class Motion(ABC, Generic[P]):

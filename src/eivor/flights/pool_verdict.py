@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from eivor.estimation.pools.pooled import Pooled
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.diagnostics import FitDiagnostics
-from eivor.flights.motion import Circumstances, Motion
+from eivor.flights.motion import Motion
 from eivor.inference.diagnostics.over_identification import OverIdentification
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG

@@ -22,11 +22,12 @@ from eivor.estimation.parameter_sets import ParameterSets
 from eivor.estimation.pools.pooled import Pooled, pooled
 from eivor.estimation.weighting.whitening import SpectralWhitening
 from eivor.flights.agreement import SensorAgreement
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.diagnostics import FitDiagnostics, fit_diagnostics, flight_findings
 from eivor.flights.estimated import EFFECTIVE_LAG
 from eivor.flights.given_lag import with_given_lag
 from eivor.flights.instruments import Instruments, instruments
-from eivor.flights.motion import Circumstances, Motion
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool_verdict import agreement, linear_names, not_below, pool_findings
 from eivor.flights.prepared import PreparedFlight

@@ -15,6 +15,7 @@ from eivor.estimation.method import Method
 from eivor.estimation.methods import by_name
 from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
 from eivor.flights.allowance import Allowance, widened
+from eivor.flights.circumstances import Circumstances, Searched, Strength
 from eivor.flights.declared_noise import check_declared
 from eivor.flights.diagnostics import (
     fit_diagnostics,
@@ -27,7 +28,7 @@ from eivor.flights.estimated import EFFECTIVE_LAG, lag_quantities
 from eivor.flights.given_lag import GivenLag, check_lag_searched, lag_searched, with_given_lag
 from eivor.flights.grounds import unbounded_reasons
 from eivor.flights.instruments import Instruments, instruments, single_frequency_hz
-from eivor.flights.motion import Circumstances, Motion, Searched, Strength
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged

@@ -18,10 +18,12 @@ from eivor.flights.ahead import FIT, Ahead
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.given_lag import GivenLag
 from eivor.flights.implied import Implications
-from eivor.flights.motion import Motion, SimpleModel, Trace, joined
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
+from eivor.flights.shown import Trace, joined
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, Verdict

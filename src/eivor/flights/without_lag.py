@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.flights.motion import SimpleModel
+from eivor.flights.predicted import SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import Values
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from eivor.flights.motion import CardSection, Motion
+from eivor.flights.motion import Motion
 from eivor.flights.result import FlightEstimate
+from eivor.flights.words import CardSection
 from eivor.inference.verdict import Status
 from eivor.logs.formats import log_format
 from eivor.signals.recording import Recording

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from matplotlib.axes import Axes
 
-from eivor.flights.motion import Panel
 from eivor.flights.result import FlightEstimate
+from eivor.flights.shown import Panel
 from eivor.report.plain_figure import Panels, fitting, page, without_abscissa
 from eivor.report.printable import printable
 from eivor.shapes import Bool, Float

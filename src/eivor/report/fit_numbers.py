@@ -9,8 +9,8 @@ import numpy as np
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.search import NuisanceProfile
-from eivor.flights.motion import Trace
 from eivor.flights.result import FlightEstimate
+from eivor.flights.shown import Trace
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report.printable import printable
 from eivor.shapes import Complex, Float

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from eivor.estimation.candidate import Candidate
-from eivor.flights.motion import Trace
+from eivor.flights.shown import Trace
 from eivor.report.fit_numbers import (
     LEAST_AMPLITUDE,
     FlightRun,

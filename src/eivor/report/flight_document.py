@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from eivor.flights.implied import Implications
-from eivor.flights.motion import CardSection
 from eivor.flights.result import FlightEstimate
+from eivor.flights.words import CardSection
 from eivor.report.ahead_parts import ahead_parts
 from eivor.report.document import (
     Bullets,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from eivor.flights.motion import Words
+from eivor.flights.words import Words
 from eivor.inference.verdict import Status
 from eivor.report.card import flight_card
 from eivor.report.document import Bullets, Cell, Document, Section, Statement, TableColumn, TableOf, Tone

@@ -13,10 +13,10 @@ import numpy as np
 
 from eivor.flights.ahead import Ahead
 from eivor.flights.implied import Implications
-from eivor.flights.motion import CardSection
 from eivor.flights.quantity import Kind, Quantity, Wording
 from eivor.flights.recipe import not_estimated
 from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.flights.words import CardSection
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.report.card import flight_card
 from eivor.report.fit_checks import Check, checks

@@ -16,9 +16,10 @@ import numpy as np
 from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.flights.ahead import FIT, Ahead
-from eivor.flights.motion import Horizon, Motion, Predicted, SimpleModel
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pool import LARGEST_INPUT_RATIO
+from eivor.flights.predicted import Horizon, Predicted, SimpleModel
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate

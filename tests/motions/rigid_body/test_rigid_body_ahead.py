@@ -10,8 +10,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InputError, MissingChannelError, UsageError
-from eivor.flights.motion import SimpleModel
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.rates.axes import AXES

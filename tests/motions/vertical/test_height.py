@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import Circumstances
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.motions.vertical.height import near_ground, near_ground_reasons

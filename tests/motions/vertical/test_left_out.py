@@ -10,13 +10,14 @@ import pytest
 from eivor.estimation.fit import identify
 from eivor.estimation.methods import least_squares, reference_iv
 from eivor.flights.agreement import Difference, SensorAgreement
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.instruments import instruments
-from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
+from eivor.motions.vertical.gain_rule import left_out_reasons
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.rule import left_out_reasons, sideways_reasons
+from eivor.motions.vertical.sideways import sideways_reasons
 from flights.flight_logs import GAIN, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

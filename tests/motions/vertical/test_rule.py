@@ -9,19 +9,16 @@ import numpy as np
 import pytest
 
 from eivor.flights.allowance import Allowance, Counts
+from eivor.flights.circumstances import Circumstances, Searched, Strength
 from eivor.flights.given_lag import GivenLag
-from eivor.flights.motion import Circumstances, Searched, Strength
 from eivor.flights.quantity import Choice, Unjudged
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import Prior
-from eivor.motions.vertical.rule import (
-    all_grounds,
-    friction_reasons,
-    gain_reasons,
-    hover_reasons,
-    lag_reasons,
-)
+from eivor.motions.vertical.friction_rule import friction_reasons
+from eivor.motions.vertical.gain_rule import gain_reasons, hover_reasons
+from eivor.motions.vertical.lag_rule import lag_reasons
+from eivor.motions.vertical.rule import all_grounds
 
 NAMES = ("viscous_friction", "input_gain", "actuator_lag")
 

@@ -10,8 +10,8 @@ import pytest
 
 from eivor.cli.recordings import flight_options
 from eivor.errors import InputError, MissingChannelError, UsageError
-from eivor.flights.motion import Horizon
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import Horizon
 from eivor.flights.terms import check_options
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight

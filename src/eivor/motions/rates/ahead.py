@@ -8,7 +8,7 @@ import numpy as np
 
 from eivor.flights.ahead import UNCHANGED, Ahead, AheadError, Starts, all_ahead, starts_of, trim
 from eivor.flights.estimated import EFFECTIVE_LAG
-from eivor.flights.motion import SimpleModel
+from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values

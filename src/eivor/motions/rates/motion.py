@@ -12,13 +12,17 @@ from eivor.flights import without_lag
 from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active
 from eivor.flights.allowance import Allowance
+from eivor.flights.circumstances import Circumstances, Strength
 from eivor.flights.estimated import joint_quantities, lag_quantities
 from eivor.flights.grid import Grid
-from eivor.flights.motion import CardSection, Circumstances, Motion, Panel, SimpleModel, Strength, Trace
+from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
 from eivor.flights.selection import Selection
+from eivor.flights.shown import Panel, Trace
+from eivor.flights.words import CardSection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.lagged_runs import LaggedRuns

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.flights.motion import Panel
 from eivor.flights.prepared import PreparedFlight
+from eivor.flights.shown import Panel
 from eivor.motions.rates.axes import Axis
 
 

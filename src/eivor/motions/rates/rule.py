@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import inf
 
+from eivor.flights.circumstances import Circumstances, Strength
 from eivor.flights.grounds import (
     disagreement_reasons,
     given_lag_reasons,
@@ -31,7 +32,6 @@ from eivor.flights.grounds import (
     told_of,
     untold,
 )
-from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY

@@ -8,7 +8,7 @@ the test of all four fail, and the lag 1.5 to 6 ms too long.
 
 from __future__ import annotations
 
-from eivor.flights.motion import Companion
+from eivor.flights.companion import Companion
 
 THRUST = Companion(
     motion="vertical",

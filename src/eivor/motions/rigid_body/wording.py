@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from eivor.flights.estimated import LAG_WORDINGS
-from eivor.flights.motion import CardSection, Words
 from eivor.flights.quantity import Kind, Wording
+from eivor.flights.words import CardSection, Words
 from eivor.inference.verdict import Status
 from eivor.logs.formats import advising_format
 from eivor.motions.rigid_body.parameters import (

@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping
 
 from eivor.flights.allowance import Allowance, Counts, clock_allowance
-from eivor.flights.motion import Circumstances
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Unjudged
 from eivor.motions.vertical.sensors import sensor_allowances

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eivor.flights.motion import Circumstances
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from eivor.flights.motion import Circumstances
+from eivor.flights.circumstances import Circumstances
 from eivor.flights.prepared import PreparedFlight
 from eivor.inference.verdict import Reason, Status
 from eivor.motions.vertical.surroundings import ground, height_over_ground

@@ -12,24 +12,19 @@ from eivor.errors import InputError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.agreement import SensorAgreement, sensor_agreement
 from eivor.flights.allowance import Allowance
+from eivor.flights.circumstances import Circumstances, Strength
+from eivor.flights.drawn import Drawn
 from eivor.flights.estimated import reciprocal
 from eivor.flights.grid import on_grid
-from eivor.flights.motion import (
-    CardSection,
-    Circumstances,
-    Drawn,
-    Motion,
-    Panel,
-    Predicted,
-    SimpleModel,
-    Strength,
-    Trace,
-)
+from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
+from eivor.flights.predicted import Predicted, SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.selection import Selection
+from eivor.flights.shown import Panel, Trace
 from eivor.flights.tracked import Followed
+from eivor.flights.words import CardSection
 from eivor.inference.verdict import Reason
 from eivor.models.instruments import InstrumentRule
 from eivor.models.separable import Values
@@ -44,9 +39,11 @@ from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.row_noise import input_variance
-from eivor.motions.vertical.rule import APPARENT_GRAVITY, SIDEWAYS, all_grounds
+from eivor.motions.vertical.rule import all_grounds
 from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
+from eivor.motions.vertical.sensor_rule import APPARENT_GRAVITY
 from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
+from eivor.motions.vertical.sideways import SIDEWAYS
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
 from eivor.motions.vertical.terms import TERMS, GroundEffect, OptionalTerm

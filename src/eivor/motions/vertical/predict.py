@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.motion import Horizon, Predicted, SimpleModel
+from eivor.flights.predicted import Horizon, Predicted, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.vertical.balance import balance_sums, hover_of_sums

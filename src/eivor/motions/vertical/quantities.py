@@ -9,6 +9,7 @@ import numpy as np
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
+from eivor.flights.drawn import Drawn
 from eivor.flights.estimated import (
     EFFECTIVE_LAG,
     joint_quantities,
@@ -16,7 +17,6 @@ from eivor.flights.estimated import (
     ratio_quantity,
     reciprocal,
 )
-from eivor.flights.motion import Drawn
 from eivor.flights.quantity import NAN, Unjudged
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -30,8 +30,8 @@ from eivor.motions.vertical.balance import (
     intercepts_by_run,
 )
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.map_rule import IS_THRUST, LEAST_INTERCEPT, MAP_EXPONENT, THRUST_EXPONENT
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN
-from eivor.motions.vertical.rule import IS_THRUST, LEAST_INTERCEPT, MAP_EXPONENT, THRUST_EXPONENT
 from eivor.shapes import Float
 from eivor.signals.input_map import Mixed
 

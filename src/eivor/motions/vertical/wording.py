@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from eivor.flights.across import AcrossFlights, Covariate
 from eivor.flights.estimated import EFFECTIVE_LAG, LAG_WORDINGS
-from eivor.flights.motion import CardSection, Words
 from eivor.flights.quantity import Kind, Wording
+from eivor.flights.words import CardSection, Words
 from eivor.inference.verdict import Status
 from eivor.logs.formats import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG
-from eivor.motions.vertical.rule import FLY
+from eivor.motions.vertical.remedies import FLY
 
 EQUATION = (
     "z'' + g = K_u U - K z' + b",

@@ -9,9 +9,9 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.flights.motion import Trace
 from eivor.flights.quantity import Wording
 from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.shown import Trace
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.report.fit_numbers import (

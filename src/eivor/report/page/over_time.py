@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from eivor.flights.motion import Panel, Trace
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate
+from eivor.flights.shown import Panel, Trace
 from eivor.report.document import TableOf
 from eivor.report.fit_numbers import FlightRun, band_of, flight_runs, within_band
 from eivor.report.page.chart import Chart, Line, stretches_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from eivor.flights.circumstances import Circumstances, Strength
 from eivor.flights.grounds import instrument_reasons, moved
-from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 

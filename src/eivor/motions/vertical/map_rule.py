@@ -1,0 +1,52 @@
+"""Grounds against an input map: an intercept that says that thrust grows with another power of the command.
+
+With m the map's own exponent at hover, d ln U / d ln w, and hover balanced by g = K_u U_h + b, thrust goes as
+w^p with p = m K_u U_h / g = m (1 - b / g).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from eivor.flights.circumstances import Circumstances
+from eivor.flights.quantity import Unjudged
+from eivor.inference.verdict import Reason, Status
+from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT
+
+LEAST_EXPONENT = 0.95
+#: Numbers of this motion among those of the circumstances: the least intercept in its set, the exponent of
+#: thrust near hover, that of the input map there, and one for a command of thrust: a linear or mixed map.
+LEAST_INTERCEPT = "least_intercept"
+THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
+
+
+def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against gain and hover input: an intercept that says that the input map is another one."""
+    intercept = quantities["intercept"]
+    exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
+    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
+    if not (least > CLEAR_INTERCEPT and np.isfinite(exponent)):
+        return []
+    told = (
+        f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
+        f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
+        f"{at.numbers[MAP_EXPONENT]:.2f}."
+    )
+    return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+
+
+def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
+    """The input map that has an exponent near hover."""
+    if exponent < LEAST_EXPONENT:
+        return (
+            "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
+            "the input is the command of this vehicle."
+        )
+    if at.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
+        # (1 - s) u + s u^2 has the exponent r at u_h for s = (r - 1) / ((r - 1) + (2 - r) u_h)
+        share = (exponent - 1.0) / ((exponent - 1.0) + (2.0 - exponent) * hover)
+        return f"Use --input-map mixed:{share:.2g} if nothing else is wrong; a sagging supply looks alike."
+    known = {1.0: "linear", 2.0: "square"}.get(round(exponent, 1), f"power:{exponent:.2g}")
+    return f"Use --input-map {known} if nothing else is wrong; a supply that sags under load looks alike."
