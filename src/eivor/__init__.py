@@ -52,7 +52,8 @@ if TYPE_CHECKING:
     from eivor.planning.plan import FlightPlan
     from eivor.planning.vehicle import VehicleGuess
     from eivor.report.planned import plan
-    from eivor.report.saved_fit import SavedFit, load_fit
+    from eivor.report.read_fit import load_fit
+    from eivor.report.saved_fit import SavedFit
     from eivor.report.validation import Validation, validate
     from eivor.signals.further_noises import AutoregressiveNoise, HeavyTailedNoise, RoundingNoise
     from eivor.signals.long_memory import estimate_long_memory
@@ -119,7 +120,7 @@ _HOMES = {
     "identify_flight": "eivor.motions.identify",
     "identify_recursively": "eivor.estimation.recursive.recursion",
     "lags": "eivor.models.column",
-    "load_fit": "eivor.report.saved_fit",
+    "load_fit": "eivor.report.read_fit",
     "methods": "eivor.estimation.methods",
     "moments": "eivor.estimation.streaming",
     "motion_by_name": "eivor.motions",

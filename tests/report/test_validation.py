@@ -13,7 +13,7 @@ import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.saved_fit import saved_fit
+from eivor.report.read_fit import saved_fit
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import Validation
 from eivor.report.validation_document import validation_document

@@ -118,7 +118,7 @@ def export(
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if output != STANDARD_OUTPUT:
         keep_apart({"-o": output_file(output, option="-o")}, {"the result": [fit]})
-    from eivor.report.saved_fit import load_fit
+    from eivor.report.read_fit import load_fit
 
     result = load_fit(fit)
     try:

@@ -205,7 +205,7 @@ def given_lag(text: str, file: str) -> Prior | Bounds | None:
         return None
     from eivor.flights.estimated import EFFECTIVE_LAG
     from eivor.inference.verdict import Status
-    from eivor.report.saved_fit import load_fit
+    from eivor.report.read_fit import load_fit
 
     found = load_fit(file).quantities.get(EFFECTIVE_LAG)
     if found is None or found.verdict is Status.REFUSED or not 0.0 < found.half_width < math.inf:

@@ -60,7 +60,7 @@ def validate(
     chosen = chosen_logs([log], example=False, channel_map=channel_map)
     outputs = chosen_outputs(json, figure, {**chosen.files, "the result": [fit]})
     options = FlightOptions(window=arguments.window(window) if window else None)
-    from eivor.report.saved_fit import load_fit
+    from eivor.report.read_fit import load_fit
 
     result = load_fit(fit)
     (recording,), (own,) = chosen.read(options)

@@ -372,13 +372,13 @@ class FlightEstimate:
         self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
     ) -> dict[str, Float[np.ndarray, " n"]]:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
-        from eivor.report.saved_fit import saved_fit
+        from eivor.report.read_fit import saved_fit
 
         return saved_fit(self).sample(n, seed, delays=delays)
 
     def to_statespace(self) -> StateSpace:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
-        from eivor.report.saved_fit import saved_fit
+        from eivor.report.read_fit import saved_fit
 
         return saved_fit(self).to_statespace()
 
@@ -393,7 +393,7 @@ class FlightEstimate:
         seed: int = 0,
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
-        from eivor.report.saved_fit import saved_fit
+        from eivor.report.read_fit import saved_fit
 
         return saved_fit(self).export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
 

@@ -14,7 +14,8 @@ from eivor.planning.targets import TARGETS
 from eivor.planning.vehicle import VehicleGuess, vehicle_of_result
 from eivor.report.document import Cell, Document, Fact, Facts, Section, TableColumn, TableOf
 from eivor.report.json_document import Json, number
-from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
+from eivor.report.read_fit import load_fit, saved_fit
+from eivor.report.saved_fit import SavedFit
 
 SCHEMA = "eivor.plan/1"
 

@@ -1,8 +1,7 @@
-"""A result read back from the JSON document that was written of it."""
+"""A result as its JSON document tells it: intervals, draws, and what exports take of it."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -12,28 +11,23 @@ from typing import Any, Literal
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EstimationError, InputError, UsageError
+from eivor.errors import EstimationError, UsageError
 from eivor.estimation.derived import JointEstimate
 from eivor.exports.fitted import Exported, Fitted, Known, Supplied
 from eivor.exports.randomisations import randomisation_by_name
 from eivor.exports.state_space import StateSpace, state_space
 from eivor.exports.targets import target_by_name
-from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.quantity import Quantity
-from eivor.flights.result import FlightEstimate
-from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.covariance import JointCovariance
 from eivor.inference.joint_draws import joint_draws
 from eivor.inference.quantiles import check_level, chi_square_quantile
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.combinations import Combinations
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle
 from eivor.notebook import html_table
-from eivor.report.json_document import SCHEMA, json_document, json_text
 from eivor.shapes import Float
 
-#: Larger files are no result.
-LARGEST_BYTES = 100_000_000
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
 
@@ -326,7 +320,8 @@ class SavedFit:
 
     def _lowest(self, name: str) -> float:
         """What a parameter cannot be below."""
-        return _number(self.document["parameters"].get(name, {}).get("lowest"), -math.inf)
+        lowest = self.document["parameters"].get(name, {}).get("lowest")
+        return -math.inf if lowest is None else float(lowest)
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         """The estimate plus and minus."""
@@ -348,121 +343,6 @@ class SavedFit:
         ]
         columns = ("quantity", "value", "95 % interval", "unit", "verdict")
         return html_table(f"saved fit: {self.verdict.value}", columns, rows, " ".join(self.reasons))
-
-
-def load_fit(file: str | Path) -> SavedFit:
-    """Read back a result that ``eivor identify --json FILE`` or ``fit.to_json()`` wrote.
-
-    Parameters
-    ----------
-    file : str or Path
-        A document of schema ``eivor.identify/1``.
-
-    Returns
-    -------
-    SavedFit
-        Quantities with intervals and verdicts, the joint covariance, and what is needed to predict.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or is no such document.
-    """
-    if not isinstance(file, str | Path):
-        raise UsageError("the path of a JSON file", type(file).__name__, 'Such as ev.load_fit("fit.json").')
-    path = Path(file)
-    try:
-        if path.stat().st_size > LARGEST_BYTES:
-            raise _no_document(path, f"a file of {path.stat().st_size} bytes")
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(
-            "a result that can be read", f"'{path}': {error.strerror or error}", "Check the path."
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise _no_document(path, "content that is not JSON") from error
-    if not isinstance(document, dict) or document.get("schema") != SCHEMA:
-        raise _no_document(path, "another document")
-    try:
-        return _fit_of(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _no_document(path, f"one that lacks parts ({error})") from error
-
-
-def saved_fit(result: FlightEstimate) -> SavedFit:
-    """Return what would be read back of a result that is at hand."""
-    return _fit_of(json.loads(json_text(json_document(result))))
-
-
-def _no_document(path: Path, received: str) -> InputError:
-    return InputError(
-        f"a document of schema {SCHEMA} in {path.name}",
-        received,
-        "Write one with: eivor identify LOG --json FILE.",
-    )
-
-
-def _fit_of(document: Mapping[str, Any]) -> SavedFit:
-    told = {**document["parameters"], **document["derived"]}
-    covariance = document.get("covariance") or {"names": [], "candidates": []}
-    return SavedFit(
-        verdict=Status(document["verdict"]),
-        reasons=tuple(str(reason) for reason in document["reasons"]),
-        quantities={str(name): _quantity(one) for name, one in told.items()},
-        names=tuple(str(name) for name in covariance["names"]),
-        candidates=tuple(_candidate(one) for one in covariance["candidates"]),
-        prediction=dict(document.get("prediction") or {}),
-        document=document,
-        by_flight={
-            str(row["log"]): {
-                str(name): _quantity(one) for name, one in {**row["parameters"], **row["derived"]}.items()
-            }
-            for row in document.get("by_flight") or ()
-        },
-    )
-
-
-def _quantity(one: Mapping[str, Any]) -> Quantity:
-    low, high = one["interval"]
-    status = Status(one["verdict"])
-    return Quantity(
-        value=_number(one["value"], math.nan),
-        unit=str(one["unit"]),
-        std_error=_number(one["std_error"], math.nan),
-        interval=(_number(low, -math.inf), _number(high, math.inf)),
-        verdict=status,
-        by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
-        reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
-        allowances=tuple(_allowance(part) for part in one.get("systematic", ())),
-    )
-
-
-def _allowance(one: Mapping[str, Any]) -> Allowance:
-    return Allowance(Counts(one["counts"]), float(one["below"]), float(one["above"]), str(one["sentence"]))
-
-
-def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
-    values = np.array([_number(value, math.nan) for value in one["values"]])
-    parts = tuple(
-        CovariancePart(
-            str(part["name"]),
-            np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]]).reshape(
-                values.size, values.size
-            ),
-            _number(part["degrees"], math.inf),
-            float(part["share"]),
-        )
-        for part in one["parts"]
-    )
-    if not parts:
-        raise ValueError("a covariance without parts")
-    at = {str(name): _number(value, math.nan) for name, value in one["at"].items()}
-    excess = _number(one.get("excess", 0.0), math.inf)
-    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts), excess)
-
-
-def _number(value: float | None, missing: float) -> float:
-    return missing if value is None else float(value)
 
 
 def _known(name: str, pair: tuple[float, ...]) -> Known:

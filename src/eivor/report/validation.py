@@ -28,7 +28,8 @@ from eivor.models.instruments import NoInstruments
 from eivor.motions import motion_of_model
 from eivor.notebook import html_table
 from eivor.report.ahead_parts import ahead_rows
-from eivor.report.saved_fit import SavedFit, load_fit, saved_fit
+from eivor.report.read_fit import load_fit, saved_fit
+from eivor.report.saved_fit import SavedFit
 from eivor.shapes import Float
 from eivor.signals.recording import Recording
 

@@ -19,7 +19,8 @@ from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.read_fit import load_fit
+from eivor.report.saved_fit import SavedFit
 from eivor.report.terminal import on_terminal
 from eivor.report.validation_document import validation_document
 from eivor.signals.recording import Recording

@@ -19,7 +19,7 @@ from eivor.motions.vertical.dragged import dragged_run
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run
 from eivor.report.json_document import json_document, json_text
-from eivor.report.saved_fit import saved_fit
+from eivor.report.read_fit import saved_fit
 from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
