@@ -19,7 +19,8 @@ from eivor.estimation.assembler import Instrumental
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.parameter_sets import ParameterSets
-from eivor.estimation.pools.pooled import Pooled, pooled
+from eivor.estimation.pools.pooled import Pooled
+from eivor.estimation.pools.pooling import pooled
 from eivor.estimation.weighting.whitening import SpectralWhitening
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.circumstances import Circumstances
