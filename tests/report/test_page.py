@@ -191,6 +191,30 @@ def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
 
 
 @pytest.mark.parametrize("name", RESULTS)
+def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
+    _, _, page = pages[name]
+    verdict = data_of(page, "verdict")
+    (box,) = page.all("div", class_="verdict")
+    (said, *more) = [one.text for one in box.children if one.tag == "p" and one.classes != ["note"]]
+    assert said == f"{verdict['status']}: {verdict['about']}"
+    assert more == verdict["more"]
+    shown = [
+        {
+            "name": one.attributes["data-quantity"],
+            "shown": [one.all(class_="value")[0].text, one.all(class_="interval")[0].text],
+            "status": one.all(class_="badge")[0].text,
+        }
+        for one in box.all("div", class_="reading")
+    ]
+    assert shown == [{key: one[key] for key in ("name", "shown", "status")} for one in verdict["readings"]]
+    for one in verdict["readings"]:
+        numbers = numbers_in(" ".join(one["shown"]))
+        drawn = [number for number in (one["at"], *one["interval"]) if number is not None]
+        for number, (written, half) in zip(drawn, numbers, strict=True):
+            assert number == pytest.approx(written, abs=1.001 * half)
+
+
+@pytest.mark.parametrize("name", RESULTS)
 def test_the_policy_allows_what_is_in_the_page_and_nothing_else(pages, name):
     _, text, page = pages[name]
     (policy,) = (one.attributes["content"] for one in page.all("meta") if "http-equiv" in one.attributes)

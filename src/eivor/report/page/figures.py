@@ -10,6 +10,7 @@ from eivor.report.page.markup import Markup, element, joined
 from eivor.report.page.parts import table_html
 from eivor.report.page.picture import Picture, Pictures
 from eivor.report.page.plot import Band, Curve, Dots, Mark, Plot, Rule
+from eivor.report.printable import printable
 
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000
@@ -56,7 +57,7 @@ class Figures:
         drawn = picture.drawn
         if isinstance(drawn, Chart):
             most = min(max(SAMPLES // max(self.lines, 1), FEWEST), MOST)
-            self.charts[name] = drawn.packed(most)
+            self.charts[name] = {**drawn.packed(most), "title": printable(picture.title)}
             keys = "Arrow keys move, plus and minus zoom, zero shows the whole flight."
             box = {"class": "chart", "id": name, "tabindex": "0", "role": "group"}
             pieces = [element("div", {**box, "aria-label": f"{picture.title}. {keys}"})]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
 from eivor.report.document import Bullets, Document, Facts, Part, Section
 from eivor.report.flight_document import document_of
 from eivor.report.json_document import json_of
@@ -17,6 +16,7 @@ from eivor.report.page.over_time import MOST_FLIGHTS, flights_over_time
 from eivor.report.page.parts import badge, section_html, shape
 from eivor.report.page.provenance import provenance
 from eivor.report.page.shell import whole_page
+from eivor.report.page.verdict_data import more_said, verdict_data
 from eivor.report.told import ToldFlight, ToldQuantity, told_flight
 
 #: Titles are cut to so many letters; provenance has the names as they are.
@@ -71,9 +71,8 @@ def flight_page(result: FlightEstimate) -> str:
             ),
         ]
     )
-    return whole_page(
-        f"{title}: {told.verdict.status.value}", body, {"result": numbers, "charts": figures.charts}
-    )
+    data = {"result": numbers, "charts": figures.charts, "verdict": verdict_data(document, told)}
+    return whole_page(f"{title}: {told.verdict.status.value}", body, data)
 
 
 def _title(told: ToldFlight) -> str:
@@ -95,16 +94,11 @@ def _verdict(document: Document, told: ToldFlight) -> Markup:
     said = element(
         "p", {"class": "said"}, shape(status), element("strong", None, status.value), f": {document.about}"
     )
-    summary = [element("p", None, told.summary)] if told.summary else []
-    why = (
-        []
-        if status is Status.IDENTIFIED or summary or not told.reasons
-        else [element("p", None, told.reasons[0].sentence)]
-    )
+    more = [element("p", None, one) for one in more_said(told)]
     readings = [_reading(one) for one in told.brief]
     note = element("p", {"class": "note"}, "In brackets: 95 % intervals.")
     listed = [element("div", {"class": "readings"}, *readings), note] if readings else []
-    return element("div", {"class": f"verdict {status.value}"}, said, *summary, *why, *listed)
+    return element("div", {"class": f"verdict {status.value}"}, said, *more, *listed)
 
 
 def _reading(told: ToldQuantity) -> Markup:

@@ -210,6 +210,17 @@
     redrawn();
   });
 
+  // -- within the page of `eivor serve`, which gives it its name --------------------------------------------
+  if (window.name === "eivor-report" && parent !== window) {
+    root.dataset.framed = "";
+    new ResizeObserver(() => parent.postMessage({ height: document.body.offsetHeight }, "*")).observe(document.body);
+    addEventListener("message", (event) => {
+      if (event.source !== parent || !["light", "dark"].includes(event.data)) return;
+      root.dataset.theme = event.data;
+      themed();
+    });
+  }
+
   document.getElementById("save").addEventListener("click", () => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(new Blob([document.getElementById("result").textContent], { type: "application/json" }));
