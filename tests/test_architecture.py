@@ -102,7 +102,7 @@ def test_documented_order_is_the_contract():
         assert f"`{room}/`" in page, f"the room {room} is not described"
 
 
-@pytest.mark.parametrize("room", ["flights", "report", "cli", "estimation", "inference"])
+@pytest.mark.parametrize("room", ["flights", "report", "cli", "asked", "estimation", "inference"])
 def test_rooms_name_no_parameter_of_a_motion(room):
     """Only a motion knows what its parameters are called; others ask it."""
     from eivor.motions import motion_by_name

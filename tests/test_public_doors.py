@@ -86,6 +86,7 @@ ACCEPTED = {
     ("identify_chunks", "chunks"): {"function", "type"},
     ("identify_flight", "options"): {"none"},
     ("identify_flight", "windows"): {"none"},
+    ("identify_flight", "progress"): {"function", "type"},
     ("validate", "window"): {"none"},
     ("validate", "max_tilt_deg"): {"none"},
     ("FlightOptions", "window"): {"none"},
@@ -447,7 +448,14 @@ def doors(folder):
         ),
         "identify_flight": (
             ev.identify_flight,
-            {"recordings": m.recording, "options": None, "windows": None, "model": "vertical", "vehicle": ""},
+            {
+                "recordings": m.recording,
+                "options": None,
+                "windows": None,
+                "model": "vertical",
+                "vehicle": "",
+                "progress": print,
+            },
         ),
         "identify_recursively": (
             ev.identify_recursively,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eivor.asked.supplied import supplied
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import keep_apart, output_file, write_out, writing
@@ -19,7 +19,7 @@ from eivor.errors import NotIdentifiedError, UsageError
 from eivor.whole_file import write_whole
 
 if TYPE_CHECKING:
-    from eivor.exports.fitted import Exported, Known, Supplied
+    from eivor.exports.fitted import Exported, Supplied
     from eivor.report.saved_fit import SavedFit
 
 EXIT_CODES = (
@@ -113,7 +113,7 @@ def export(
             f"--to {to}",
             "Simulators have no delay: their draws are at the one that fits best.",
         )
-    supplied = _supplied(mass, prior or [], vehicle)
+    given = supplied(mass, prior or [], vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     if output != STANDARD_OUTPUT:
@@ -123,8 +123,8 @@ def export(
     result = load_fit(fit)
     try:
         if draws is None or to:
-            return _export(result.exported(to, supplied, draws, seed), output)
-        return _draw(result, draws, seed, supplied, Path(output), delays)
+            return _export(result.exported(to, given, draws, seed), output)
+        return _draw(result, draws, seed, given, Path(output), delays)
     except NotIdentifiedError as error:
         complain(str(error))
         return ExitCode.NOT_IDENTIFIED
@@ -152,33 +152,3 @@ def _draw(
     if left_out:
         complain(f"Not identified, hence no column: {', '.join(left_out)}.")
     return ExitCode.NOT_IDENTIFIED if left_out else ExitCode.IDENTIFIED
-
-
-def _supplied(mass: str, priors: list[str], vehicle: str) -> Supplied:
-    """What was typed, as what exports take."""
-    from eivor.exports.fitted import Supplied
-    from eivor.motions.rigid_body.vehicle_file import load_vehicle
-
-    known = {}
-    for text in priors:
-        name, equals, number = text.partition("=")
-        if not equals:
-            raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
-        known[name.strip()] = _known(number, "--prior")
-    return Supplied(
-        _known(mass, "--mass") if mass else None, known, load_vehicle(vehicle) if vehicle else None
-    )
-
-
-def _known(text: str, option: str) -> Known:
-    """Number of ``VALUE`` or ``VALUE:STD``."""
-    from eivor.exports.fitted import Known
-
-    value_text, colon, std_text = text.partition(":")
-    try:
-        value, std = float(value_text), float(std_text) if colon else 0.0
-    except ValueError:
-        value = std = math.nan
-    if not math.isfinite(value):
-        raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
-    return Known(value, std)

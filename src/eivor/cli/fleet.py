@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import deliver, keep_apart, output_file, write_out
 from eivor.cli.readable_help import ReadableCommand, ReadableGroup
-from eivor.cli.recordings import flight_options, named_motion
 from eivor.cli.terminal import complain, console, show, step
 from eivor.errors import UsageError
 from eivor.motions import DEFAULT as DEFAULT_MODEL

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from eivor.asked.flights import identified
+from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, write_out, writing
-from eivor.cli.recordings import ChosenLogs, chosen_logs, flight_options, named_motion
+from eivor.cli.recordings import ChosenLogs, chosen_logs
 from eivor.cli.terminal import show, step
-from eivor.errors import MissingChannelError, UsageError
 from eivor.motions import DEFAULT as DEFAULT_MODEL
 
 if TYPE_CHECKING:
     from eivor.flights.motion import Motion
     from eivor.flights.options import FlightOptions
     from eivor.flights.result import FlightEstimate
-    from eivor.signals.recording import Recording
 
 EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 identified; 3 weak, provisional or refused (the numbers are printed all the "
@@ -141,8 +141,8 @@ def result_of(chosen: ChosenLogs, motion: Motion[Any], options: FlightOptions) -
         When one cannot be read, or lacks what the motion needs.
     """
     recordings, windows = chosen.read(options)
-    check_named_instruments(recordings, options.instruments)
-    return identified(recordings, motion, options, windows)
+    with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
+        return identified(recordings, motion, options, windows)
 
 
 def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]], html: str = "") -> Outputs:
@@ -164,60 +164,6 @@ def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]],
         files["--html"] = output_file(html, option="--html")
     keep_apart(files, inputs)
     return Outputs(json, files.get("--figure"), html)
-
-
-def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
-    """Refuse instruments that a log does not have.
-
-    Raises
-    ------
-    UsageError
-        With the channels that there are.
-    """
-    for recording in recordings:
-        absent = [name for name in wanted if name not in {"references", "lags", *recording.channels}]
-        if absent:
-            raise UsageError(
-                f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}",
-                ", ".join(f"'{name}'" for name in absent),
-                "Name those, or references, or lags.",
-            )
-
-
-def identified(
-    recordings: list[Recording],
-    motion: Motion[Any],
-    options: FlightOptions,
-    windows: list[tuple[float, float] | None],
-) -> FlightEstimate:
-    """Result of the logs.
-
-    Raises
-    ------
-    MissingChannelError
-        With what to log so that the channel is there.
-    """
-    from eivor.motions.identify import identify_flight
-
-    try:
-        with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
-            return identify_flight(recordings, options, windows=windows, model=motion)
-    except MissingChannelError as error:
-        raise MissingChannelError(
-            error.expected, error.received, " ".join((error.remedy, *_advice(recordings, motion)))
-        ) from error
-
-
-def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
-    from eivor.report.card import logging_advice_for, missing_channels
-
-    sentences = [
-        sentence
-        for recording in recordings
-        for channel in missing_channels(recording, motion)
-        for sentence in logging_advice_for(recording, channel)
-    ]
-    return tuple(dict.fromkeys(sentences))
 
 
 def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[], None]]:

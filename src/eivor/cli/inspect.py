@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
+from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.identify import chosen_outputs
 from eivor.cli.outputs import deliver, write_out
-from eivor.cli.recordings import chosen_logs, flight_options, named_motion
+from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show, step
 from eivor.motions import DEFAULT as DEFAULT_MODEL
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eivor.asked.planned import check_mission, flight_limits, place_of
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
@@ -18,7 +18,6 @@ from eivor.cli.terminal import complain, show, step
 from eivor.errors import UsageError
 
 if TYPE_CHECKING:
-    from eivor.planning.limits import FlightLimits
     from eivor.planning.plan import FlightPlan
     from eivor.planning.vehicle import VehicleGuess
 
@@ -111,12 +110,12 @@ def plan(
     """Plan the flight that would tell what another one could not, and say how well it will."""
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
     files = {"--csv": csv, "--mavsdk": mavsdk, "--qgc": qgc, "--rotorpy": rotorpy}
-    _check_mission(qgc, home, shape)
+    check_mission(qgc, home, shape)
     outputs = {option: output_file(text, option=option) for option, text in files.items() if text}
     if json not in ("", STANDARD_OUTPUT):
         outputs["--json"] = output_file(json, option="--json")
     keep_apart(outputs, {"what is planned for": [Path(source)] if source else []})
-    limits = _limits(height, speed, acceleration, tilt, time)
+    limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
     from eivor.report.planned import plan as planned
 
@@ -132,17 +131,6 @@ def plan(
             "Give it more time, height or speed, or wait for calmer air.",
         )
     return ExitCode.IDENTIFIED if made.telling else ExitCode.NOT_IDENTIFIED
-
-
-def _check_mission(qgc: str, home: str, shape: str) -> None:
-    if bool(qgc) != bool(home):
-        raise UsageError(
-            "--qgc FILE.plan together with --home LAT,LON",
-            "one without the other",
-            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
-        )
-    if qgc and shape not in ("", "steps"):
-        raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
 
 
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
@@ -161,35 +149,13 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else rough_vehicle(**given)
 
 
-def _limits(height: str, speed: float, acceleration: float, tilt: float, time: float) -> FlightLimits:
-    from eivor.planning.limits import FlightLimits
-
-    low, high = arguments.window(height)
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise UsageError("--height LOW:HIGH with both ends", f"'{height}'", "Such as 3:8, in metres.")
-    return FlightLimits((low, high), speed, acceleration, tilt, time)
-
-
 def _texts(made: FlightPlan, outputs: dict[str, Path], home: str) -> dict[Path, str]:
     """Text of every file that was asked for."""
-    from eivor.planning.written.mission import qgc_text
-    from eivor.planning.written.offboard import mavsdk_text
-    from eivor.planning.written.table import csv_text
-    from eivor.planning.written.trajectory import rotorpy_text
+    from eivor.planning.written.formats import WRITTEN
 
-    writers = {"--csv": csv_text, "--mavsdk": mavsdk_text, "--rotorpy": rotorpy_text}
-    texts = {path: writers[option](made) for option, path in outputs.items() if option in writers}
-    if "--qgc" in outputs:
-        texts[outputs["--qgc"]] = qgc_text(made, _place(home))
-    return texts
-
-
-def _place(text: str) -> tuple[float, float]:
-    latitude, comma, longitude = text.partition(",")
-    try:
-        return float(latitude), float(longitude if comma else "")
-    except ValueError:
-        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.") from None
+    place = place_of(home) if home else None
+    written = {name: outputs[f"--{name}"] for name in WRITTEN if f"--{name}" in outputs}
+    return {path: WRITTEN[name].text(made, place) for name, path in written.items()}
 
 
 def _deliveries(made: FlightPlan, json: str, texts: dict[Path, str]) -> Iterator[Callable[[], None]]:

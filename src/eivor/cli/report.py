@@ -8,11 +8,12 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from eivor.asked.options import flight_options, named_motion
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.identify import exit_code, identify, result_of, write_page
 from eivor.cli.outputs import keep_apart, output_file
-from eivor.cli.recordings import chosen_logs, flight_options, named_motion
+from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show
 from eivor.errors import UsageError
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from eivor.asked import words
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
@@ -59,7 +60,7 @@ def validate(
 
     chosen = chosen_logs([log], example=False, channel_map=channel_map)
     outputs = chosen_outputs(json, figure, {**chosen.files, "the result": [fit]})
-    options = FlightOptions(window=arguments.window(window) if window else None)
+    options = FlightOptions(window=words.window(window) if window else None)
     from eivor.report.read_fit import load_fit
 
     result = load_fit(fit)

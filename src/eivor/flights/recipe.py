@@ -33,6 +33,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Quantity, Unjudged
 from eivor.flights.result import Fit, FlightEstimate, Unaided
+from eivor.flights.stages import Progress, Stage, silent
 from eivor.flights.telemetry import telemetry_lag
 from eivor.flights.told_lag import ToldLag
 from eivor.inference.diagnostics.over_identification import OverIdentification
@@ -50,6 +51,7 @@ def estimated(
     options: FlightOptions,
     agreement: OverIdentification | None = None,
     beside: LagsBeside = tuple,
+    progress: Progress = silent,
 ) -> FlightEstimate:
     """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
 
@@ -65,6 +67,8 @@ def estimated(
         Whether the instruments agree, where that is known better than from the estimate.
     beside : callable
         What other motions of the same flight say of the lag, if there are any; called where that serves.
+    progress : callable
+        See `Progress`.
     """
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
@@ -97,6 +101,7 @@ def estimated(
             problem = with_given_lag(problem, given.for_the_log, alone.best.at)
             problem, estimate = motion.settled(problem, solve, options)
         prepared = motion.as_settled(prepared, problem)
+        progress(Stage.DIAGNOSING)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         if given is not None:
             # what was given is compared with the flight by itself, and is nothing that instruments say

@@ -17,6 +17,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import LagsBeside, estimated
 from eivor.flights.result import FlightEstimate, FlightRow
+from eivor.flights.stages import Progress, Stage, silent
 from eivor.flights.terms import check_options
 from eivor.flights.told_lag import ToldLag
 from eivor.signals.recording import Recording
@@ -31,6 +32,7 @@ def identified(
     windows: Sequence[Window],
     others: tuple[Motion[Any], ...] = (),
     told: tuple[ToldLag, ...] = (),
+    progress: Progress = silent,
 ) -> FlightEstimate:
     """Identify a motion from the logs of one or several flights of one vehicle.
 
@@ -49,6 +51,8 @@ def identified(
         Those that `Motion.lag_from` names. Flights of a pool tell their lag together, and need none.
     told : tuple of ToldLag
         What is known of the lag already, in place of what the others would tell of one flight.
+    progress : callable
+        See `Progress`.
 
     Raises
     ------
@@ -65,6 +69,7 @@ def identified(
         raise UsageError(
             f"{len(logs)} windows, one for each log", f"{len(windows)}", "Use None for a whole log."
         )
+    progress(Stage.PREPARING)
     kept, dropped = without_duplicates(logs, windows)
     prepared = tuple(
         prepare(log, motion, options if window is None else replace(options, window=window))
@@ -78,7 +83,8 @@ def identified(
     elif len(kept) == 1 and others:
         ((log, window),) = kept
         beside = cache(partial(lags_beside, others, log, window or options.window))
-    result = _together(motion, prepared, options, beside)
+    progress(Stage.IDENTIFYING)
+    result = _together(motion, prepared, options, beside, progress)
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
         rows = [
@@ -96,10 +102,11 @@ def _together(
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
     beside: LagsBeside,
+    progress: Progress,
 ) -> FlightEstimate:
     """One flight; or several, with each flight's own result beside them."""
     if len(prepared) == 1:
-        return estimated(motion, prepared, options, beside=beside)
+        return estimated(motion, prepared, options, beside=beside, progress=progress)
     from eivor.flights.pool_verdict import agreement  # late: most calls are of one flight
     from eivor.flights.pooled import pooled_result
 
@@ -108,6 +115,7 @@ def _together(
     if result is None:
         own = agreement([one.fit.checks for one in alone if one.fit is not None])
         result = estimated(motion, prepared, options, own)
+    progress(Stage.DIAGNOSING)
     rows = [_row(flight.recording.name, own) for flight, own in zip(prepared, alone, strict=True)]
     return replace(result, flights=tuple(rows))
 

@@ -15,6 +15,7 @@ from eivor.flights.declared_noise import Declared
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.result import FlightEstimate
+from eivor.flights.stages import Progress, silent
 from eivor.flights.together import identified
 from eivor.models.separable import Bounds, Prior
 from eivor.motions import DEFAULT, motion_by_name
@@ -50,6 +51,7 @@ def identify_flight(
     windows: Sequence[tuple[float, float] | None] | None = None,
     model: str | Motion[Any] = DEFAULT,
     vehicle: str | PathLike[str] = "",
+    progress: Progress = silent,
     **choices: Unpack[Choices],
 ) -> FlightEstimate:
     """Identify a motion from a flight, or from several flights of one vehicle together.
@@ -68,6 +70,8 @@ def identify_flight(
         brings, or a motion itself.
     vehicle : str or path, optional
         What flies, for motions that ask: the name of a shipped vehicle, or a vehicle file.
+    progress : callable
+        Called with what begins: "preparing", "identifying", "diagnosing".
     **choices
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
@@ -106,6 +110,8 @@ def identify_flight(
             "the name of a motion, or a motion", f"{type(motion).__name__}", 'The default is "vertical".'
         )
     checks.kind("vehicle", vehicle, (str, PathLike), "the name of a vehicle, or a file", "Name one.")
+    if not callable(progress):
+        raise UsageError("a function of what begins", checks.described(progress), "Give progress=print.")
     if vehicle:
         motion = motion.of_vehicle(str(vehicle))
     chosen = _chosen(options, choices)
@@ -118,7 +124,7 @@ def identify_flight(
         if window is not None:
             check_window(window)
     others = tuple(motion_by_name(name) for name in motion.lag_from)
-    result = identified(logs, motion, chosen, list(windows), others)
+    result = identified(logs, motion, chosen, list(windows), others, progress=progress)
     beside = {one.motion: motion_by_name(one.motion) for one in motion.companions}
     return with_companions(result, beside, logs, list(windows))
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.cli.recordings import flight_options
+from eivor.asked.options import flight_options
 from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.predicted import Horizon

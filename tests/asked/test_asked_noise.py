@@ -2,7 +2,7 @@
 
 import pytest
 
-from eivor.cli.noise_argument import noise
+from eivor.asked.noise import noise
 from eivor.errors import UsageError
 from eivor.signals.data_sheet import DataSheet
 

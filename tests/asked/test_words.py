@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from eivor.cli.arguments import LogArgument, log_argument, named, names, window
+from eivor.asked.words import LogArgument, log_argument, named, names, window
 from eivor.errors import CorruptLogError, UsageError
 
 

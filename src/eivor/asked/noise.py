@@ -1,4 +1,4 @@
-"""`--noise`: what is typed of the measurement noise of channels."""
+"""What is typed of the measurement noise of channels."""
 
 from __future__ import annotations
 
