@@ -25,7 +25,7 @@ from eivor.inference.courses.shared_slopes import SharedSlopes, shared_slopes
 from eivor.inference.courses.step import Steps, after_step, steps
 from eivor.inference.random_effects.between import paule_mandel
 from eivor.inference.random_effects.groups import Groups
-from eivor.inference.random_effects.weighted import weighted
+from eivor.inference.random_effects.weighted import weighted, weights_of
 from eivor.shapes import Float
 
 #: Share of vehicles without change that may be said to change; share of those told to differ that may not.
@@ -83,9 +83,10 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
     )
     at = rows["hours"].to_numpy()
     given = _Given(groups, vehicles, y, v, at, x, used)
-    found = given.without(y, at[None, :])
+    between = given.between(y)
+    *found, between = given.without(between, at[None, :])
     if used:  # again, beside the step that is seen now
-        found = given.without(found[0].y, np.stack([at, after_step(found[0])]))
+        *found, _ = given.without(between, np.stack([at, after_step(found[0])]))
     return Corrected(found[0], vehicles, used, found[1])
 
 
@@ -102,14 +103,14 @@ class _Given:
     used: tuple[Covariate, ...]
 
     def without(
-        self, level: Float[np.ndarray, " rows"], courses: Float[np.ndarray, "c rows"]
-    ) -> tuple[Ordered, SharedSlopes]:
-        """Estimates without covariates, by weights from the level that was found before."""
+        self, between: Float[np.ndarray, " groups"], courses: Float[np.ndarray, "c rows"]
+    ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
+        """Estimates without covariates, by the variance between that was found before, with the next one."""
         slopes = shared_slopes(
             self.groups,
             self.vehicles,
             self.y,
-            self._weights(level),
+            self._weights(between),
             courses,
             self.x,
             np.array([one.slope for one in self.used]),
@@ -118,12 +119,18 @@ class _Given:
         of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
         level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
         covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
-        weights = self._weights(level)
-        return Ordered(self.groups, level, self.v, weights, self.at, self.x, covariance), slopes
+        between = self.between(level, between)
+        weights = self._weights(between)
+        return Ordered(self.groups, level, self.v, weights, self.at, self.x, covariance), slopes, between
 
-    def _weights(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        between = paule_mandel(self.groups, level, self.v, together=self.vehicles)
-        return 1.0 / (self.v + self.groups.spread(between))
+    def between(
+        self, level: Float[np.ndarray, " rows"], near: Float[np.ndarray, " groups"] | None = None
+    ) -> Float[np.ndarray, " groups"]:
+        """Variance between flights, common to a type."""
+        return paule_mandel(self.groups, level, self.v, together=self.vehicles, near=near)
+
+    def _weights(self, between: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " rows"]:
+        return weights_of(self.groups, self.v, between)
 
 
 def _is_known(rows: pl.DataFrame, name: str) -> bool:

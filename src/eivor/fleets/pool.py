@@ -65,7 +65,7 @@ def _told(
     found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
     known = between_distribution(groups, y, v)
     half, ahead = known.mean_half_widths(found), known.next_half_widths(found.value)
-    low, high = q_profile(groups, y, v)
+    low, high = q_profile(groups, y, v, near=found.between)
     ends = np.stack(
         [found.value, *(found.value + sign * one for one in (half, ahead) for sign in (-1.0, 1.0))]
     )

@@ -110,5 +110,7 @@ def _error(across: AcrossFlights) -> pl.Expr:
 
 def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
     """Groups of rows that stand together already, with what they go by."""
-    found = rows.group_by(*by, maintain_order=True).agg(pl.len().alias("rows"))
-    return found.select(by), Groups(found["rows"].to_numpy().astype(np.int64))
+    begins = [pl.col(name).ne_missing(pl.col(name).shift()) for name in by]
+    first = rows.select(pl.any_horizontal(begins) | (pl.int_range(pl.len()) == 0)).to_series().arg_true()
+    ends = np.append(first.to_numpy()[1:], rows.height)
+    return rows.select(by)[first], Groups((ends - first.to_numpy()).astype(np.int64))

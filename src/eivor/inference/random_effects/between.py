@@ -17,8 +17,8 @@ from eivor.shapes import Float
 
 #: Steps of the search: 1/Q is nearly a straight line, so that few are needed.
 STEPS = 60
-#: A search ends when it moves by less than this share.
-CLOSE = 1e-13
+#: A search ends after a step by less than this share, beyond which its square is left.
+CLOSE = 1e-8
 
 
 def moment_between(
@@ -44,6 +44,7 @@ def paule_mandel(
     estimates: Float[np.ndarray, " rows"],
     variances: Float[np.ndarray, " rows"],
     together: Groups | None = None,
+    near: Float[np.ndarray, " groups"] | None = None,
 ) -> Float[np.ndarray, " groups"]:
     """Variance between estimates where Q is its expectation; zero where it is below that without any.
 
@@ -57,10 +58,12 @@ def paule_mandel(
         y and v.
     together : Groups, optional
         Groups of the groups that have one variance between them; by default each has its own.
+    near : ndarray, shape (groups,), optional
+        Variances that are near, where the search is quick from; it ends at the same without.
     """
-    together = together or Groups(np.ones(groups.sizes.size, dtype=int))
+    together = together or _each_alone(groups)
     expected = together.sums((groups.sizes - 1).astype(float))
-    return _where(groups, estimates, variances, expected, together)
+    return _where(groups, estimates, variances, expected, together, near)
 
 
 def q_profile(
@@ -68,12 +71,13 @@ def q_profile(
     estimates: Float[np.ndarray, " rows"],
     variances: Float[np.ndarray, " rows"],
     level: float = 0.95,
+    near: Float[np.ndarray, " groups"] | None = None,
 ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
     """Interval of the variance between estimates; from zero to infinity for a single one. Performs no checks.
 
     Parameters
     ----------
-    groups, estimates, variances
+    groups, estimates, variances, near
         As for `paule_mandel`.
     level : float
         Its confidence.
@@ -88,11 +92,20 @@ def q_profile(
     several = degrees > 0
     low, high = (
         _where(
-            groups, estimates, variances, np.where(several, special.chdtri(np.maximum(degrees, 1), at), 1.0)
+            groups,
+            estimates,
+            variances,
+            np.where(several, special.chdtri(np.maximum(degrees, 1), at), 1.0),
+            _each_alone(groups),
+            near,
         )
         for at in (tail, 1.0 - tail)
     )
     return np.where(several, low, 0.0), np.where(several, high, np.inf)
+
+
+def _each_alone(groups: Groups) -> Groups:
+    return Groups(np.ones(groups.sizes.size, dtype=int))
 
 
 def _where(
@@ -100,21 +113,22 @@ def _where(
     estimates: Float[np.ndarray, " rows"],
     variances: Float[np.ndarray, " rows"],
     wanted: Float[np.ndarray, " sets"],
-    together: Groups | None = None,
+    together: Groups,
+    near: Float[np.ndarray, " groups"] | None,
 ) -> Float[np.ndarray, " groups"]:
     """Variance at which Q, summed over groups that go together, has a value; zero where it begins below.
 
-    Newton's method on 1/Q, which is concave and rises: from zero it climbs to the root and never beyond.
+    Newton's method on 1/Q, which is concave and rises: from below it climbs to the root and never beyond;
+    from above it comes out below.
     """
-    together = together or Groups(np.ones(groups.sizes.size, dtype=int))
-    found = np.zeros(wanted.size)
+    found = np.zeros(wanted.size) if near is None else near[together.starts]
     for _ in range(STEPS):
         at = weighted(groups, estimates, variances, together.spread(found))
         q = together.sums(groups.sums(at.squares))
         fall = together.sums(groups.sums(at.weights * at.squares))
-        searching = (q > wanted * (1.0 + CLOSE)) & (wanted > 0.0)
-        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), 0.0)
-        found = found + step
-        if np.all(step <= CLOSE * found):
+        searching = (fall > 0.0) & (wanted > 0.0)
+        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -found)
+        before, found = found, np.maximum(found + step, 0.0)
+        if np.all(np.abs(found - before) <= CLOSE * found):
             break
     return together.spread(found)

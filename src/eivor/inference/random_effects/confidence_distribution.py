@@ -22,7 +22,8 @@ from scipy import special
 from eivor.inference.quantiles import normal_quantile
 from eivor.inference.random_effects.groups import Groups
 from eivor.inference.random_effects.mean import RandomEffectsMeans
-from eivor.shapes import Float, Int
+from eivor.inference.random_effects.weighted import weights_of
+from eivor.shapes import Bool, Float, Int
 
 #: Members of a group with a prediction, at least, and those below which it should be taken with care.
 FEWEST, FEW = 3, 6
@@ -31,8 +32,9 @@ GRID = np.concatenate(([0.0], np.geomspace(3e-3, 3e2, 20)))
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 #: Probabilities at which the distribution is looked at, and what each counts.
 PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
-#: Steps of the search for a half-width: halvings of its logarithm, then chords (the Illinois rule).
-HALVINGS, CHORDS = 5, 6
+#: Steps of the search for a half-width, at most, and the share of it by which a last one moves: what is left
+#: is its square.
+STEPS, CLOSE = 30, 1e-4
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,10 @@ class BetweenDistribution:
 
         Alone, theirs covers .94 where the variance between is about that of the errors.
         """
-        return np.maximum(found.half_widths(level), self._half_widths(found.value, self.mean_errors, level))
+        half = found.half_widths(level)
+        short = self._missed(half, found.value, self.mean_errors)[0] > 1.0 - level
+        half[short] = self._only(short)._half_widths(found.value[short], self.mean_errors[:, short], level)
+        return half
 
     def next_half_widths(
         self, centre: Float[np.ndarray, " groups"], level: float = 0.95
@@ -69,35 +74,39 @@ class BetweenDistribution:
         found = self._half_widths(centre, self.next_errors, level)
         return np.where(self.sizes >= FEWEST, found, np.inf)
 
+    def _only(self, which: Bool[np.ndarray, " groups"]) -> BetweenDistribution:
+        return BetweenDistribution(
+            self.sizes[which], self.means[:, which], self.mean_errors[:, which], self.next_errors[:, which]
+        )
+
+    def _missed(
+        self,
+        half_width: Float[np.ndarray, " groups"],
+        centre: Float[np.ndarray, " groups"],
+        errors: Float[np.ndarray, "nodes groups"],
+    ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
+        """Probability outside a half-width, and the density at its ends."""
+        offsets = self.means - centre
+        above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
+        density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
+        missed = COUNTS @ (special.ndtr(-above) + special.ndtr(-below))
+        return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
+
     def _half_widths(
         self, centre: Float[np.ndarray, " groups"], errors: Float[np.ndarray, "nodes groups"], level: float
     ) -> Float[np.ndarray, " groups"]:
-        offsets = self.means - centre
-
-        def excess(half_width: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " groups"]:
-            above, below = (half_width - offsets) / errors, (-half_width - offsets) / errors
-            return COUNTS @ (special.ndtr(above) - special.ndtr(below)) - level
-
+        """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
         z = normal_quantile(level)
-        low = z * errors.min(axis=0)  # narrower than any of the normals that are mixed
-        high = z * errors.max(axis=0) + np.abs(offsets).max(axis=0)
-        for _ in range(HALVINGS):
-            middle = np.sqrt(low * high)
-            short = excess(middle) < 0.0
-            low, high = np.where(short, middle, low), np.where(short, high, middle)
-        at_low, at_high = excess(low), excess(high)
-        for _ in range(CHORDS):
-            apart = at_high - at_low
-            middle = high - at_high * (high - low) / np.where(apart > 0.0, apart, 1.0)
-            found = excess(middle)
-            short = found < 0.0
-            low, at_low, at_high = (
-                np.where(short, middle, low),
-                np.where(short, found, 0.5 * at_low),
-                np.where(short, 0.5 * at_high, found),
-            )
-            high = np.where(short, high, middle)
-        return middle
+        offsets = np.abs(self.means - centre).max(axis=0)
+        low, high = z * errors.min(axis=0), z * errors.max(axis=0) + offsets  # of the normals that are mixed
+        found = np.clip(z * (COUNTS @ errors), low, high)
+        for _ in range(STEPS):
+            missed, density = self._missed(found, centre, errors)
+            step = np.log(missed / (1.0 - level)) * missed / (found * density)
+            found, before = np.clip(found * np.exp(step), low, high), found
+            if np.all(np.abs(found - before) <= CLOSE * found):
+                break
+        return found
 
 
 def between_distribution(
@@ -119,9 +128,12 @@ def between_distribution(
     grid = GRID[:, None] * np.maximum(scatter, groups.sums(variances) / groups.sizes)
     squares, means, variance = (np.empty_like(grid) for _ in range(3))
     for number, between in enumerate(grid):
-        weights = 1.0 / (variances + groups.spread(between))
-        total, first = groups.sums(weights), groups.sums(weights * about)
-        squares[number] = groups.sums(weights * about**2) - first**2 / total
+        weights = weights_of(groups, variances, between)
+        total = groups.sums(weights)
+        weights *= about
+        first = groups.sums(weights)
+        weights *= about
+        squares[number] = groups.sums(weights) - first**2 / total
         means[number], variance[number] = centre + first / total, 1.0 / total
     inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
     place = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))

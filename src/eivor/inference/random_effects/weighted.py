@@ -49,7 +49,20 @@ def weighted(
     between : ndarray, shape (groups,)
         Variance between the estimates of each group.
     """
-    weights = 1.0 / (variances + groups.spread(between))
+    weights = weights_of(groups, variances, between)
     total = groups.sums(weights)
     mean = groups.sums(weights * estimates) / total
-    return Weighted(weights, total, mean, weights * (estimates - groups.spread(mean)) ** 2)
+    squares = groups.spread(mean)
+    squares -= estimates
+    squares *= squares
+    squares *= weights
+    return Weighted(weights, total, mean, squares)
+
+
+def weights_of(
+    groups: Groups, variances: Float[np.ndarray, " rows"], between: Float[np.ndarray, " groups"]
+) -> Float[np.ndarray, " rows"]:
+    """1 / (v + between), in an array of its own. Performs no checks."""
+    weights = groups.spread(between)
+    weights += variances
+    return np.reciprocal(weights, out=weights)
