@@ -168,6 +168,30 @@ def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
     assert report.vehicles.filter(pl.col("differs"))["vehicle"].to_list() == ["v0000"]
 
 
+def test_a_flight_that_deviates_hides_no_step() -> None:
+    spec = FleetSpec(vehicles=2, flights=40, weather=0.05, battery=0.03, broken=((1, 17, 0.12),), seed=3)
+    table = fleet_rows(spec)
+    value = table[f"{GAIN}.value"].to_list()
+    table = at(table, f"{GAIN}.value", {place: 1.6 * value[place] for place in (8, 30, 50, 72)})
+    report = reported(FleetSpec(), table)
+    first, second = of(report, GAIN).rows(named=True)
+    assert (first["course"], second["course"]) == (STEADY, STEPS)
+    assert abs(second["step_flight"] - 18) <= 3
+    told = report.deviating.filter(pl.col("quantity") == GAIN)["name"].to_list()
+    assert set(told) == {table["name"][place] for place in (8, 30, 50, 72)}
+
+
+def test_a_vehicle_whose_flights_scatter_more_does_not_differ() -> None:
+    """Its mean is known less well than the scatter that its type shares would say."""
+    table = fleet_rows(FleetSpec(vehicles=12, flights=8, between_vehicles=0.01, seed=2))
+    value = table[f"{GAIN}.value"].to_list()
+    scatter = 1.12 + 0.35 * np.random.default_rng(1).standard_normal(8)
+    table = at(table, f"{GAIN}.value", {place: scatter[place] * value[place] for place in range(8)})
+    vehicles = of(reported(FleetSpec(), table), GAIN)
+    assert vehicles["mean"][0] > 1.08 * vehicles["mean"].median()
+    assert not vehicles["differs"].any()
+
+
 def test_simulated_rows_are_a_table_of_a_fleet(tmp_path):
     table = fleet_rows(FleetSpec(vehicles=1, flights=2))
     assert set(LEADING) | set(TRAILING) <= set(table.columns)

@@ -20,6 +20,7 @@ from eivor.fleets.pooled_rows import VEHICLE, compared, groups_of
 from eivor.flights.across import AcrossFlights, Covariate
 from eivor.inference.courses.deviation import deviation_p_values
 from eivor.inference.courses.drift import Drifts, drifts
+from eivor.inference.courses.isolated import isolated_variances
 from eivor.inference.courses.ordered import Ordered
 from eivor.inference.courses.shared_slopes import SharedSlopes, shared_slopes
 from eivor.inference.courses.step import Steps, after_step, steps
@@ -83,11 +84,10 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
     )
     at = rows["hours"].to_numpy()
     given = _Given(groups, vehicles, y, v, at, x, used)
-    between = given.between(y)
-    *found, between = given.without(between, at[None, :])
+    found, slopes, between = given.without(y, given.between(y, v), at[None, :])
     if used:  # again, beside the step that is seen now
-        *found, _ = given.without(between, np.stack([at, after_step(found[0])]))
-    return Corrected(found[0], vehicles, used, found[1])
+        found, slopes, _ = given.without(found.y, between, np.stack([at, after_step(found)]))
+    return Corrected(found, vehicles, used, slopes)
 
 
 @dataclass(frozen=True)
@@ -103,14 +103,17 @@ class _Given:
     used: tuple[Covariate, ...]
 
     def without(
-        self, between: Float[np.ndarray, " groups"], courses: Float[np.ndarray, "c rows"]
+        self,
+        level: Float[np.ndarray, " rows"],
+        between: Float[np.ndarray, " groups"],
+        courses: Float[np.ndarray, "c rows"],
     ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
-        """Estimates without covariates, by the variance between that was found before, with the next one."""
+        """Estimates without covariates, by the level and the variance between that were found before."""
         slopes = shared_slopes(
             self.groups,
             self.vehicles,
             self.y,
-            self._weights(between),
+            weights_of(self.groups, self._errors(level), between),
             courses,
             self.x,
             np.array([one.slope for one in self.used]),
@@ -119,18 +122,27 @@ class _Given:
         of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
         level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
         covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
-        between = self.between(level, between)
-        weights = self._weights(between)
-        return Ordered(self.groups, level, self.v, weights, self.at, self.x, covariance), slopes, between
+        errors = self._errors(level)
+        between = self.between(level, errors, between)
+        weights, own = (weights_of(self.groups, one, between) for one in (errors, self.v))
+        return (
+            Ordered(self.groups, level, errors, weights, own, self.at, self.x, covariance),
+            slopes,
+            between,
+        )
 
     def between(
-        self, level: Float[np.ndarray, " rows"], near: Float[np.ndarray, " groups"] | None = None
+        self,
+        level: Float[np.ndarray, " rows"],
+        errors: Float[np.ndarray, " rows"],
+        near: Float[np.ndarray, " groups"] | None = None,
     ) -> Float[np.ndarray, " groups"]:
         """Variance between flights, common to a type."""
-        return paule_mandel(self.groups, level, self.v, together=self.vehicles, near=near)
+        return paule_mandel(self.groups, level, errors, together=self.vehicles, near=near)
 
-    def _weights(self, between: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " rows"]:
-        return weights_of(self.groups, self.v, between)
+    def _errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Variances of the estimates, those of isolated ones as large as they are far off."""
+        return self.v + isolated_variances(self.groups, self.vehicles, level, self.v)
 
 
 def _is_known(rows: pl.DataFrame, name: str) -> bool:
@@ -222,19 +234,31 @@ def course(rows: pl.DataFrame, across: AcrossFlights) -> tuple[Course, Corrected
 def differing_p_values(found: Corrected) -> Float[np.ndarray, " vehicles"]:
     """P-values of vehicles against the others of their type; not a number where there are too few.
 
+    A vehicle whose flights scatter more than those of its type, which share one variance between them, knows
+    its mean less well: its error goes by its own scatter then.
+
     Parameters
     ----------
     found : Corrected
         Their estimates.
     """
     ordered, vehicles = found.ordered, found.vehicles
-    total = ordered.groups.sums(ordered.weights)
-    means = ordered.groups.sums(ordered.weights * ordered.y) / total
-    errors = 1.0 / total
+    groups, w = ordered.groups, ordered.weights
+    total = groups.sums(w)
+    means = groups.sums(w * ordered.y) / total
+    scatter = groups.sums(w * (ordered.y - groups.spread(means)) ** 2) / np.maximum(groups.sizes - 1, 1)
+    errors = np.maximum(scatter, 1.0) / total
     at = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
     none = np.zeros((0, means.size))
     about = Ordered(
-        vehicles, means, errors, at.weights, none.sum(axis=0), none, np.zeros((vehicles.sizes.size, 0, 0))
+        vehicles,
+        means,
+        errors,
+        at.weights,
+        at.weights,
+        none.sum(axis=0),
+        none,
+        np.zeros((vehicles.sizes.size, 0, 0)),
     )
     line, leverage = vehicles.spread(at.mean), at.weights / vehicles.spread(at.total)
     p_values = deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))

@@ -1,5 +1,7 @@
 """Drifts, steps, slopes on covariates, deviations: against least squares of others, by hand, and by draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import statsmodels.api as sm
@@ -20,7 +22,7 @@ def ordered(y, sizes, *, errors=1e-12, at=None, weights=None) -> Ordered:
     weights = np.ones(y.size) if weights is None else weights
     at = np.concatenate([np.arange(size, dtype=float) for size in sizes]) if at is None else at
     none = np.zeros((0, y.size)), np.zeros((len(sizes), 0, 0))
-    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, at, *none)
+    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, at, *none)
 
 
 def drawn(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -136,3 +138,16 @@ def test_deviations_are_externally_studentized_residuals():
     expected = 2 * stats.t.sf(np.abs(truth.resid_studentized_external), 9)
     assert p_values[far] == pytest.approx(expected[far])
     assert (p_values[~far] == 1.0).all()
+
+
+def test_a_row_that_counts_little_is_judged_by_its_own_variance_and_hides_no_other():
+    """Truth: the residual of each of two far rows over the scatter of the rows that count."""
+    y = np.concatenate([drawn(3, 20)[0], [40.0, 40.0]])
+    weights = np.concatenate([np.ones(20), np.full(2, 1e-12)])
+    rows = replace(ordered(y, [22], weights=weights), own_weights=np.ones(22))
+    mean = y[:20].mean()
+    p_values = deviation_p_values(rows, np.full(22, mean), weights / 20.0, np.ones(1))
+    degrees = 20  # of 22 rows, one mean, and the row itself
+    score = (40.0 - mean) / np.sqrt(np.sum((y[:20] - mean) ** 2) / degrees)
+    assert p_values[20:] == pytest.approx(2.0 * stats.t.sf(score, degrees), rel=1e-6)
+    assert (p_values[:20] > 1e-3).all()

@@ -20,6 +20,8 @@ def deviation_p_values(
 ) -> Float[np.ndarray, " rows"]:
     """P-value of each row by its residual over what the other rows scatter. Performs no checks.
 
+    An isolated row counts little in its course and in what others scatter, and is judged by its own variance.
+
     Parameters
     ----------
     ordered : Ordered
@@ -36,11 +38,12 @@ def deviation_p_values(
     """
     groups, w = ordered.groups, ordered.weights
     own = np.maximum(1.0 - leverage, 1e-9)
-    square = w * (ordered.y - line) ** 2
+    off = (ordered.y - line) ** 2
+    square = w * off
     degrees = groups.spread(groups.sizes - parameters - 1.0)
     others = groups.spread(groups.sums(square)) - square / own
     scale = np.maximum(others / np.maximum(degrees, 1.0), groups.spread(ordered.least_scale))
-    score = np.sqrt(square / own / scale)
+    score = np.sqrt(ordered.own_weights * off / own / scale)
     p_values = np.ones(w.size)
     far = (degrees >= 1.0) & (score > NEAR)
     p_values[far] = 2.0 * special.stdtr(degrees[far], -score[far])

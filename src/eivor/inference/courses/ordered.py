@@ -19,9 +19,11 @@ class Ordered:
     groups : Groups
         Of the rows.
     y, errors : ndarray, shape (rows,)
-        Estimates, less what covariates explain, and their own variances v.
+        Estimates, less what covariates explain, and their variances v: their own, and what `isolated` adds.
     weights : ndarray, shape (rows,)
         w = 1 / (v + variance between).
+    own_weights : ndarray, shape (rows,)
+        The same by their own variances alone.
     at : ndarray, shape (rows,)
         When, in a unit that the slopes are of; it rises within a group.
     covariates : ndarray, shape (p, rows)
@@ -34,6 +36,7 @@ class Ordered:
     y: Float[np.ndarray, " rows"]
     errors: Float[np.ndarray, " rows"]
     weights: Float[np.ndarray, " rows"]
+    own_weights: Float[np.ndarray, " rows"]
     at: Float[np.ndarray, " rows"]
     covariates: Float[np.ndarray, "p rows"]
     slopes_covariance: Float[np.ndarray, "groups p p"]
