@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 ROOT = Path(__file__).resolve().parent.parent
+KATEX = ROOT / "src" / "eivor" / "report" / "vendored" / "katex"
 NOTES = "<!-- towncrier release notes start -->"
 
 
@@ -24,6 +25,17 @@ def on_config(config: Any) -> Any:
     config.nav = [{"Studies": pages} if entry == {"Studies": "studies"} else entry for entry in config.nav]
     config.nav = [entry for entry in config.nav if entry != {"Studies": []}]
     return config
+
+
+def on_files(files: Any, *, config: Any) -> Any:
+    """Put KaTeX, which draws the equations, beside the pages."""
+    from mkdocs.structure.files import File
+
+    for path in KATEX.rglob("*"):
+        if path.is_file():
+            name = (Path("assets") / "katex" / path.relative_to(KATEX)).as_posix()
+            files.append(File.generated(config, name, abs_src_path=str(path)))
+    return files
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:

@@ -9,6 +9,7 @@ import re
 import tomllib
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -264,12 +265,15 @@ def test_it_is_small(pages, name):
     assert len(pages[name][1].encode("utf-8")) < (400_000 if name == "fit" else 1_000_000)
 
 
-def test_what_is_vendored_is_the_release():
-    folder = resources.files("eivor.report").joinpath("vendored", "uplot")
-    release = tomllib.loads(folder.joinpath("release.toml").read_text(encoding="utf-8"))
-    for name, digest in release["sha256"].items():
-        assert hashlib.sha256(folder.joinpath(name).read_bytes()).hexdigest() == digest
-    assert "MIT" in folder.joinpath(release["licence"]).read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", ["katex", "uplot"])
+def test_what_is_vendored_is_the_release(name):
+    folder = Path(str(resources.files("eivor.report").joinpath("vendored", name)))
+    release = tomllib.loads((folder / "release.toml").read_text(encoding="utf-8"))
+    here = {path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()}
+    assert here == {"release.toml", release["licence"], *release["sha256"]}
+    for file, digest in release["sha256"].items():
+        assert hashlib.sha256((folder / file).read_bytes()).hexdigest() == digest
+    assert "MIT" in (folder / release["licence"]).read_text(encoding="utf-8")
 
 
 def test_its_licence_goes_with_it(pages):
