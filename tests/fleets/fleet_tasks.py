@@ -11,6 +11,7 @@ from typing import Any
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.flight_row import named_row
 from eivor.fleets.logs_found import Log
+from eivor.fleets.own_reports import PAGE, PageOf
 
 
 @dataclass(frozen=True)
@@ -18,13 +19,15 @@ class QuickRow:
     """Rows in place of those of `FlightRow`: a log is a text, which some make mistakes at."""
 
     options: FleetOptions
+    page_of: PageOf | None = None
 
     def __call__(self, log: Log) -> dict[str, Any]:
         text = Path(log.path).read_text(encoding="utf-8")
         if text.startswith("slow"):
             time.sleep(0.02)
         told = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
-        return {**named_row(log, self.options.marks()), **told}
+        page = {} if self.page_of is None else {PAGE: f"page of {text}"}
+        return {**named_row(log, self.options.marks()), **told, **page}
 
 
 def write_logs(folder: Path, texts: dict[str, str]) -> Path:
@@ -35,6 +38,10 @@ def write_logs(folder: Path, texts: dict[str, str]) -> Path:
     return folder
 
 
-def rows_of(monkeypatch: Any, made: Callable[[FleetOptions], Any] = QuickRow) -> None:
+def rows_of(monkeypatch: Any, made: Callable[..., Any] = QuickRow) -> None:
     """Make quick rows in this process."""
-    monkeypatch.setattr("eivor.fleets.shard.FlightRow", made)
+
+    def row_maker(options: FleetOptions, page_of: PageOf | None = None) -> Any:
+        return made(options) if page_of is None else made(options, page_of)
+
+    monkeypatch.setattr("eivor.fleets.shard.FlightRow", row_maker)

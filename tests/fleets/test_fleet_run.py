@@ -15,6 +15,7 @@ from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.folder_lock import folder_lock
 from eivor.fleets.limits import Limits
 from eivor.fleets.logs_found import logs_found
+from eivor.fleets.own_reports import report_place, reports_there
 from eivor.fleets.run import hashed, run_fleet
 from eivor.fleets.table import part_files, read_flights
 from eivor.studies.sealed_table import parquet_bytes
@@ -248,3 +249,33 @@ def test_a_folder_that_cannot_be_written(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(InputError, match=r"that the fleet can be written to; received .*Permission denied"):
         run(logs, tmp_path / "fleet")
+
+
+def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_path):
+    """Also those whose rows are there already, and only those: rows stay, and failed logs have none."""
+    folder = tmp_path / "fleet"
+    run(logs, folder)
+    before, told = parts(folder), content(folder)
+    assert not reports_there(folder)
+    run(logs, folder, page_of=str)
+    table = read_flights(folder)
+    assert reports_there(folder) == set(table["sha256"])
+    first = table.row(0, named=True)
+    assert report_place(folder, first["sha256"]).read_text() == "page of one"
+    assert (parts(folder), content(folder)) == (before, told)
+    written = {path: path.stat().st_mtime_ns for path in (folder / "reports").iterdir()}
+    run(logs, folder, page_of=str)
+    assert {path: path.stat().st_mtime_ns for path in (folder / "reports").iterdir()} == written
+    run(logs, tmp_path / "new", page_of=str)
+    assert reports_there(tmp_path / "new") == reports_there(folder)
+    assert content(tmp_path / "new") == told
+
+
+def test_a_report_that_cannot_be_written_is_no_fault_of_its_log(logs, tmp_path):
+    (tmp_path / "fleet").mkdir()
+    (tmp_path / "fleet" / "reports").write_text("in the way")
+    with pytest.raises(InputError, match="can be written"):
+        run(logs, tmp_path / "fleet", page_of=str)
+    (tmp_path / "fleet" / "reports").unlink()
+    run(logs, tmp_path / "fleet", page_of=str)
+    assert "failed" not in set(read_flights(tmp_path / "fleet")["verdict"])

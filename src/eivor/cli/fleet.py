@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
+    from eivor.fleets.own_reports import PageOf
     from eivor.fleets.report import FleetReport
     from eivor.fleets.run import FleetRun, Progress
     from eivor.studies.executors import Executor
@@ -99,6 +100,10 @@ def run_command(
             show_default=False,
         ),
     ] = "",
+    reports: Annotated[
+        bool,
+        typer.Option("--reports", help="Write a page of each flight, to which eivor fleet report links."),
+    ] = False,
     log_time: Annotated[
         float, typer.Option(metavar="S", help="Longest time for one log, in seconds.")
     ] = 600.0,
@@ -127,13 +132,25 @@ def run_command(
     try:
         with _bar() as progress:
             done = run_fleet(
-                found, Path(out), options, executor=executor, shared=bool(dask), progress=progress
+                found,
+                Path(out),
+                options,
+                executor=executor,
+                shared=bool(dask),
+                progress=progress,
+                page_of=_page_of() if reports else None,
             )
     except KeyboardInterrupt:
         complain("interrupted", f"Rows that were written are in {out}. Run the same command again to go on.")
         return ExitCode.INTERRUPTED
     show(_told(done, out))
     return ExitCode.IDENTIFIED
+
+
+def _page_of() -> PageOf:
+    from eivor.report.page.flight_page import flight_page
+
+    return flight_page
 
 
 def _executor(workers: int | None, dask: str, logs: int) -> Executor:

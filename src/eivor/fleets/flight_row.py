@@ -12,6 +12,7 @@ import numpy as np
 from eivor.errors import EivorError
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.logs_found import Log
+from eivor.fleets.own_reports import PAGE, PageOf
 from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED, NUMBERS, VERDICT
 from eivor.flights.result import FlightEstimate
 from eivor.logs.formats import format_of
@@ -36,9 +37,12 @@ class FlightRow:
     ----------
     options : FleetOptions
         What is asked of every log.
+    page_of : callable, optional
+        What makes the page of a result, which the row then holds as `PAGE` until it is written.
     """
 
     options: FleetOptions
+    page_of: PageOf | None = None
 
     def __call__(self, log: Log) -> dict[str, Any]:
         """Row of a log that could be opened; also of one without a result."""
@@ -52,7 +56,8 @@ class FlightRow:
             result = identify_flight(recording, self.options.flight, model=motion)
         except EivorError as error:
             return failed_row(about, str(error))
-        return {**about, **_of_result(result)}
+        page = {} if self.page_of is None else {PAGE: self.page_of(result)}
+        return {**about, **_of_result(result), **page}
 
     def _map(self, log: Log) -> str | None:
         """Channel map of a log, when it is of a format that takes one."""

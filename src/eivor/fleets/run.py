@@ -23,6 +23,7 @@ from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.flight_row import copy_row, failed_row, named_row
 from eivor.fleets.folder_lock import folder_lock
 from eivor.fleets.logs_found import Log, LogsFound
+from eivor.fleets.own_reports import PageOf, reports_there
 from eivor.fleets.shard import Shard, close_kept_guard
 from eivor.fleets.table import COPY, FAILED
 from eivor.logs.read import DEFAULT_MAX_BYTES
@@ -91,6 +92,7 @@ def run_fleet(
     shared: bool = False,
     shard_logs: int | None = None,
     progress: Progress = no_progress,
+    page_of: PageOf | None = None,
 ) -> FleetRun:
     """Make the rows of a fleet that are not there yet.
 
@@ -112,6 +114,9 @@ def run_fleet(
         Logs of a task. Default: by their number.
     progress : callable
         See `Progress`.
+    page_of : callable, optional
+        What makes the report of a flight from its result: every log with a result gets one, also those whose
+        rows are there already.
 
     Returns
     -------
@@ -139,7 +144,7 @@ def run_fleet(
     place = FleetFolder(folder)
     place.check(options)
     with fleet_errors_told(folder), folder_lock(folder):
-        run = _Run(place.begin(), options, executor or InProcess(), shared, progress)
+        run = _Run(place.begin(), options, executor or InProcess(), shared, progress, page_of)
         try:
             return run.done(found, guarded=guarded, shard_logs=shard_logs)
         except SupersededError as error:
@@ -157,6 +162,7 @@ class _Run:
     executor: Executor
     shared: bool
     progress: Progress
+    page_of: PageOf | None
 
     def done(self, found: LogsFound, *, guarded: bool, shard_logs: int | None) -> FleetRun:
         """Everything, from hashing to copies."""
@@ -173,6 +179,8 @@ class _Run:
         self._unopened([log for log in logs if not log.sha256], {log.name for log in logs})
         self._identify(work, before, len(logs), guarded=guarded, shard_logs=shard_logs)
         self._write_copies(copies, firsts)
+        if self.page_of is not None:
+            self._report(opened, guarded=guarded)
         self.progress(len(logs), len(logs))
         return self._summary(found, logs, before)
 
@@ -194,11 +202,21 @@ class _Run:
     ) -> None:
         self.progress(done, total)
         size = shard_logs or min(MOST_LOGS, max(1, len(work) // TASKS))
-        task = Shard(self.folder, self.options, guarded)
+        task = Shard(self.folder, self.options, guarded, self.page_of)
         with closing(self.executor.map(task, _parts(work, size))) as receipts:
             for _, receipt in receipts:
                 done += receipt.rows
                 self.progress(done, total)
+
+    def _report(self, logs: Sequence[Log], *, guarded: bool) -> None:
+        """Reports of logs whose rows were there before."""
+        told = self.folder.there(self.options.motion).filter(pl.col("verdict").is_in((COPY, FAILED)).not_())
+        keys, there = set(told.select("name", "sha256").rows()), reports_there(self.folder.folder)
+        work = [log for log in logs if (log.name, log.sha256) in keys and log.sha256 not in there]
+        task = Shard(self.folder, self.options, guarded, self.page_of, only_reports=True)
+        with closing(self.executor.map(task, _parts(work, max(1, len(work) // TASKS)))) as receipts:
+            for _ in receipts:
+                pass
 
     def _write_copies(self, copies: Sequence[Log], firsts: _Firsts) -> None:
         marks = self.options.marks()

@@ -14,6 +14,7 @@ from eivor.fleets.flight_row import FlightRow, failed_row, named_row
 from eivor.fleets.guard import AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
 from eivor.fleets.logs_found import Log
+from eivor.fleets.own_reports import PAGE, PageOf, write_report
 from eivor.studies.executors import abandoned
 
 
@@ -45,11 +46,17 @@ class Shard:
         What is asked of every log.
     guarded : bool
         Whether each log has its limits, in a process that may die of it; else it is read in this one.
+    page_of : callable, optional
+        What makes the report of a flight; without one there are no reports.
+    only_reports : bool
+        Whether rows are there already and reports are missing.
     """
 
     folder: FleetFolder
     options: FleetOptions
     guarded: bool = True
+    page_of: PageOf | None = None
+    only_reports: bool = False
 
     def __call__(self, logs: tuple[Log, ...]) -> Receipt:
         """Write the rows of some logs; fewer of them when nobody waits for them any more."""
@@ -69,14 +76,22 @@ class Shard:
         return Receipt(len(rows), Counter(row["verdict"] for row in rows))
 
     def _write(self, rows: list[dict[str, Any]]) -> None:
-        if rows:
+        if rows and not self.only_reports:
             try:
                 self.folder.write(rows, self.options.hash())
             except SupersededError:
                 rows.clear()
 
     def _row(self, log: Log) -> dict[str, Any]:
-        function = FlightRow(self.options)
+        """Row of a log, whose report is written here: what fails at that is not the log's fault."""
+        row = self._made(log)
+        page = row.pop(PAGE, None)
+        if page is not None:
+            write_report(self.folder.folder, log.sha256, page)
+        return row
+
+    def _made(self, log: Log) -> dict[str, Any]:
+        function = FlightRow(self.options, self.page_of)
         if not self.guarded:
             return function(log)
         try:
