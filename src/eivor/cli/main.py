@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 COMMANDS = (
     "identify",
     "report",
+    "serve",
     "inspect",
     "track",
     "validate",

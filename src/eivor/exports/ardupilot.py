@@ -21,6 +21,7 @@ class ArduPilotParameters(Target):
 
     name = "ardupilot"
     words = "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO"
+    ending = ".param"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

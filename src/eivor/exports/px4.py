@@ -26,6 +26,7 @@ class Px4Parameters(Target):
 
     name = "px4"
     words = "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC"
+    ending = ".params"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

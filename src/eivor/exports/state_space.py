@@ -111,6 +111,7 @@ class StateSpaceDocument(Target):
 
     name = "statespace"
     words = "arrays A, B, C, D of the motion about hover (JSON)"
+    ending = ".json"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

@@ -15,6 +15,8 @@ class Target(ABC):
     """Its word on the command line."""
     words: ClassVar[str]
     """What the file is."""
+    ending: ClassVar[str]
+    """How names of such files end."""
 
     @abstractmethod
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import pickle
 import queue
+import signal
 import subprocess
 import sys
 import threading
@@ -22,6 +23,7 @@ from contextlib import suppress
 from typing import Any, BinaryIO, cast
 
 from eivor.fleets.limits import Limits
+from eivor.fleets.telling import Tell, Telling, nobody
 from eivor.studies.executors import abandoned
 
 #: How often it is looked at whether anybody waits for the result [s].
@@ -51,40 +53,49 @@ class Guard:
 
     Parameters
     ----------
-    function : callable
+    function : callable or Telling
         That can be pickled, as can its items and results.
     limits : Limits
         Of each call.
     """
 
-    def __init__(self, function: Callable[[Any], Any], limits: Limits) -> None:
+    def __init__(self, function: Callable[[Any], Any] | Telling, limits: Limits) -> None:
         self._function = function
         self._limits = limits
         self._process: _Process | None = None
 
-    def __call__(self, item: Any) -> Any:
+    def __call__(self, item: Any, *, hear: Tell = nobody, given_up: Callable[[], bool] | None = None) -> Any:
         """Result of an item.
+
+        Parameters
+        ----------
+        item : object
+            What the function takes.
+        hear : callable
+            Takes what a `Telling` function tells; from the beginning again where an item is tried again.
+        given_up : callable, optional
+            Whether nobody waits any more. Default: whether the task that this is part of is abandoned.
 
         Raises
         ------
         LimitError
             When it takes more than it may, or its process dies.
         AbandonedError
-            When the task that this is part of is abandoned.
+            When nobody waits.
         """
         for _ in range(TRIES - 1):
             with suppress(_DiedError):
-                return self._tried(item)
+                return self._tried(item, hear, given_up or abandoned)
         try:
-            return self._tried(item)
+            return self._tried(item, hear, given_up or abandoned)
         except _DiedError as died:
             raise LimitError(str(died)) from None
 
-    def _tried(self, item: Any) -> Any:
+    def _tried(self, item: Any, hear: Tell, given_up: Callable[[], bool]) -> Any:
         process = self._process or _Process(self._function, self._limits)
         self._process = None  # until it has answered
         try:
-            result = process.result(item, self._limits)
+            result = process.result(item, self._limits, hear, given_up)
         except BaseException:
             process.end()
             raise
@@ -110,7 +121,7 @@ class _DiedError(Exception):
 class _Process:
     """A process with its two pipes: items go in, results come out."""
 
-    def __init__(self, function: Callable[[Any], Any], limits: Limits) -> None:
+    def __init__(self, function: Callable[[Any], Any] | Telling, limits: Limits) -> None:
         self._popen = subprocess.Popen(
             [sys.executable, "-m", "eivor.fleets.guarded_process"],
             stdin=subprocess.PIPE,
@@ -133,31 +144,35 @@ class _Process:
         self._is_new = True
         self._send((function, limits.memory_gb))
 
-    def result(self, item: Any, limits: Limits) -> Any:
+    def result(self, item: Any, limits: Limits, hear: Tell, given_up: Callable[[], bool]) -> Any:
         """Answer to an item."""
         if self._is_new:
-            self._answer(BEGIN_S, "begin")  # what it loads is nobody's time
+            self._answer(BEGIN_S, "begin", hear, given_up)  # what it loads is nobody's time
             self._is_new = False
         self._send(item)
-        kind, value = self._answer(limits.time_s, "answer")
+        kind, value = self._answer(limits.time_s, "answer", hear, given_up)
         if kind == "memory":
             raise _DiedError(f"It took more than {limits.memory_gb:g} GB of memory.")
         return value
 
-    def _answer(self, patience_s: float, what: str) -> tuple[str, Any]:
+    def _answer(
+        self, patience_s: float, what: str, hear: Tell, given_up: Callable[[], bool]
+    ) -> tuple[str, Any]:
         end = time.monotonic() + patience_s
         while True:
             try:
                 found = self._answers.get(timeout=LOOK_S)
             except queue.Empty:
-                if abandoned():
+                if given_up():
                     raise AbandonedError from None
                 if time.monotonic() > end:
                     raise LimitError(f"It took longer than {patience_s:g} s to {what}.") from None
                 continue
             if found is None:
                 raise _DiedError(self._last_words())
-            return found
+            if found[0] != "told":
+                return found
+            hear(found[1])
 
     def _send(self, item: Any) -> None:
         with suppress(OSError):  # that it died is told where its answer is missed
@@ -185,7 +200,10 @@ class _Process:
         return f"The process that worked on it died ({how}){said}."
 
     def end(self) -> None:
-        """End it, whatever it does."""
+        """End it and what it has begun, whatever they do."""
+        if hasattr(os, "killpg"):
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.pid, signal.SIGKILL)  # it leads a group of its own
         self._popen.kill()
         self._popen.wait()
         with suppress(OSError):

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from eivor.fleets.telling import Telling
+
 #: Bytes of a GB.
 GB = 10**9
 
@@ -27,11 +29,13 @@ def serve(items: BinaryIO, results: BinaryIO) -> None:
     threading.Thread(target=_take, args=(items, waiting), daemon=True).start()
     _give(results, ("begun", None))
     while True:
-        _give(results, _answer(function, waiting.get()))
+        _give(results, _answer(function, waiting.get(), results))
 
 
-def _answer(function: Callable[[Any], Any], item: Any) -> tuple[str, Any]:
+def _answer(function: Callable[[Any], Any] | Telling, item: Any, results: BinaryIO) -> tuple[str, Any]:
     try:
+        if isinstance(function, Telling):
+            return "result", function(item, lambda told: _give(results, ("told", told)))
         return "result", function(item)
     except MemoryError:
         return "memory", None

@@ -32,6 +32,7 @@ class DroneModelsParameters(Target):
 
     name = "drone-models"
     words = "physical parameters of drone-models and crazyflow (TOML)"
+    ending = ".toml"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

@@ -38,6 +38,7 @@ class GazeboModel(Target):
 
     name = "gazebo"
     words = "a vehicle of Gazebo (SDF with motor models)"
+    ending = ".sdf"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

@@ -30,6 +30,7 @@ class MujocoModel(Target):
 
     name = "mujoco"
     words = "a vehicle of MuJoCo (MJCF)"
+    ending = ".xml"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

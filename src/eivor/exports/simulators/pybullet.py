@@ -35,6 +35,7 @@ class PybulletVehicle(Target):
 
     name = "pybullet"
     words = "a vehicle of gym-pybullet-drones (URDF)"
+    ending = ".urdf"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

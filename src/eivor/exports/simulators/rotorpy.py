@@ -29,6 +29,7 @@ class RotorpyVehicle(Target):
 
     name = "rotorpy"
     words = "a vehicle of RotorPy (Python file with quad_params)"
+    ending = ".py"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

@@ -29,6 +29,7 @@ class SihParameters(Target):
 
     name = "sih"
     words = "PX4's simulator SIH (.params of QGroundControl): SIH_MASS, SIH_T_MAX, SIH_T_TAU, SIH_KDV, ..."
+    ending = ".params"
 
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""

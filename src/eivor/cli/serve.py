@@ -1,0 +1,101 @@
+"""`eivor serve`: a page on this machine, in the browser, on which logs are dropped."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eivor.cli.arguments import WorkersOption
+from eivor.cli.exit_codes import ExitCode, guarded
+from eivor.cli.terminal import write
+from eivor.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from eivor.serve.server import ServeOptions
+
+EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 stopped, by Ctrl-C or otherwise; 2 wrong usage; 1 a port that is taken.\n\n"
+    "Nothing leaves this machine: the page is on 127.0.0.1 only, and its address has a token of this run. "
+    "Logs and results are files of a private folder, forgotten after an hour and deleted at the end."
+)
+
+
+@guarded
+def serve(
+    *,
+    port: Annotated[int, typer.Option(metavar="N", help="Port of 127.0.0.1; 0 is any that is free.")] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address, and open nothing.")
+    ] = False,
+    workers: WorkersOption = None,
+    memory: Annotated[float, typer.Option(metavar="GB", help="Memory that a log may take.")] = 4.0,
+    time: Annotated[float, typer.Option(metavar="S", help="Time that a log may take.")] = 600.0,
+    largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
+) -> ExitCode:
+    """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
+    from eivor.serve.server import Server
+
+    options = _options(port, workers, memory, time, largest)
+    with _stop_asked_for() as stop:
+        try:
+            server = Server(options)
+        except OSError as error:
+            raise InputError(
+                "a port that is free",
+                f"{port}, for which the system says: {error.strerror or error}",
+                "Choose another with --port, or leave it out.",
+            ) from error
+        try:
+            write(f"{server.url}\nCtrl-C stops it.\n")
+            if not no_browser:
+                webbrowser.open(server.url)
+            stop.wait()
+        finally:
+            server.close()
+    return ExitCode.IDENTIFIED
+
+
+def _options(port: int, workers: int | None, memory: float, time: float, largest: float) -> ServeOptions:
+    """What the server may spend.
+
+    Raises
+    ------
+    UsageError
+        For what cannot be.
+    """
+    from eivor.fleets.limits import Limits
+    from eivor.serve.server import ServeOptions
+
+    if not 0 <= port < 1 << 16:
+        raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
+    count = max(2, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+    if workers is not None and workers < 1:
+        raise UsageError("at least one worker", str(workers), "Leave it out for one for each core.")
+    if not 0.0 < largest < 1e6:
+        raise UsageError("a size above zero [MB]", f"{largest:g}", "Give 500, for example.")
+    return ServeOptions(
+        port=port,
+        workers=workers or count,
+        limits=Limits(time, memory),
+        largest=int(largest * 1e6),
+    )
+
+
+@contextmanager
+def _stop_asked_for() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and the system's polite end set, while the block lasts."""
+    stop = threading.Event()
+    signals = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(one, lambda _number, _frame: stop.set()) for one in signals]
+    try:
+        yield stop
+    finally:
+        for one, handler in zip(signals, before, strict=True):
+            signal.signal(one, handler)

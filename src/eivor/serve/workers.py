@@ -1,0 +1,239 @@
+"""Worker processes and what waits for them: a bounded queue, limits, and an end to what nobody waits for.
+
+One process is kept ready, so that a drop need not wait for imports; the others begin when there is more to do
+than it can, and end when there is not.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from http import HTTPStatus
+
+from eivor.fleets.guard import AbandonedError, Guard, LimitError
+from eivor.fleets.limits import Limits
+from eivor.fleets.telling import Tell, nobody
+from eivor.serve.refusals import RefusedError, told
+from eivor.serve.tasks import Begin, Outcome, Refused, Task, Welcome, Work
+
+#: A process beyond the first ends after so long without work [s].
+IDLE_S = 30.0
+#: How long it is waited for before a process is begun again that did not begin [s].
+AGAIN_S = 5.0
+
+
+class Ticket:
+    """A task on its way through the queue.
+
+    Parameters
+    ----------
+    task : Task
+        What to do.
+    begun : callable
+        Called when a process takes it.
+    hear : callable
+        Takes what the task tells.
+    ended : callable
+        Called with the outcome, None as well where the task was given up.
+    urgent : bool
+        Whether it goes before those that are not: somebody looks at an empty page.
+    """
+
+    def __init__(
+        self,
+        task: Task,
+        *,
+        begun: Callable[[], None] = lambda: None,
+        hear: Tell = nobody,
+        ended: Callable[[Outcome], None] = nobody,
+        urgent: bool = False,
+    ) -> None:
+        self.task, self.begun, self.hear, self.urgent = task, begun, hear, urgent
+        self._ended = ended
+        self._given_up = threading.Event()
+        self._over = threading.Event()
+        self._outcome: Outcome = None
+
+    @property
+    def given_up(self) -> bool:
+        """Whether nobody waits for it."""
+        return self._given_up.is_set()
+
+    def give_up(self) -> None:
+        """Say that nobody waits for it."""
+        self._given_up.set()
+
+    def end(self, outcome: Outcome) -> None:
+        """Hand the outcome over."""
+        self._outcome = outcome
+        self._ended(outcome)
+        self._over.set()
+
+    def outcome(self) -> Outcome:
+        """Outcome, once it is there."""
+        self._over.wait()
+        return self._outcome
+
+
+class Workers:
+    """The processes and the queue.
+
+    Parameters
+    ----------
+    count : int
+        Processes at most.
+    limits : Limits
+        Of each task.
+    most_waiting : int
+        Tasks that may wait.
+    """
+
+    def __init__(self, count: int, limits: Limits, most_waiting: int) -> None:
+        self._limits, self._most_waiting = limits, most_waiting
+        self._change = threading.Condition()
+        self._waiting: deque[Ticket] = deque()
+        self._free: set[int] = set()
+        self._closed = False
+        self._welcome: Welcome | None = None
+        self._guards = [Guard(Work(), limits) for _ in range(count)]
+        self._threads = [
+            threading.Thread(target=self._work, args=(number,), name=f"worker {number}", daemon=True)
+            for number in range(count)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def put(self, ticket: Ticket) -> None:
+        """Queue a task.
+
+        Raises
+        ------
+        RefusedError
+            When too many wait.
+        """
+        with self._change:
+            if self._closed or len(self._waiting) >= self._most_waiting:
+                raise RefusedError(
+                    HTTPStatus.SERVICE_UNAVAILABLE,
+                    f"at most {self._most_waiting} tasks that wait",
+                    "one more",
+                    "Wait until some are done, or cancel them.",
+                )
+            place = sum(one.urgent for one in self._waiting) if ticket.urgent else len(self._waiting)
+            self._waiting.insert(place, ticket)
+            self._change.notify_all()
+
+    def position(self, ticket: Ticket) -> int:
+        """How many are before a task, and it; zero when it waits no more."""
+        with self._change:
+            return self._waiting.index(ticket) + 1 if ticket in self._waiting else 0
+
+    def give_up(self, ticket: Ticket) -> None:
+        """Take a task out of the queue, or end the process that works on it."""
+        ticket.give_up()
+        with self._change:
+            waited = ticket in self._waiting
+            if waited:
+                self._waiting.remove(ticket)
+        if waited:
+            ticket.end(None)
+
+    def welcome(self) -> Welcome:
+        """What the first process says when it is ready.
+
+        Raises
+        ------
+        RefusedError
+            When it does not begin.
+        """
+        with self._change:
+            self._change.wait_for(lambda: self._welcome is not None or self._closed, timeout=120.0)
+            if self._welcome is None:
+                raise RefusedError(
+                    HTTPStatus.SERVICE_UNAVAILABLE,
+                    "a worker process that begins",
+                    "none",
+                    "Look at the terminal of `eivor serve`.",
+                )
+            return self._welcome
+
+    def pids(self) -> list[int]:
+        """Processes that wait for work."""
+        return [guard.pid for guard in self._guards if guard.pid is not None]
+
+    def close(self) -> None:
+        """End all processes; what waits is given up."""
+        with self._change:
+            self._closed = True
+            waiting, self._waiting = list(self._waiting), deque()
+            self._change.notify_all()
+        for ticket in waiting:
+            ticket.give_up()
+            ticket.end(None)
+        for thread in self._threads:
+            thread.join()
+
+    def _work(self, number: int) -> None:
+        """Take one task after the other, until it is closed."""
+        guard = self._guards[number]
+        try:
+            while not self._closed:
+                if number == 0 and guard.pid is None and not self._began(guard):
+                    continue
+                ticket = self._next(number, guard)
+                if ticket is not None:
+                    ticket.begun()
+                    ticket.end(self._done(guard, ticket))
+        finally:
+            guard.close()
+
+    def _began(self, guard: Guard) -> bool:
+        """Whether a process is ready."""
+        try:
+            welcome = guard(Begin(), given_up=lambda: self._closed)
+        except AbandonedError:
+            return False
+        except LimitError:
+            with self._change:
+                self._change.wait_for(lambda: self._closed, timeout=AGAIN_S)
+            return False
+        with self._change:
+            self._welcome = welcome
+            self._change.notify_all()
+        return True
+
+    def _next(self, number: int, guard: Guard) -> Ticket | None:
+        """The next task, when no process before this one is free; None when it is closed."""
+        with self._change:
+            self._free.add(number)
+            self._change.notify_all()
+            while not self._closed:
+                if self._waiting and number == min(self._free):
+                    self._free.discard(number)
+                    self._change.notify_all()
+                    return self._waiting.popleft()
+                if not self._change.wait(IDLE_S) and number > 0:
+                    guard.close()
+            return None
+
+    def _done(self, guard: Guard, ticket: Ticket) -> Outcome:
+        try:
+            outcome: Outcome = guard(
+                ticket.task, hear=ticket.hear, given_up=lambda: ticket.given_up or self._closed
+            )
+        except AbandonedError:
+            return None
+        except LimitError as error:
+            return self._beyond(str(error))
+        return outcome
+
+    def _beyond(self, sentence: str) -> Refused:
+        limits = self._limits
+        refused = RefusedError(
+            HTTPStatus.INTERNAL_SERVER_ERROR,
+            f"a log that takes at most {limits.time_s:g} s and {limits.memory_gb:g} GB",
+            f"another one. {sentence[:-1]}",
+            "Take a shorter window, or start with more: eivor serve --time S --memory GB.",
+        )
+        return Refused(int(refused.status), told(refused))

@@ -1,0 +1,235 @@
+"""Tasks done, in a worker process; imported there only."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from eivor.asked.flights import check_windows, identified, told_apart
+from eivor.asked.options import flight_options, named_motion
+from eivor.asked.planned import check_mission, place_of
+from eivor.asked.supplied import supplied
+from eivor.asked.words import LogArgument, named, window
+from eivor.errors import ChannelMapError, EivorError, UsageError, did_you_mean
+from eivor.exports.fitted import Exported, Supplied
+from eivor.exports.target import Target
+from eivor.exports.targets import TARGETS, target_by_name
+from eivor.fleets.telling import Tell
+from eivor.logs import read_log
+from eivor.logs.channel_map import shipped_maps
+from eivor.planning.written.formats import WRITTEN
+from eivor.report.json_document import json_document, json_text
+from eivor.report.page.flight_page import flight_page
+from eivor.report.planned import plan
+from eivor.report.read_fit import load_fit
+from eivor.report.saved_fit import SavedFit
+from eivor.serve.choices import choices
+from eivor.serve.page.page import page_text
+from eivor.serve.refusals import status_of, told
+from eivor.serve.tasks import (
+    REPORT,
+    RESULT,
+    Begin,
+    Export,
+    File,
+    Found,
+    Identify,
+    KeptLog,
+    ListExports,
+    Outcome,
+    Plan,
+    Refused,
+    Stage,
+    Supply,
+    Task,
+    Welcome,
+)
+from eivor.signals.recording import Finding, Recording
+from eivor.whole_file import write_whole
+
+#: Names of what comes with Eivor; anything else is the text of a file.
+_NAME = re.compile(r"[\w.-]{1,100}")
+
+
+def outcome_of(task: Task, tell: Tell) -> Outcome:
+    """Outcome of a task: a `Refused` where it cannot be done."""
+    try:
+        match task:
+            case Begin():
+                return Welcome(page_text(), choices())
+            case Identify():
+                _identify(task, tell)
+            case ListExports():
+                return _list_exports(task)
+            case Export():
+                return _export(task)
+            case Plan():
+                return _plan(task)
+    except EivorError as error:
+        return Refused(int(status_of(error)), told(error))
+    return None
+
+
+def _identify(task: Identify, tell: Tell) -> None:
+    """Identify, write the result, tell it, and write the report."""
+    tempfile.tempdir = str(task.folder)  # what readers leave behind when they are killed goes with it
+    tell(Stage("reading"))
+    asked, folder = task.asked, task.folder
+    with _as_file(asked.vehicle, folder / "vehicle.toml") as vehicle:
+        motion = named_motion(asked.model, vehicle)
+    options = flight_options(motion, **asked.options)
+    supplied(asked.mass, (), "")  # exports take it: what it says is told now
+    given = [
+        LogArgument(Path(name), window(own) if own else None)
+        for name, (_, own) in zip(_own_names(task), asked.logs, strict=True)
+    ]
+    with _as_file(_known_map(asked.channel_map), folder / "map.toml") as channel_map:
+        read = {
+            log: _recording(task.logs[log], channel_map, several=len(asked.logs) > 1)
+            for log in dict.fromkeys(log for log, _ in asked.logs)
+        }
+    recordings = told_apart(
+        given,
+        [_called(read[log], one.path.name) for one, (log, _) in zip(given, asked.logs, strict=True)],
+    )
+    windows = [one.window for one in given]
+    check_windows(recordings, [own or options.window for own in windows])
+    result = identified(recordings, motion, options, windows, progress=lambda stage: tell(Stage(stage.value)))
+    tell(Stage("writing"))
+    write_whole(folder / RESULT, json_text(json_document(result)))
+    tell(Found(result.verdict.status.value))
+    write_whole(folder / REPORT, flight_page(result))
+
+
+def _own_names(task: Identify) -> list[str]:
+    """What each log is called: several of one name are numbered."""
+    ids = list(dict.fromkeys(log for log, _ in task.asked.logs))
+    names: dict[str, str] = {}
+    seen: Counter[str] = Counter()
+    for log in ids:
+        name = task.logs[log].name
+        seen[name] += 1
+        names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
+    return [names[log] for log, _ in task.asked.logs]
+
+
+def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
+    """Recording of a log, under its own name wherever the file is named.
+
+    Raises
+    ------
+    EivorError
+        Of its reader.
+    """
+    try:
+        with named(log.name, several=several):
+            recording = read_log(log.path, channel_map=channel_map or None)
+    except EivorError as error:
+        parts = (_own_name(part, log) for part in (error.expected, error.received, error.remedy))
+        raise type(error)(*parts) from error
+    findings = tuple(Finding(one.name, _own_name(one.message, log)) for one in recording.findings)
+    return replace(recording, findings=findings)
+
+
+def _own_name(text: str, log: KeptLog) -> str:
+    return text.replace(str(log.path), log.name).replace(log.path.name, log.name)
+
+
+def _called(recording: Recording, name: str) -> Recording:
+    return replace(recording, name=name)
+
+
+@contextmanager
+def _as_file(text: str, path: Path) -> Iterator[str]:
+    """A name as it is; text as a file, whose path is told as what it is."""
+    if not text or _NAME.fullmatch(text):
+        yield text
+        return
+    write_whole(path, text)
+    try:
+        yield str(path)
+    except EivorError as error:
+        parts = (
+            part.replace(str(path), path.name) for part in (error.expected, error.received, error.remedy)
+        )
+        raise type(error)(*parts) from error
+
+
+def _known_map(text: str) -> str:
+    """A channel map, unless it is a name that no map has: it could be that of a file.
+
+    Raises
+    ------
+    ChannelMapError
+        With those that there are.
+    """
+    known = shipped_maps()
+    if text and _NAME.fullmatch(text) and text not in known:
+        remedy = did_you_mean(text, known, "Name one of them.")
+        raise ChannelMapError(f"a shipped map ({', '.join(known)}), or the text of one", f"'{text}'", remedy)
+    return text
+
+
+def _supplied(supply: Supply, folder: Path) -> Supplied:
+    if supply.vehicle.endswith(".toml") and _NAME.fullmatch(supply.vehicle):
+        raise UsageError(
+            "the name of a vehicle, or a vehicle file's text", f"'{supply.vehicle}'", "Name one."
+        )
+    with _as_file(supply.vehicle, folder / "vehicle.toml") as vehicle:
+        return supplied(supply.mass, supply.priors, vehicle)
+
+
+def _list_exports(task: ListExports) -> list[dict[str, object]]:
+    given, result = _supplied(task.supply, task.folder), load_fit(task.folder / RESULT)
+    return [
+        {
+            "name": name,
+            "words": target.words,
+            "file": _file_name(task.stem, target),
+            **_state(result, name, given),
+        }
+        for name, target in TARGETS.items()
+    ]
+
+
+def _state(result: SavedFit, name: str, given: Supplied) -> dict[str, object]:
+    try:
+        return {"reason": "", "left_out": list(_exported(result, name, given).left_out)}
+    except EivorError as error:
+        return {"reason": str(error), "left_out": []}
+
+
+def _export(task: Export) -> File:
+    target = target_by_name(task.target)
+    result = load_fit(task.folder / RESULT)
+    made = _exported(result, task.target, _supplied(task.supply, task.folder))
+    return File(_file_name(task.stem, target), made.text)
+
+
+def _exported(result: SavedFit, name: str, given: Supplied) -> Exported:
+    """Export; what is known of the vehicle's body goes to those only that have a use for it."""
+    try:
+        return result.exported(name, given, None, 0)
+    except UsageError:
+        return result.exported(name, replace(given, mass=None, vehicle=None), None, 0)
+
+
+def _file_name(stem: str, target: Target) -> str:
+    return f"{stem}-{target.name}{target.ending}"
+
+
+def _plan(task: Plan) -> File:
+    if task.form not in WRITTEN:
+        remedy = did_you_mean(task.form, WRITTEN, "Name one of them.")
+        raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{task.form}'", remedy)
+    form = WRITTEN[task.form]
+    mission = form.of_place is not None
+    check_mission("it" if mission else "", task.home if mission else "", "")
+    place = place_of(task.home) if mission else None
+    made = plan(task.folder / RESULT, target=task.target, shape="steps" if mission else "")
+    return File(f"{task.stem}-{form.file}", form.text(made, place))
