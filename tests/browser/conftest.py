@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -35,15 +36,13 @@ def chromium() -> Iterator[Any]:
 
 
 @pytest.fixture
-def opened(chromium: Any, tmp_path: Path) -> Iterator[Opener]:
-    """Open the text of a page from a file, without a network; what it asks for and says is kept beside it."""
+def watched(chromium: Any) -> Iterator[Opener]:
+    """Open a window at an address; what it asks for and says is kept beside it."""
     contexts = []
 
-    def opening(text: str, *, width: int = 1440, scheme: str = "light") -> Any:
-        path = tmp_path / f"page-{len(contexts)}.html"
-        path.write_text(text, encoding="utf-8")
+    def opening(address: str, *, width: int = 1440, scheme: str = "light", offline: bool = False) -> Any:
         context = chromium.new_context(
-            offline=True, viewport={"width": width, "height": 900}, color_scheme=scheme
+            offline=offline, viewport={"width": width, "height": 900}, color_scheme=scheme
         )
         contexts.append(context)
         page = context.new_page()
@@ -53,9 +52,22 @@ def opened(chromium: Any, tmp_path: Path) -> Iterator[Opener]:
         page.on("pageerror", lambda error: page.said.append(str(error)))
         page.on("dialog", lambda dialog: (page.said.append(dialog.message), dialog.dismiss()))
         page.add_init_script(WATCH)
-        page.goto(path.as_uri())
+        page.goto(address)
         return page
 
     yield opening
     for context in contexts:
         context.close()
+
+
+@pytest.fixture
+def opened(watched: Opener, tmp_path: Path) -> Opener:
+    """Open the text of a page from a file, without a network."""
+    paths = (tmp_path / f"page-{number}.html" for number in count())
+
+    def opening(text: str, **look: Any) -> Any:
+        path = next(paths)
+        path.write_text(text, encoding="utf-8")
+        return watched(path.as_uri(), offline=True, **look)
+
+    return opening

@@ -213,7 +213,9 @@
   // -- within the page of `eivor serve`, which gives it its name --------------------------------------------
   if (window.name === "eivor-report" && parent !== window) {
     root.dataset.framed = "";
-    new ResizeObserver(() => parent.postMessage({ height: document.body.offsetHeight }, "*")).observe(document.body);
+    const tellHeight = () => parent.postMessage({ height: document.body.offsetHeight }, "*");
+    new ResizeObserver(tellHeight).observe(document.body);
+    tellHeight();
     addEventListener("message", (event) => {
       if (event.source !== parent || !["light", "dark"].includes(event.data)) return;
       root.dataset.theme = event.data;

@@ -1,1 +1,1 @@
-"""The page, as it is sent to the browser."""
+"""The page of `eivor serve`: one file, whose script asks the server for everything else."""

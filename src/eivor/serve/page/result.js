@@ -1,0 +1,67 @@
+// -- the result of a flight --------------------------------------------------------------------------------
+// A report holds what it tells as JSON, in scripts that hold no "<".
+function reportOf(text) {
+  const part = (name) => JSON.parse(new RegExp(`<script type="application/json" id="${name}">([^<]*)<\/script>`).exec(text)[1]);
+  return { text, verdict: part("verdict"), charts: part("charts") };
+}
+
+let resulting = null;
+function resultOf(flight) {
+  const key = flight.report || flight.error || flight.state;
+  if (resulting?.flight === flight && resulting.key === key) return;
+  resulting = { flight, key };
+  const heading = make("h2", { id: "result-heading" }, flight.name);
+  const parts = [heading];
+  if (flight.error) parts.push(failureOf(flight.error));
+  else if (flight.state === "cancelled") parts.push(make("p", { class: "failure" }, "Cancelled. Fit it again below, or remove it above."));
+  if (flight.report) parts.push(verdictOf(flight.report.verdict, Boolean(flight.error) || flight.state === "cancelled"));
+  parts.push(choicesOf(flight));
+  if (flight.report) parts.push(downloadsOf(flight), frameOf(flight.report));
+  found("result").replaceChildren(...parts);
+}
+
+function failureOf(error) {
+  return make("div", { class: "failure", role: "alert" }, make("p", null, badge("refused", "No result"), " ", said(error.message)), error.advice ? make("p", null, said(error.advice)) : null);
+}
+
+function verdictOf(told, earlier) {
+  const pieces = [make("p", { class: "said" }, shape(told.status), make("strong", null, told.status), `: ${told.about}`)];
+  if (earlier) pieces.unshift(make("p", { class: "note" }, "The result before:"));
+  pieces.push(...told.more.map((one) => make("p", null, said(one))));
+  if (told.readings.length) {
+    pieces.push(make("div", { class: "readings" }, ...told.readings.map(readingOf)), make("p", { class: "note" }, "In brackets: 95 % intervals."));
+  }
+  return make("div", { class: `verdict ${told.status}`, id: "verdict" }, ...pieces);
+}
+
+function readingOf(one) {
+  const unit = one.unit ? make("span", { class: "unit" }, ` ${one.unit}`) : null;
+  return make(
+    "div",
+    { class: "reading", "data-quantity": one.name },
+    make("p", { class: "name" }, `${one.words} `, make("span", { class: "symbol" }, one.symbol)),
+    make("p", { class: "number" }, make("span", { class: "value" }, one.shown[0]), unit),
+    make("p", { class: "interval" }, one.shown[1]),
+    badge(one.status),
+  );
+}
+
+// The report itself, in a frame that has no origin and no more rights than its own script needs.
+function frameOf(report) {
+  const address = URL.createObjectURL(new Blob([report.text], { type: "text/html" }));
+  const frame = make("iframe", { name: "eivor-report", title: "The report: why, what to fly next, checks and pictures", sandbox: "allow-scripts", src: address, class: "report" });
+  frame.addEventListener("load", () => {
+    URL.revokeObjectURL(address);
+    themedFrame(frame);
+  });
+  return frame;
+}
+
+const themedFrame = (frame) => frame.contentWindow?.postMessage(isDark() ? "dark" : "light", "*");
+
+addEventListener("message", (event) => {
+  const frame = found("result").querySelector("iframe");
+  const height = event.data?.height;
+  if (!frame || event.source !== frame.contentWindow || !Number.isFinite(height)) return;
+  frame.style.height = `${Math.min(Math.max(Math.ceil(height), 200), 60000)}px`;
+});

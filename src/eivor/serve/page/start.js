@@ -1,0 +1,54 @@
+// -- the theme, and where logs are dropped -----------------------------------------------------------------
+const dark = matchMedia("(prefers-color-scheme: dark)");
+const theme = found("theme");
+function isDark() {
+  return root.dataset.theme ? root.dataset.theme === "dark" : dark.matches;
+}
+function themed() {
+  theme.textContent = isDark() ? "Light" : "Dark";
+  theme.setAttribute("aria-label", isDark() ? "Show the page light" : "Show the page dark");
+  for (const frame of document.querySelectorAll("iframe")) themedFrame(frame);
+}
+theme.addEventListener("click", () => {
+  root.dataset.theme = isDark() ? "light" : "dark";
+  themed();
+});
+dark.addEventListener("change", themed);
+themed();
+
+found("files").addEventListener("change", (event) => {
+  dropped(event.target.files);
+  event.target.value = "";
+});
+for (const kind of ["dragenter", "dragover"]) {
+  addEventListener(kind, (event) => {
+    event.preventDefault();
+    root.dataset.dragging = "";
+  });
+}
+addEventListener("dragleave", (event) => {
+  if (!event.relatedTarget) delete root.dataset.dragging;
+});
+addEventListener("drop", (event) => {
+  event.preventDefault();
+  delete root.dataset.dragging;
+  dropped(event.dataTransfer.files);
+});
+found("compare").addEventListener("click", () => picking("compared"));
+found("pool").addEventListener("click", pooled);
+// A tab that is closed leaves nothing behind.
+addEventListener("pagehide", (event) => {
+  if (event.persisted) return;
+  for (const { job, result } of flights) for (const one of new Set([job, result])) if (one) forgotten(`/jobs/${one}`);
+  for (const log of new Set(flights.flatMap((one) => one.logs))) forgotten(`/logs/${log}`);
+});
+
+jsonOf("/choices")
+  .then((told) => {
+    choices = { ...choices, ...told };
+    if (resulting) {
+      resulting = null;
+      arranged();
+    }
+  })
+  .catch((error) => found("drop").after(failureOf(error)));

@@ -1,0 +1,197 @@
+"""The page of `eivor serve` in a real browser, with its server: from a log to a verdict."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.flights.result import FlightEstimate
+from eivor.report.told import told_flight
+from eivor.serve.server import ServeOptions, Server
+
+pytestmark = pytest.mark.thorough
+
+LOOKS = (Path(__file__).parent / "looks.js").read_text(encoding="utf-8")
+HOSTILE = f"</script><script>alert(1)</script><img src=x onerror=alert(2)>\u202e\u2066{10_000 * 'W'}.csv"
+#: Shows everything that unfolds.
+UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+#: Drops files as a hand would, with their names and their bytes in base64.
+DROP = """(files) => {
+    const carried = new DataTransfer();
+    for (const [name, bytes] of files) {
+        carried.items.add(new File([Uint8Array.from(atob(bytes), (one) => one.charCodeAt(0))], name));
+    }
+    const how = { dataTransfer: carried, bubbles: true, cancelable: true };
+    document.body.dispatchEvent(new DragEvent("drop", how));
+}"""
+A_WHILE = 60_000
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first quarter of the example flight, which tells little and is quick."""
+    path = tmp_path_factory.mktemp("flights") / "short.parquet"
+    with resources.as_file(resources.files("eivor.data").joinpath("example_flight.parquet")) as whole:
+        pl.read_parquet(whole).filter(pl.col("time") < 15.0).write_parquet(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def result(log: Path) -> FlightEstimate:
+    """What the command line finds in it."""
+    return ev.identify_flight(ev.read_log(log))
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    made = Server(ServeOptions(workers=1))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def served(watched: Callable[..., Any], server: Server) -> Callable[..., Any]:
+    """Open the page."""
+    return partial(watched, server.url)
+
+
+def drop(page: Any, *files: tuple[str, bytes]) -> None:
+    page.evaluate(DROP, [[name, base64.b64encode(content).decode()] for name, content in files])
+
+
+def done(page: Any, count: int = 1) -> None:
+    page.locator('[data-state="done"]').nth(count - 1).wait_for(timeout=A_WHILE)
+
+
+def looks_right(page: Any) -> None:
+    for width in (360, 768, 1440):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_timeout(100)
+        assert page.evaluate(LOOKS) == [], width
+
+
+def nothing_stands_in_the_way(page: Any) -> None:
+    axe = resources.files(pytest.importorskip("axe_playwright_python")).joinpath("axe.min.js")
+    page.evaluate(axe.read_text(encoding="utf-8"))
+    for scheme, rules in (("dark", "runOnly: ['color-contrast']"), ("light", "")):
+        page.emulate_media(color_scheme=scheme)
+        found = page.evaluate(
+            f"axe.run(document, {{iframes: false, {rules}}}).then((done) => done.violations)"
+        )
+        assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+
+
+def nothing_went_wrong(page: Any, server: Server) -> None:
+    own = server.url.partition("?")[0]
+    assert [url for url in page.asked if not url.startswith((own, f"blob:{own}", "data:"))] == []
+    assert page.said == []
+    assert page.evaluate("broken") == []
+
+
+def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result, tmp_path):
+    page = served(width=360)
+    assert "token" not in page.url
+    looks_right(page)
+    drop(page, (log.name, log.read_bytes()))
+    done(page)
+    told = told_flight(result)
+    assert page.locator("#verdict .said").text_content() == f"{told.verdict.status.value}: {told.meaning}"
+    readings = [
+        tuple(one.locator(part).text_content() for part in (".value", ".interval", ".badge"))
+        for one in page.locator(".reading").all()
+    ]
+    assert readings == [(*one.shown, one.quantity.verdict.value) for one in told.brief]
+    page.evaluate(UNFOLD)
+    page.locator('.files [data-refused="true"]').first.wait_for(timeout=A_WHILE)
+    reasons = page.locator('.files [data-refused="true"] .why').all_text_contents()
+    assert reasons
+    assert all(len(one) > 20 for one in reasons)
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="result.json").click()
+    saved.value.save_as(tmp_path / "saved.json")
+    assert json.loads((tmp_path / "saved.json").read_text()) == json.loads(result.to_json())
+    looks_right(page)
+    nothing_stands_in_the_way(page)
+    page.locator("iframe").scroll_into_view_if_needed()
+    page.wait_for_timeout(500)
+    report = page.frames[1]
+    assert report.evaluate("document.querySelector('.verdict').checkVisibility()") is False
+    assert report.evaluate("document.querySelectorAll('.chart canvas').length") == 5
+    assert report.evaluate("document.documentElement.scrollHeight - innerHeight") <= 1
+    assert report.evaluate(LOOKS) == []
+    nothing_went_wrong(page, server)
+
+
+def test_keys_alone_fit_another_window_again(served, server, log):
+    page = served()
+    page.keyboard.press("Tab")
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "files"
+    page.set_input_files("#files", log)
+    done(page)
+    page.get_by_label("The window begins at").focus()
+    for _ in range(30):
+        page.keyboard.press("ArrowRight")
+    assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
+    while page.evaluate("document.activeElement.textContent") != "Fit again":
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    assert page.evaluate("document.activeElement.textContent") == "Cancel"
+    page.locator('[data-state="done"]').wait_for(state="detached")
+    done(page)
+    assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
+    window = ev.identify_flight(ev.read_log(log), window=(3.0, 14.99))
+    shown = [one.shown[0] for one in told_flight(window).brief]
+    assert page.locator(".reading .value").all_text_contents() == shown
+    nothing_went_wrong(page, server)
+
+
+def test_flights_are_compared_and_one_may_be_cancelled(served, server, log, result):
+    page = served()
+    content = log.read_bytes()
+    drop(page, ("first.parquet", content), ("second.parquet", content), ("third.parquet", content))
+    page.get_by_role("button", name="Cancel third.parquet").click()
+    page.locator('[data-state="cancelled"]').wait_for(timeout=A_WHILE)
+    done(page, 2)
+    rows = page.locator("#compared tbody th").all_text_contents()
+    assert sorted(rows) == ["first.parquet", "second.parquet"]
+    assert page.locator("#compared .forest").count() == len(told_flight(result).brief)
+    looks_right(page)
+    nothing_stands_in_the_way(page)
+    page.get_by_role("button", name="third.parquet", exact=True).click()
+    assert "Cancelled." in page.locator("#result .failure").text_content()
+    nothing_went_wrong(page, server)
+
+
+def test_what_a_log_and_its_name_say_stays_text(served, server):
+    page = served()
+    header = b'"</script><script>alert(3)</script>",<img src=x onerror=alert(4)>\n1,2\n'
+    drop(page, (HOSTILE, header), ("damaged.ulg", b"ULog\x01\x12\x35" + bytes(40)))
+    page.locator('[data-state="failed"]').nth(1).wait_for(timeout=A_WHILE)
+    name = page.locator("#result h2").text_content()
+    assert name.startswith(
+        r"</script><script>alert(1)</script><img src=x onerror=alert(2)>\u{202e}\u{2066}WW"
+    )
+    assert len(name) == 120
+    assert page.locator("img").count() == 0
+    looks_right(page)
+    page.get_by_role("button", name="damaged.ulg", exact=True).click()
+    assert "Expected " in page.locator("#result .failure").text_content()
+    nothing_went_wrong(page, server)
+
+
+def test_a_server_that_has_gone_is_a_sentence(served, log):
+    page = served()
+    page.context.set_offline(True)
+    drop(page, (log.name, log.read_bytes()))
+    page.locator('[data-state="failed"]').wait_for()
+    assert "Eivor's server does not answer." in page.locator("#result .failure").text_content()
