@@ -52,7 +52,7 @@ def with_channel(log, name, values):
 @pytest.mark.thorough
 def test_nothing_is_missed_where_the_model_holds(log):
     found = terms_of(with_channel(log, "position_z", log.channels["reference_position_z"].values))
-    assert list(found) == ["quadratic_drag", "ground_effect", "supply"]
+    assert list(found) == ["quadratic_drag", "ground_effect", "thrust_curvature", "supply"]
     assert min(one.p_value for one in found.values()) > 0.005
     ((title, said),) = left_out_told(left_out_numbers(found))
     assert title == "left out"
@@ -78,6 +78,15 @@ def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log):
     assert said.startswith("the thrust of one command fell by 1")
     volts = terms_of(with_channel(sags, "battery_voltage", 12.0 * (1.0 - 0.05 * share)))["supply"]
     assert volts.value == pytest.approx(2.05, abs=3.0 * volts.half_width)  # thrust goes as its square
+
+
+def test_a_thrust_curve_that_bends_is_missed(log):
+    mean = float(np.mean(log.channels["rotor_command_1"].values ** 2))
+    bent = commanded(log, lambda U: U + 0.3 * mean * (U / mean - 1.0) ** 2)
+    found = terms_of(bent)["thrust_curvature"]
+    assert abs(found.value + 0.3) < 3.0 * found.half_width < 0.3
+    ((_, said),) = left_out_told(left_out_numbers({"thrust_curvature": found}))
+    assert said.startswith("thrust bends less than the input map: -0.3")
 
 
 def test_ground_effect_is_missed(log):

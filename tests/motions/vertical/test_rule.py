@@ -365,9 +365,11 @@ def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
 # -- the thrust curve -------------------------------------------------------------------------------------
 
 
-def curve(exponent: float, of_map: float, *, thrust: bool = False) -> Circumstances:
-    told = {"thrust_exponent": exponent, "map_exponent": of_map, "thrust_command": float(thrust)}
-    return circumstances(numbers=told)
+def curve(
+    exponent: float, of_map: float, *, thrust: bool = False, p_value: float = 0.01, **told: float
+) -> Circumstances:
+    known = {"thrust_exponent": exponent, "map_exponent": of_map, "thrust_command": float(thrust)}
+    return circumstances(numbers={**known, "input_map_p_value": p_value, **told})
 
 
 @pytest.mark.parametrize(
@@ -393,18 +395,29 @@ def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust,
     assert not [reason for reason in grounds["viscous_friction"] if "power" in reason.sentence]
 
 
-def test_an_intercept_is_clear_where_a_one_sided_test_says_so():
-    """Its interval has two sides, and is a union over delays that need not all hold at once."""
+@pytest.mark.parametrize(("p_value", "told"), [(0.049, True), (0.051, False)])
+def test_an_input_map_does_not_fit_where_its_test_says_so(p_value, told):
     wide = quantities(intercept=quantity(0.9, 0.6))
-    for least, told in ((0.41, True), (0.39, False)):
-        at = replace(curve(1.8, 2.0), numbers={**curve(1.8, 2.0).numbers, "least_intercept": least})
-        assert bool(all_grounds(wide, numbers(), at)["input_gain"]) is told
+    grounds = all_grounds(wide, numbers(), curve(1.8, 2.0, p_value=p_value))
+    assert bool(grounds["input_gain"]) is bool(grounds["hover_input"]) is told
 
 
-@pytest.mark.parametrize("intercept", [quantity(0.45, 0.1), quantity(-2.0, 1.7), quantity(0.0, 0.01)])
-def test_an_intercept_that_may_be_small_says_nothing(intercept):
-    grounds = all_grounds(quantities(intercept=intercept), numbers(), curve(1.9, 2.0))
-    assert grounds["input_gain"] == grounds["hover_input"] == ()
+@pytest.mark.parametrize(
+    ("bend", "half", "p_value", "said"),
+    [
+        (-0.12, 0.02, 1e-6, "more than such a power does (-0.046): so does thrust that sags under load."),
+        (-0.12, 0.09, 0.02, "The curve bends as well (-0.12 ± 0.09)."),
+        (-0.12, 0.15, 0.11, "and the map says 2.00."),
+        (0.12, 0.02, 1e-6, "and the map says 2.00."),
+    ],
+)
+def test_what_the_bend_of_the_thrust_curve_says_beside_the_intercept(bend, half, p_value, said):
+    of_bend = ("left_out_thrust_curvature", bend), ("_half_width", half), ("_p_value", p_value)
+    told = {name if name.startswith("left") else f"{of_bend[0][0]}{name}": value for name, value in of_bend}
+    (reason,) = all_grounds(quantities(intercept=quantity(0.9, 0.2)), numbers(), curve(1.8, 2.0, **told))[
+        "input_gain"
+    ]
+    assert reason.sentence.endswith(said)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ test of the term (Engle 1984), whose numerator is the residual's product with th
 
 * quadratic drag, -v |v|: what the friction lacks at speed;
 * ground effect, 1 / z^2 over the ground, or over a place below the flight where the log does not tell it;
+* the thrust curve's bend, U_m (U / U_m - 1)^2 with the flight's mean U_m: what the input map lacks of it;
 * the supply, U times what the battery's voltage differs from its mean by, as a share; without a voltage in
   the log U times the time, from -1/2 at the beginning to 1/2 at the end: a battery that sags.
 
@@ -37,6 +38,10 @@ from eivor.shapes import Float
 PREFIX = "left_out_"
 #: A term is missed below this p-value.
 MISSED = 0.005
+#: Name of the test of the thrust curve's bend.
+CURVATURE = "thrust_curvature"
+#: Terms whose coefficients are told as shares of the gain.
+SHARES = (CURVATURE, SUPPLY)
 #: Smaller ones matter to nothing.
 LEAST = {SUPPLY: 0.02}
 #: Heights below this count as this [m].
@@ -51,6 +56,7 @@ class _Flight:
 
     velocity: Column
     mapped: Column
+    mean: float
     height: Column | None
     voltage: Column | None
     time: Column
@@ -60,6 +66,7 @@ class _Flight:
 _TERMS: dict[str, Callable[[_Flight], Column | None]] = {
     DRAG: lambda of: -of.velocity * np.abs(of.velocity),
     GROUND: lambda of: None if of.height is None else np.maximum(of.height, LEAST_HEIGHT) ** -2.0,
+    CURVATURE: lambda of: of.mean * (of.mapped / of.mean - 1.0) ** 2 if of.mean else None,
     SUPPLY: lambda of: of.mapped * (of.time if of.voltage is None else of.voltage),
 }
 
@@ -83,7 +90,8 @@ def left_out(
     Returns
     -------
     dict of str to Difference
-        In 1/m, in m^3/s^2, and as a share of the gain: for the voltage's own share, or over the flight.
+        In 1/m, in m^3/s^2, and as shares of the gain: of the curve's bend, and of the supply for the
+        voltage's own share, or over the flight.
     """
     own = problem.runs.columns
     if not all(one.instruments.shape[1] for one in own):
@@ -105,11 +113,12 @@ def left_out(
         coefficient = _coefficient(tuple(with_term), name)
         if coefficient is not None:
             found[name] = coefficient
-    if SUPPLY in found:
-        gain = abs(estimate.parameters["input_gain"]) or math.nan
-        supply = found[SUPPLY]
-        found[SUPPLY] = replace(supply, value=supply.value / gain, std_error=supply.std_error / gain)
-    return found
+    gain = abs(estimate.parameters["input_gain"]) or math.nan
+    return found | {
+        name: replace(one, value=one.value / gain, std_error=one.std_error / gain)
+        for name, one in found.items()
+        if name in SHARES
+    }
 
 
 def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: Values) -> _Flight:
@@ -120,7 +129,8 @@ def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: 
     share = (time - time[used[0]]) / span - 0.5
     volts = voltage(flight)
     away = None if volts is None else volts / float(volts[flight.used].mean()) - 1.0
-    return _Flight(problem.flights[place].velocity, mapped, height_over_ground(flight), away, share)
+    mean = float(mapped[flight.used].mean())
+    return _Flight(problem.flights[place].velocity, mapped, mean, height_over_ground(flight), away, share)
 
 
 def _explained(own: AxisColumns, of: _Flight) -> _Flight:
@@ -204,5 +214,9 @@ def left_out_sentence(numbers: Mapping[str, float], name: str) -> str:
     if name == GROUND:
         grows = "grows" if value > 0.0 else "falls"
         return f"thrust {grows} towards the ground, as if the ground were near"
+    if name == CURVATURE:
+        bends = "more" if value > 0.0 else "less"
+        by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
+        return f"thrust bends {bends} than the input map: {by}"
     moved = "rose" if value > 0.0 else "fell"
     return f"the thrust of one command {moved} by {abs(value):.0%} (± {half:.0%}) with the supply or the time"

@@ -13,12 +13,18 @@ import numpy as np
 from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
-from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT
+from eivor.motions.vertical.left_out import CURVATURE, PREFIX
+from eivor.motions.vertical.model import GRAVITY
 
 LEAST_EXPONENT = 0.95
-#: Numbers of this motion among those of the circumstances: the least intercept in its set, the exponent of
-#: thrust near hover, that of the input map there, and one for a command of thrust: a linear or mixed map.
-LEAST_INTERCEPT = "least_intercept"
+#: A map does not fit below this p-value.
+FITS = 0.05
+#: The bend is told beside the intercept below this p-value.
+BENDS = 0.1
+#: Numbers of this motion among those of the circumstances: the least intercept in its set, the p-value of
+#: the test that the map fits, the exponent of thrust near hover, that of the input map there, and one for a
+#: command of thrust: a linear or mixed map.
+LEAST_INTERCEPT, MAP_P_VALUE = "least_intercept", "input_map_p_value"
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
 
 
@@ -26,15 +32,31 @@ def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) 
     """Grounds against gain and hover input: an intercept that says that the input map is another one."""
     intercept = quantities["intercept"]
     exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
-    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
-    if not (least > CLEAR_INTERCEPT and np.isfinite(exponent)):
+    if not (at.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
         return []
     told = (
         f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
         f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
-        f"{at.numbers[MAP_EXPONENT]:.2f}."
+        f"{at.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, at)}"
     )
     return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+
+
+def _bend(intercept: Unjudged, at: Circumstances) -> str:
+    """What the bend of the thrust curve adds to that, with a blank before it; empty for nothing.
+
+    With thrust as the power p and a map of the exponent m, a curve over the mapped input bends by
+    (p / m - 1) / 2 = -b / (2 g), as a share of the gain.
+    """
+    name = f"{PREFIX}{CURVATURE}"
+    bend, half = at.numbers.get(name, np.nan), at.numbers.get(f"{name}_half_width", np.nan)
+    if not (at.numbers.get(f"{name}_p_value", 1.0) < BENDS and bend * intercept.value < 0.0):
+        return ""
+    of_power, uncertain = -intercept.value / (2.0 * GRAVITY), intercept.half_width / (2.0 * GRAVITY)
+    told = f" The curve bends as well ({bend:+.2g} ± {half:.2g})"
+    if bend + half < of_power - uncertain:
+        return f"{told}, more than such a power does ({of_power:+.2g}): so does thrust that sags under load."
+    return f"{told}."
 
 
 def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:

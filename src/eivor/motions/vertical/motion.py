@@ -36,6 +36,7 @@ from eivor.motions.vertical.followed import followed_gain
 from eivor.motions.vertical.height import near_ground
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
 from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
+from eivor.motions.vertical.map_evidence import map_numbers
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
 from eivor.motions.vertical.row_noise import input_variance
@@ -299,12 +300,14 @@ class Vertical(Motion[VerticalFlights]):
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, float]:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
+        missed = left_out(problem, estimate, flights)
         return {
+            **map_numbers(problem, estimate, missed),
             **thrust_curve(problem, estimate),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
             **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
-            **left_out_numbers(left_out(problem, estimate, flights)),
+            **left_out_numbers(missed),
         }
 
     def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:

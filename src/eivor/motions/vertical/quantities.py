@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +17,6 @@ from eivor.flights.estimated import (
     reciprocal,
 )
 from eivor.flights.quantity import NAN, Unjudged
-from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.vertical.balance import (
     Balance,
@@ -30,13 +28,10 @@ from eivor.motions.vertical.balance import (
     intercepts_by_run,
 )
 from eivor.motions.vertical.flights import VerticalFlights
-from eivor.motions.vertical.map_rule import IS_THRUST, LEAST_INTERCEPT, MAP_EXPONENT, THRUST_EXPONENT
+from eivor.motions.vertical.map_rule import IS_THRUST, MAP_EXPONENT, THRUST_EXPONENT
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN
 from eivor.shapes import Float
 from eivor.signals.input_map import Mixed
-
-#: Level of the set that an intercept beyond what a fitting map leaves must lie outside of.
-SET_LEVEL = 0.95
 
 #: Values of all nuisances, which tell a candidate from the others.
 Place = tuple[float, ...]
@@ -111,7 +106,7 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Place, Bala
 
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
-    """Exponents at hover: of thrust, m K_u U_h / g, see `rule`, and of the input map; the least intercept."""
+    """Exponents at hover: of thrust, m K_u U_h / g, see `map_rule`, and of the input map."""
     best = estimate.best
     linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.at).items()}
@@ -120,30 +115,10 @@ def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
     hover = chosen.inverse(mapped)
     of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
     return {
-        LEAST_INTERCEPT: least_intercept(problem, estimate),
         THRUST_EXPONENT: of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
         MAP_EXPONENT: of_map,
         IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
     }
-
-
-def least_intercept(problem: VerticalFlights, estimate: Estimate) -> float:
-    """Least size of the intercept in its 95 % set [m/s^2]; zero where zero is in it.
-
-    The set is of all delays together: the further the criterion of one is above the least, the less far may
-    the intercept be from what fits there, and at the quantile it may not be elsewhere at all.
-    """
-    allowance = chi_square_quantile(SET_LEVEL, 1)
-    low, high = np.inf, -np.inf
-    for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True):
-        if excess > allowance:
-            continue
-        terms = balance(problem, candidate)
-        value, gradient = intercept(candidate, terms)
-        half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
-        left = half * math.sqrt(1.0 - excess / allowance)
-        low, high = min(low, value - left), max(high, value + left)
-    return max(low, -high, 0.0)
 
 
 def _place(candidate: Candidate) -> Place:
