@@ -41,14 +41,19 @@ def main() -> None:
         "short": identify_flight(log, FlightOptions(window=(0.0, 6.0))),
     }
     IMAGES.mkdir(parents=True, exist_ok=True)
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         for name, result in results.items():
             (Path(folder) / f"{name}.html").write_text(flight_page(result), encoding="utf-8")
-        browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        browser = launched(driver)
         for name, result, *look in PICTURES:
             take(browser, Path(folder) / f"{result}.html", IMAGES / f"{name}.png", *look)
         browser.close()
+
+
+def launched(driver: Any) -> Any:
+    """Launch the system's browser."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    return driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
 
 
 def take(browser: Any, page: Path, image: Path, theme: str, width: int, height: int, top: str) -> None:

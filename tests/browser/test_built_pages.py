@@ -31,7 +31,7 @@ EQUATIONS = """() => {
   };
 }"""
 #: A word, and a page that is about it.
-WORDS = {"Whittle": "efficiency.html", "isaaclab": "exports.html"}
+WORDS = {"Whittle": "efficiency.html", "battery_brownout": "tutorial.html"}
 
 
 def searched(page, word):
