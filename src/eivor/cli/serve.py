@@ -8,6 +8,7 @@ import threading
 import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
+from time import sleep as pause  # `time` is an option
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -19,6 +20,9 @@ from eivor.errors import InputError, UsageError
 
 if TYPE_CHECKING:
     from eivor.serve.server import ServeOptions
+
+#: How often it is looked whether to stop [s].
+LOOK_S = 0.1
 
 EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 stopped, by Ctrl-C or otherwise; 2 wrong usage; 1 a port that is taken.\n\n"
@@ -53,10 +57,11 @@ def serve(
                 "Choose another with --port, or leave it out.",
             ) from error
         try:
-            write(f"{server.url}\nCtrl-C stops it.\n")
-            if not no_browser:
-                webbrowser.open(server.url)
-            stop.wait()
+            write(f"{server.url}\nDrop flight logs on this page. Ctrl-C stops it.\n")
+            if not no_browser:  # in a thread: a browser in the terminal would not come back
+                threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+            while not stop:
+                pause(LOOK_S)
         finally:
             server.close()
     return ExitCode.IDENTIFIED
@@ -89,13 +94,16 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
 
 
 @contextmanager
-def _stop_asked_for() -> Iterator[threading.Event]:
-    """An event that Ctrl-C and the system's polite end set, while the block lasts."""
-    stop = threading.Event()
+def _stop_asked_for() -> Iterator[list[int]]:
+    """A list that Ctrl-C and the system's polite end add to, while the block lasts.
+
+    Neither may set a `threading.Event`: the thread that they interrupt may hold its lock.
+    """
+    came: list[int] = []
     signals = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(one, lambda _number, _frame: stop.set()) for one in signals]
+    before = [signal.signal(one, lambda number, _frame: came.append(number)) for one in signals]
     try:
-        yield stop
+        yield came
     finally:
         for one, handler in zip(signals, before, strict=True):
             signal.signal(one, handler)

@@ -83,11 +83,14 @@ class Guard:
         AbandonedError
             When nobody waits.
         """
+        nobody_waits = given_up or abandoned
         for _ in range(TRIES - 1):
             with suppress(_DiedError):
-                return self._tried(item, hear, given_up or abandoned)
+                return self._tried(item, hear, nobody_waits)
+            if nobody_waits():
+                raise AbandonedError
         try:
-            return self._tried(item, hear, given_up or abandoned)
+            return self._tried(item, hear, nobody_waits)
         except _DiedError as died:
             raise LimitError(str(died)) from None
 

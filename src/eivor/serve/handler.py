@@ -17,7 +17,7 @@ from eivor.errors import EivorError
 from eivor.serve.asked_json import asked_job
 from eivor.serve.gate import TOKEN
 from eivor.serve.kept_logs import shown_name
-from eivor.serve.refusals import RefusedError, absent, status_of, told
+from eivor.serve.refusals import RefusedError, status_of, told
 from eivor.serve.tasks import RESULT, Export, File, ListExports, Outcome, Plan, Refused, Supply, Task
 
 if TYPE_CHECKING:
@@ -100,6 +100,13 @@ class Handler(BaseHTTPRequestHandler):
             return
         except EivorError as error:
             self._refuse(error)
+        except OSError as error:
+            said = error.strerror or type(error).__name__
+            self._refuse(
+                RefusedError(
+                    HTTPStatus.INTERNAL_SERVER_ERROR, "files that can be written", said, "Make room."
+                )
+            )
 
     do_GET = do_POST = do_DELETE = do_PUT = do_PATCH = do_HEAD = do_OPTIONS = answer  # noqa: N815
 
@@ -126,12 +133,11 @@ class Handler(BaseHTTPRequestHandler):
     # -- what is asked ---------------------------------------------------------------------------------
 
     def _page(self, _fields: dict[str, str]) -> None:
-        page = self._own.workers.welcome().page.encode("utf-8")
+        page = self._own.workers.page().encode("utf-8")
         self._send(page, HTML, {"Content-Security-Policy": self._own.policy()})
 
     def _choices(self, _fields: dict[str, str]) -> None:
-        known = self._own.workers.welcome().choices
-        self._json({**known, "largest_bytes": self._own.options.largest})
+        self._json({**self._own.workers.choices().known, "largest_bytes": self._own.options.largest})
 
     def _keep_log(self, _fields: dict[str, str]) -> None:
         size = self._length(self._own.options.largest)
@@ -194,7 +200,12 @@ class Handler(BaseHTTPRequestHandler):
                 HTTPStatus(outcome.status), parts["expected"], parts["received"], parts["advice"]
             )
         if outcome is None:
-            raise absent("a job", "")
+            raise RefusedError(
+                HTTPStatus.SERVICE_UNAVAILABLE,
+                "a server that stays",
+                "one that stops",
+                "Start it again: eivor serve.",
+            )
         return outcome
 
     # -- what comes ------------------------------------------------------------------------------------
@@ -253,7 +264,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def _file(self, outcome: Outcome) -> None:
         if not isinstance(outcome, File):
-            raise absent("a file", "")
+            raise TypeError(f"a file, not {type(outcome).__name__}")
         plain = re.sub(r"[^\w.-]+", "_", outcome.name, flags=re.ASCII) or "file"
         where = f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(outcome.name, safe='')}"
         self._send(outcome.text.encode("utf-8"), TEXT, {"Content-Disposition": where})

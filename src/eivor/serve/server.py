@@ -19,9 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from eivor.fleets.limits import Limits
+from eivor.fleets.telling import Telling
 from eivor.serve.gate import ADDRESS, Gate
 from eivor.serve.jobs import Jobs
 from eivor.serve.kept_logs import KeptLogs
+from eivor.serve.tasks import Work
 from eivor.serve.workers import Workers
 
 #: Logs and results are forgotten after so long [s].
@@ -60,6 +62,8 @@ class ServeOptions:
         Jobs that may wait.
     clock : callable
         Seconds, by which things are forgotten.
+    work : Telling
+        What worker processes do.
     """
 
     port: int = 0
@@ -68,6 +72,7 @@ class ServeOptions:
     largest: int = 500_000_000
     most_waiting: int = 256
     clock: Callable[[], float] = time.monotonic
+    work: Telling = field(default_factory=Work)
 
 
 class Server:
@@ -92,7 +97,7 @@ class Server:
         self._http = _Http((ADDRESS, chosen.port), partial(Handler, self))
         self.folder = Path(tempfile.mkdtemp(prefix="eivor-serve-"))
         self.gate = Gate(self._http.server_port, self.token)
-        self.workers = Workers(chosen.workers, chosen.limits, chosen.most_waiting)
+        self.workers = Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
         self.logs = KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
         self.jobs = Jobs(self.folder / "jobs", self.workers, chosen.clock)
         self._closed = threading.Event()
@@ -115,7 +120,7 @@ class Server:
 
     def policy(self) -> str:
         """Content security policy of the page, as it says itself, and that nobody may frame it."""
-        stated = _POLICY.search(self.workers.welcome().page)
+        stated = _POLICY.search(self.workers.page())
         own = html.unescape(stated.group(1)) if stated else "default-src 'none'"
         return f"{own}; frame-ancestors 'none'"
 

@@ -35,23 +35,27 @@ class KeptLog:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Load what tasks need, and say what may be chosen: a `Welcome`."""
+    """Tell the page, load what tasks need, and say what may be chosen."""
 
 
 @dataclass(frozen=True, slots=True)
-class Welcome:
-    """What the page is, and what it may ask for.
+class Page:
+    """Told on the way: the text of the page."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """What may be chosen, as the page is given it.
 
     Parameters
     ----------
-    page : str
-        Its text.
-    choices : mapping of str to list
-        As the page is given them.
+    known : mapping of str to list
+        See `eivor.serve`.
     """
 
-    page: str
-    choices: Mapping[str, list[dict[str, object]]]
+    known: Mapping[str, list[dict[str, object]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,7 +201,7 @@ class Refused:
 
 
 Task = Begin | Identify | ListExports | Export | Plan
-Outcome = Welcome | File | Refused | list[dict[str, object]] | None
+Outcome = Choices | File | Refused | list[dict[str, object]] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,6 +210,10 @@ class Work(Telling):
 
     def __call__(self, item: Task, tell: Tell) -> Outcome:
         """Outcome of a task."""
+        if isinstance(item, Begin):
+            from eivor.serve.page.page import page_text
+
+            tell(Page(page_text()))
         from eivor.serve.working import outcome_of  # with everything that tasks need
 
         return outcome_of(item, tell)

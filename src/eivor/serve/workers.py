@@ -1,7 +1,8 @@
 """Worker processes and what waits for them: a bounded queue, limits, and an end to what nobody waits for.
 
 One process is kept ready, so that a drop need not wait for imports; the others begin when there is more to do
-than it can, and end when there is not.
+than it can, and end when there is not. So does the first, for which a new one begins: what logs have taken of
+memory is given back.
 """
 
 from __future__ import annotations
@@ -11,14 +12,14 @@ from collections import deque
 from collections.abc import Callable
 from http import HTTPStatus
 
-from eivor.fleets.guard import AbandonedError, Guard, LimitError
+from eivor.fleets.guard import BEGIN_S, AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
-from eivor.fleets.telling import Tell, nobody
+from eivor.fleets.telling import Tell, Telling, nobody
 from eivor.serve.refusals import RefusedError, told
-from eivor.serve.tasks import Begin, Outcome, Refused, Task, Welcome, Work
+from eivor.serve.tasks import Begin, Choices, Outcome, Page, Refused, Task
 
-#: A process beyond the first ends after so long without work [s].
-IDLE_S = 30.0
+#: A process that has worked ends after so long without work [s].
+IDLE_S = 10.0
 #: How long it is waited for before a process is begun again that did not begin [s].
 AGAIN_S = 5.0
 
@@ -87,16 +88,19 @@ class Workers:
         Of each task.
     most_waiting : int
         Tasks that may wait.
+    work : Telling
+        From a task to its outcome.
     """
 
-    def __init__(self, count: int, limits: Limits, most_waiting: int) -> None:
+    def __init__(self, count: int, limits: Limits, most_waiting: int, work: Telling) -> None:
         self._limits, self._most_waiting = limits, most_waiting
         self._change = threading.Condition()
         self._waiting: deque[Ticket] = deque()
         self._free: set[int] = set()
         self._closed = False
-        self._welcome: Welcome | None = None
-        self._guards = [Guard(Work(), limits) for _ in range(count)]
+        self._page: Page | None = None
+        self._choices: Choices | None = None
+        self._guards = [Guard(work, limits) for _ in range(count)]
         self._threads = [
             threading.Thread(target=self._work, args=(number,), name=f"worker {number}", daemon=True)
             for number in range(count)
@@ -139,8 +143,8 @@ class Workers:
         if waited:
             ticket.end(None)
 
-    def welcome(self) -> Welcome:
-        """What the first process says when it is ready.
+    def page(self) -> str:
+        """Text of the page, which the first process tells.
 
         Raises
         ------
@@ -148,15 +152,24 @@ class Workers:
             When it does not begin.
         """
         with self._change:
-            self._change.wait_for(lambda: self._welcome is not None or self._closed, timeout=120.0)
-            if self._welcome is None:
-                raise RefusedError(
-                    HTTPStatus.SERVICE_UNAVAILABLE,
-                    "a worker process that begins",
-                    "none",
-                    "Look at the terminal of `eivor serve`.",
-                )
-            return self._welcome
+            self._change.wait_for(lambda: self._page is not None or self._closed, timeout=BEGIN_S)
+            if self._page is None:
+                raise _not_begun()
+            return self._page.text
+
+    def choices(self) -> Choices:
+        """What may be chosen, which the first process tells when it is ready.
+
+        Raises
+        ------
+        RefusedError
+            When it does not begin.
+        """
+        with self._change:
+            self._change.wait_for(lambda: self._choices is not None or self._closed, timeout=BEGIN_S)
+            if self._choices is None:
+                raise _not_begun()
+            return self._choices
 
     def pids(self) -> list[int]:
         """Processes that wait for work."""
@@ -176,13 +189,16 @@ class Workers:
 
     def _work(self, number: int) -> None:
         """Take one task after the other, until it is closed."""
-        guard = self._guards[number]
+        guard, has_worked = self._guards[number], False
         try:
             while not self._closed:
                 if number == 0 and guard.pid is None and not self._began(guard):
                     continue
-                ticket = self._next(number, guard)
-                if ticket is not None:
+                ticket = self._next(number, IDLE_S if has_worked else None)
+                has_worked = ticket is not None
+                if ticket is None:
+                    guard.close()
+                else:
                     ticket.begun()
                     ticket.end(self._done(guard, ticket))
         finally:
@@ -191,31 +207,36 @@ class Workers:
     def _began(self, guard: Guard) -> bool:
         """Whether a process is ready."""
         try:
-            welcome = guard(Begin(), given_up=lambda: self._closed)
+            found = guard(Begin(), hear=self._heard, given_up=lambda: self._closed)
         except AbandonedError:
             return False
-        except LimitError:
+        except (LimitError, OSError):
             with self._change:
                 self._change.wait_for(lambda: self._closed, timeout=AGAIN_S)
             return False
         with self._change:
-            self._welcome = welcome
+            self._choices = found
             self._change.notify_all()
         return True
 
-    def _next(self, number: int, guard: Guard) -> Ticket | None:
-        """The next task, when no process before this one is free; None when it is closed."""
+    def _heard(self, page: Page) -> None:
+        with self._change:
+            self._page = page
+            self._change.notify_all()
+
+    def _next(self, number: int, patience_s: float | None) -> Ticket | None:
+        """The next task, when no process before this one is free; None when none comes, or it is closed."""
         with self._change:
             self._free.add(number)
             self._change.notify_all()
-            while not self._closed:
-                if self._waiting and number == min(self._free):
-                    self._free.discard(number)
-                    self._change.notify_all()
-                    return self._waiting.popleft()
-                if not self._change.wait(IDLE_S) and number > 0:
-                    guard.close()
-            return None
+            self._change.wait_for(lambda: self._closed or self._is_for(number), timeout=patience_s)
+            ticket = self._waiting.popleft() if self._is_for(number) and not self._closed else None
+            self._free.discard(number)
+            self._change.notify_all()
+            return ticket
+
+    def _is_for(self, number: int) -> bool:
+        return bool(self._waiting) and number == min(self._free)
 
     def _done(self, guard: Guard, ticket: Ticket) -> Outcome:
         try:
@@ -224,7 +245,7 @@ class Workers:
             )
         except AbandonedError:
             return None
-        except LimitError as error:
+        except (LimitError, OSError) as error:
             return self._beyond(str(error))
         return outcome
 
@@ -233,7 +254,16 @@ class Workers:
         refused = RefusedError(
             HTTPStatus.INTERNAL_SERVER_ERROR,
             f"a log that takes at most {limits.time_s:g} s and {limits.memory_gb:g} GB",
-            f"another one. {sentence[:-1]}",
+            f"another one. {sentence.removesuffix('.')}",
             "Take a shorter window, or start with more: eivor serve --time S --memory GB.",
         )
         return Refused(int(refused.status), told(refused))
+
+
+def _not_begun() -> RefusedError:
+    return RefusedError(
+        HTTPStatus.SERVICE_UNAVAILABLE,
+        "a worker process that begins",
+        "none",
+        "Stop `eivor serve` and start it again.",
+    )

@@ -5,9 +5,10 @@ from __future__ import annotations
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from eivor.asked.flights import check_windows, identified, told_apart
@@ -15,13 +16,14 @@ from eivor.asked.options import flight_options, named_motion
 from eivor.asked.planned import check_mission, place_of
 from eivor.asked.supplied import supplied
 from eivor.asked.words import LogArgument, named, window
-from eivor.errors import ChannelMapError, EivorError, UsageError, did_you_mean
+from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.exports.fitted import Exported, Supplied
 from eivor.exports.target import Target
 from eivor.exports.targets import TARGETS, target_by_name
 from eivor.fleets.telling import Tell
 from eivor.logs import read_log
 from eivor.logs.channel_map import shipped_maps
+from eivor.motions.rigid_body.vehicle_file import shipped_vehicles
 from eivor.planning.written.formats import WRITTEN
 from eivor.report.json_document import json_document, json_text
 from eivor.report.page.flight_page import flight_page
@@ -29,12 +31,12 @@ from eivor.report.planned import plan
 from eivor.report.read_fit import load_fit
 from eivor.report.saved_fit import SavedFit
 from eivor.serve.choices import choices
-from eivor.serve.page.page import page_text
 from eivor.serve.refusals import status_of, told
 from eivor.serve.tasks import (
     REPORT,
     RESULT,
     Begin,
+    Choices,
     Export,
     File,
     Found,
@@ -47,7 +49,6 @@ from eivor.serve.tasks import (
     Stage,
     Supply,
     Task,
-    Welcome,
 )
 from eivor.signals.recording import Finding, Recording
 from eivor.whole_file import write_whole
@@ -61,7 +62,7 @@ def outcome_of(task: Task, tell: Tell) -> Outcome:
     try:
         match task:
             case Begin():
-                return Welcome(page_text(), choices())
+                return Choices(choices())
             case Identify():
                 _identify(task, tell)
             case ListExports():
@@ -80,7 +81,7 @@ def _identify(task: Identify, tell: Tell) -> None:
     tempfile.tempdir = str(task.folder)  # what readers leave behind when they are killed goes with it
     tell(Stage("reading"))
     asked, folder = task.asked, task.folder
-    with _as_file(asked.vehicle, folder / "vehicle.toml") as vehicle:
+    with _vehicle(asked.vehicle, folder) as vehicle:
         motion = named_motion(asked.model, vehicle)
     options = flight_options(motion, **asked.options)
     supplied(asked.mass, (), "")  # exports take it: what it says is told now
@@ -88,7 +89,7 @@ def _identify(task: Identify, tell: Tell) -> None:
         LogArgument(Path(name), window(own) if own else None)
         for name, (_, own) in zip(_own_names(task), asked.logs, strict=True)
     ]
-    with _as_file(_known_map(asked.channel_map), folder / "map.toml") as channel_map:
+    with _as_file(asked.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
         read = {
             log: _recording(task.logs[log], channel_map, several=len(asked.logs) > 1)
             for log in dict.fromkeys(log for log, _ in asked.logs)
@@ -130,13 +131,12 @@ def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
         with named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)
     except EivorError as error:
-        parts = (_own_name(part, log) for part in (error.expected, error.received, error.remedy))
-        raise type(error)(*parts) from error
-    findings = tuple(Finding(one.name, _own_name(one.message, log)) for one in recording.findings)
+        raise _retold(error, partial(_own_name, log)) from error
+    findings = tuple(Finding(one.name, _own_name(log, one.message)) for one in recording.findings)
     return replace(recording, findings=findings)
 
 
-def _own_name(text: str, log: KeptLog) -> str:
+def _own_name(log: KeptLog, text: str) -> str:
     return text.replace(str(log.path), log.name).replace(log.path.name, log.name)
 
 
@@ -145,42 +145,38 @@ def _called(recording: Recording, name: str) -> Recording:
 
 
 @contextmanager
-def _as_file(text: str, path: Path) -> Iterator[str]:
-    """A name as it is; text as a file, whose path is told as what it is."""
-    if not text or _NAME.fullmatch(text):
+def _as_file(text: str, path: Path, shipped: tuple[str, ...], what: str) -> Iterator[str]:
+    """A name of what comes with Eivor as it is; other text as a file, whose path is not told.
+
+    Raises
+    ------
+    InputError
+        For a name that is not known: it could be that of a file.
+    """
+    if not text or text in shipped:
         yield text
         return
+    if _NAME.fullmatch(text):
+        remedy = did_you_mean(text, shipped, f"Name one of them, or give the text of a {what}'s file.")
+        raise InputError(f"a shipped {what} ({', '.join(shipped)})", f"'{text}'", remedy)
     write_whole(path, text)
     try:
         yield str(path)
     except EivorError as error:
-        parts = (
-            part.replace(str(path), path.name) for part in (error.expected, error.received, error.remedy)
-        )
-        raise type(error)(*parts) from error
+        raise _retold(error, lambda part: part.replace(str(path), path.name)) from error
 
 
-def _known_map(text: str) -> str:
-    """A channel map, unless it is a name that no map has: it could be that of a file.
+def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
+    return _as_file(text, folder / "vehicle.toml", shipped_vehicles(), "vehicle")
 
-    Raises
-    ------
-    ChannelMapError
-        With those that there are.
-    """
-    known = shipped_maps()
-    if text and _NAME.fullmatch(text) and text not in known:
-        remedy = did_you_mean(text, known, "Name one of them.")
-        raise ChannelMapError(f"a shipped map ({', '.join(known)}), or the text of one", f"'{text}'", remedy)
-    return text
+
+def _retold(error: EivorError, changed: Callable[[str], str]) -> EivorError:
+    """The same error in other words."""
+    return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
 
 def _supplied(supply: Supply, folder: Path) -> Supplied:
-    if supply.vehicle.endswith(".toml") and _NAME.fullmatch(supply.vehicle):
-        raise UsageError(
-            "the name of a vehicle, or a vehicle file's text", f"'{supply.vehicle}'", "Name one."
-        )
-    with _as_file(supply.vehicle, folder / "vehicle.toml") as vehicle:
+    with _vehicle(supply.vehicle, folder) as vehicle:
         return supplied(supply.mass, supply.priors, vehicle)
 
 

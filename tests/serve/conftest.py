@@ -1,0 +1,120 @@
+"""A server in this process, and the page that asks it."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from typing import Any
+
+import pytest
+
+from eivor.fleets.limits import Limits
+from eivor.serve.server import ServeOptions, Server
+from serve.quick_work import QuickWork
+
+
+class Asking:
+    """A page of a server."""
+
+    def __init__(self, server: Server) -> None:
+        self.server = server
+
+    def __call__(
+        self, method: str, path: str, body: bytes | None = None, **headers: str | None
+    ) -> tuple[int, bytes, dict[str, str]]:
+        """Status, body and headers of an answer; a header of None is left out."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.gate.port, timeout=30.0)) as line:
+            line.putrequest(method, path, skip_host="host" in headers, skip_accept_encoding=True)
+            given = {
+                "x-eivor-token": self.server.token,
+                **{k.replace("_", "-"): v for k, v in headers.items()},
+            }
+            if body is not None:
+                given.setdefault("content-length", str(len(body)))
+            for name, value in given.items():
+                if value is not None:
+                    line.putheader(name, value)
+            line.endheaders()
+            if body is not None:
+                line.send(body)
+            answer = line.getresponse()
+            return answer.status, answer.read(), dict(answer.getheaders())
+
+    def json(self, method: str, path: str, body: object = None, **headers: str | None) -> Any:
+        """JSON of an answer that is one."""
+        data = body if body is None or isinstance(body, bytes) else json.dumps(body).encode()
+        status, text, _ = self(method, path, data, **headers)
+        assert status == 200, text
+        return json.loads(text)
+
+    def refused(
+        self, method: str, path: str, body: bytes | None = None, **headers: str | None
+    ) -> tuple[int, str]:
+        """Status and sentence of a refusal, whose parts are all there."""
+        status, text, _ = self(method, path, body, **headers)
+        error = json.loads(text)["error"]
+        assert set(error) == {"expected", "received", "advice", "sentence"}
+        return status, error["sentence"]
+
+    def dropped(self, content: bytes, name: str = "flight.csv") -> str:
+        """Identifier of a log that is dropped."""
+        log: str = self.json("POST", "/logs", content, x_eivor_name=name)["log"]
+        return log
+
+    def job(self, content: bytes, name: str = "flight.csv", **options: object) -> str:
+        """Identifier of a job of a log that is dropped."""
+        asked = {"logs": [self.dropped(content, name)], "options": options}
+        job: str = self.json("POST", "/jobs", asked)["job"]
+        return job
+
+    @contextmanager
+    def events(self, job: str) -> Iterator[Iterator[dict[str, Any]]]:
+        """What is told of a job, as it comes."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.gate.port, timeout=30.0)) as line:
+            line.request("GET", f"/jobs/{job}/events", headers={"X-Eivor-Token": self.server.token})
+            answer = line.getresponse()
+            assert answer.status == 200
+            yield map(json.loads, answer)
+
+    def last(self, job: str) -> dict[str, Any]:
+        """The last that is told of a job."""
+        with self.events(job) as events:
+            return list(events)[-1]
+
+
+class Clock:
+    """Seconds that pass when they are told to."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+Opening = Callable[..., Asking]
+
+
+@pytest.fixture(scope="module")
+def opening() -> Iterator[Opening]:
+    """Open servers whose processes do what logs say; they are closed in the end."""
+    servers: list[Server] = []
+
+    def opened(**options: Any) -> Asking:
+        quick = {"work": QuickWork(), "limits": Limits(5.0, 0.5), "largest": 1000}
+        servers.append(Server(ServeOptions(**{**quick, **options})))
+        return Asking(servers[-1])
+
+    yield opened
+    for server in servers:
+        server.close()
+        assert not server.folder.exists()
+        assert not server.workers.pids()
+
+
+@pytest.fixture(scope="module")
+def page(opening: Opening) -> Asking:
+    """The page of a server for a whole file of tests."""
+    return opening()

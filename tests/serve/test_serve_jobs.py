@@ -1,0 +1,188 @@
+"""Jobs in processes of their own: told by stages, cancelled, kept to their limits, forgotten."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from eivor.fleets.guard import TRIES
+from eivor.fleets.limits import Limits
+from eivor.serve import workers
+from eivor.serve.server import KEPT_S
+from serve.conftest import Clock
+
+
+def until(events, stage):
+    """Wait for a stage."""
+    assert any(one["stage"] == stage for one in events)
+
+
+def test_a_job_tells_its_stages_and_has_a_result(page):
+    job = page.job("a flight ü".encode(), "my ü flight.ulg", mass="1.5")
+    with page.events(job) as events:
+        told = list(events)
+    assert list(dict.fromkeys(one["stage"] for one in told[:-1])) == ["waiting", "reading", "identifying"]
+    assert all(one["elapsed"] >= 0.0 for one in told[:-1])
+    assert told[-1] == {"done": {"status": "identified"}}
+    assert page("GET", f"/jobs/{job}/result.json")[1].decode() == "a flight ü"
+    assert page("GET", f"/jobs/{job}/report.html")[1].decode() == "<p>a flight ü"
+    assert page.last(job) == told[-1]  # for those who come late, too
+    targets = page.json("GET", f"/jobs/{job}/exports")["targets"]
+    assert targets == [{"name": "px4", "file": "my ü flight-px4.params", "reason": "1.5"}]
+    status, body, headers = page("GET", f"/jobs/{job}/exports/px4?mass=2:1&prior=a=1&prior=b=2&vehicle=x")
+    assert (status, body.decode()) == (200, "Supply(mass='2:1', vehicle='x', priors=('a=1', 'b=2'))")
+    assert headers["Content-Disposition"] == (
+        "attachment; filename=\"my_flight-px4.txt\"; filename*=UTF-8''my%20%C3%BC%20flight-px4.txt"
+    )
+    assert page.refused("GET", f"/jobs/{job}/plan/csv") == (
+        409,
+        "Expected csv; received csv. csv",
+    )
+    assert page.refused("GET", f"/jobs/{job}/exports?" + "&".join(f"x{n}=1" for n in range(21)))[0] == 400
+    page.json("DELETE", f"/jobs/{job}")
+    assert page.refused("GET", f"/jobs/{job}/result.json")[0] == 404
+    assert not list(page.server.folder.glob(f"jobs/{job}*"))
+
+
+def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
+    page = opening(workers=1, limits=Limits(60.0, 0.5))
+    running, waiting = page.job(b"sleep"), page.job(b"sleep")
+    with page.events(running) as events:
+        until(events, "sleeping")
+        assert next(events)["stage"] == "sleeping"  # something is said while it lasts
+        with page.events(waiting) as others:
+            assert next(others)["position"] == 1
+            assert page.refused("GET", f"/jobs/{waiting}/result.json")[0] == 409
+            page.json("DELETE", f"/jobs/{waiting}")
+            assert list(others)[-1] == {"cancelled": True}
+        page.json("DELETE", f"/jobs/{running}")
+        assert list(events)[-1] == {"cancelled": True}
+    assert page.refused("GET", f"/jobs/{running}/report.html")[0] == 409
+    assert page.last(page.job(b"well")) == {"done": {"status": "identified"}}
+
+
+def test_what_a_process_dies_of_is_a_sentence(opening):
+    page = opening(workers=1, limits=Limits(0.6, 0.2))
+    assert page.last(page.job(b"refuse"))["failed"] == {"sentence": "It is refuse."}
+    for content, sentence in {
+        b"die": "died (exit code 7)",
+        b"memory": "It took more than 0.2 GB of memory.",
+        b"sleep": "It took longer than 0.6 s to answer.",
+    }.items():
+        told = page.last(page.job(content))["failed"]
+        assert told["expected"] == "a log that takes at most 0.6 s and 0.2 GB"
+        assert sentence.rstrip(".") in told["sentence"]
+        assert "eivor serve --time S --memory GB" in told["advice"]
+    assert page.last(page.job(b"once")) == {"done": {"status": "identified"}}
+
+
+@pytest.mark.thorough
+def test_a_process_that_is_killed_takes_nothing_along(opening):
+    page = opening(workers=1, limits=Limits(60.0, 0.5))
+    job = page.job(b"sleep")
+    with page.events(job) as events:
+        for left in reversed(range(TRIES)):
+            until(events, "sleeping")
+            (pid,) = page.server.folder.glob(f"jobs/{job}/pid")
+            os.kill(int(pid.read_text(encoding="ascii")), signal.SIGKILL)
+            if left:
+                until(events, "reading")
+        last = list(events)[-1]
+    assert "signal 9" in last["failed"]["sentence"]
+    assert page.last(page.job(b"well")) == {"done": {"status": "identified"}}
+
+
+def test_the_queue_is_bounded(opening):
+    page = opening(workers=1, most_waiting=2, limits=Limits(60.0, 0.5))
+    page.json("GET", "/choices")
+    first = page.job(b"sleep")
+    with page.events(first) as events:
+        until(events, "sleeping")
+    page.job(b"sleep")
+    page.job(b"sleep")
+    log = page.dropped(b"sleep")
+    asked = json.dumps({"logs": [log]}).encode()
+    status, sentence = page.refused("POST", "/jobs", asked)
+    assert (status, "at most 2 tasks that wait" in sentence) == (503, True)
+    assert len(list(page.server.folder.glob("jobs/*"))) == 3
+
+
+def test_many_drops_at_once_are_all_answered(page):
+    with ThreadPoolExecutor(20) as many:
+        told = list(many.map(lambda number: page.last(page.job(b"%d" % number)), range(20)))
+    assert told == [{"done": {"status": "identified"}}] * 20
+
+
+def test_what_is_old_is_forgotten(opening):
+    clock = Clock()
+    page = opening(clock=clock)
+    server = page.server
+    log = page.dropped(b"well")
+    job = page.json("POST", "/jobs", {"logs": [log]})["job"]
+    assert "done" in page.last(job)
+    page("GET", f"/jobs/{job}/report.html")
+    clock.now += KEPT_S - 1.0
+    server.forget()
+    assert page("GET", f"/jobs/{job}/result.json")[0] == 200
+    clock.now += 2.0
+    server.forget()
+    assert page.refused("GET", f"/jobs/{job}/result.json")[0] == 404
+    assert page.refused("POST", "/jobs", json.dumps({"logs": [log]}).encode())[0] == 404
+    assert {path.name for path in server.folder.rglob("*")} == {"logs", "jobs"}
+
+
+def test_old_logs_make_room_and_those_of_jobs_stay(opening):
+    clock = Clock()
+    page = opening(clock=clock, workers=1, limits=Limits(60.0, 0.5))
+    used = page.dropped(b"sleep" + bytes(900))
+    job = page.json("POST", "/jobs", {"logs": [used]})["job"]
+    others = []
+    for _ in range(4):
+        clock.now += 1.0
+        others.append(page.dropped(bytes(1000)))
+    assert page.refused("DELETE", f"/logs/{others[0]}")[0] == 404
+    assert page.refused("DELETE", f"/logs/{used}")[0] == 409
+    page.json("DELETE", f"/jobs/{job}")
+    page.last(job)
+    page.json("DELETE", f"/logs/{used}")
+    page.json("DELETE", f"/logs/{others[1]}")
+
+
+def test_nothing_is_left_when_it_closes_in_the_middle(opening):
+    page = opening(workers=2, limits=Limits(60.0, 0.5))
+    jobs = [page.job(b"sleep") for _ in range(3)]
+    with page.events(jobs[0]) as events:
+        until(events, "sleeping")
+        page.server.close()
+        assert list(events)[-1] == {"cancelled": True}
+    assert not page.server.folder.exists()
+    assert not page.server.workers.pids()
+
+
+@pytest.mark.thorough
+def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
+    monkeypatch.setattr(workers, "IDLE_S", 0.1)
+    page = opening(workers=1)
+    page.json("GET", "/choices")
+    assert "done" in page.last(page.job(b"well"))
+    before, until = set(page.server.workers.pids()), time.monotonic() + 20.0
+    while set(page.server.workers.pids()) in (before, set()) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert len(set(page.server.workers.pids()) - before) == 1
+
+
+def test_drops_in_a_row_leave_nothing_behind(page):
+    before = set(page.server.folder.glob("jobs/*"))
+    for _ in range(20):
+        job = page.job(b"well")
+        assert "done" in page.last(job)
+        assert page("GET", f"/jobs/{job}/report.html")[0] == 200
+        page.json("DELETE", f"/jobs/{job}")
+    page.server.connections.end(5.0)
+    assert not page.server.connections._open
+    assert set(page.server.folder.glob("jobs/*")) == before

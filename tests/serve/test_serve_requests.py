@@ -1,0 +1,175 @@
+"""Who may ask for what: everything else is refused, in a sentence, and touches nothing."""
+
+from __future__ import annotations
+
+import json
+import socket
+import time
+
+import pytest
+
+from eivor.serve import server as of_server
+from eivor.serve.kept_logs import shown_name
+
+NOBODY = "0" * 32
+
+
+def test_the_page_comes_with_its_token_and_a_policy(page):
+    status, body, headers = page("GET", f"/?token={page.server.token}", x_eivor_token=None)
+    assert (status, body[-6:]) == (200, b"a page")
+    assert headers["Content-Security-Policy"] == "default-src 'none'; frame-ancestors 'none'"
+    assert headers["Cache-Control"] == "no-store"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert page.server.url == f"http://127.0.0.1:{page.server.gate.port}/?token={page.server.token}"
+    told = page.json("GET", "/choices")
+    assert told["models"] == [{"name": "vertical", "words": "up and down"}]
+    assert told["largest_bytes"] == 1000
+
+
+@pytest.mark.parametrize(
+    ("status", "headers"),
+    [
+        (403, {"x_eivor_token": None}),
+        (403, {"x_eivor_token": "x"}),
+        (403, {"x_eivor_token": "é"}),
+        (403, {"origin": "http://evil.example"}),
+        (403, {"origin": "null"}),
+        (403, {"sec_fetch_site": "cross-site"}),
+        (403, {"sec_fetch_site": "same-site"}),
+        (421, {"host": "evil.example"}),
+        (421, {"host": "evil.example:80"}),
+        (421, {"host": "127.0.0.1"}),
+        (421, {"host": "127.0.0.1:1@evil.example"}),
+    ],
+)
+@pytest.mark.parametrize(("method", "path"), [("GET", "/choices"), ("POST", "/logs")])
+def test_others_may_not_ask(page, method, path, status, headers):
+    before = list(page.server.folder.rglob("*"))
+    code, sentence = page.refused(method, path, b"a log" if method == "POST" else None, **headers)
+    assert code == status
+    assert "Open the address that `eivor serve` has printed." in sentence
+    assert list(page.server.folder.rglob("*")) == before
+
+
+def test_the_own_origin_may_ask_by_either_name(page):
+    port = page.server.gate.port
+    for host in (f"127.0.0.1:{port}", f"localhost:{port}", f"LocalHost:{port}"):
+        headers = {"host": host, "origin": f"http://{host}", "sec_fetch_site": "same-origin"}
+        assert page("GET", "/choices", **headers)[0] == 200
+    assert page.refused("GET", "/choices", origin=f"https://127.0.0.1:{port}")[0] == 403
+    assert page.refused("GET", "/", x_eivor_token=None)[0] == 403
+    assert page.refused("GET", f"/choices?token={page.server.token}", x_eivor_token=None)[0] == 403
+
+
+@pytest.mark.parametrize(
+    ("status", "method", "path"),
+    [
+        (404, "GET", "/nothing"),
+        (404, "GET", f"/jobs/{NOBODY}/events"),
+        (404, "GET", f"/jobs/{NOBODY}/result.json"),
+        (404, "GET", f"/jobs/{NOBODY}/exports"),
+        (404, "DELETE", f"/jobs/{NOBODY}"),
+        (404, "DELETE", f"/logs/{NOBODY}"),
+        (404, "GET", "/jobs/../logs"),
+        (404, "GET", "/../../etc/passwd"),
+        (404, "GET", "/%2e%2e/%2e%2e/etc/passwd"),
+        (404, "GET", f"/jobs/{NOBODY}/exports/..%2f..%2fresult.json"),
+        (404, "GET", f"/jobs/{NOBODY}%00/events"),
+        (404, "GET", "//evil.example/"),
+        (405, "POST", "/"),
+        (405, "PUT", "/logs"),
+        (405, "GET", "/logs"),
+        (405, "OPTIONS", "/jobs"),
+        (405, "PATCH", f"/jobs/{NOBODY}/events"),
+        (501, "PROPFIND", "/"),
+        (411, "POST", "/logs"),
+    ],
+)
+def test_what_is_not_there_is_not_found(page, status, method, path):
+    assert page.refused(method, path)[0] == status
+
+
+@pytest.mark.parametrize("length", ["-1", "+5", "5.0", "five", "", "9" * 16])
+def test_a_body_says_how_long_it_is(page, length):
+    assert page.refused("POST", "/logs", b"12345", content_length=length)[0] == 411
+    assert page.refused("POST", "/logs", b"5\r\n12345", transfer_encoding="chunked")[0] == 411
+
+
+def test_a_body_beyond_the_limit_is_refused_before_it_is_read(page):
+    with socket.create_connection(("127.0.0.1", page.server.gate.port), timeout=10.0) as line:
+        line.sendall(
+            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.gate.port}\r\n"
+            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 1001\r\n\r\n".encode()
+        )
+        said = b"".join(iter(lambda: line.recv(65536), b""))
+    assert said.startswith(b"HTTP/1.1 413 ")
+    assert json.loads(said.partition(b"\r\n\r\n")[2])["error"]["received"] == "1001 bytes"
+    assert page.refused("POST", "/logs", bytes(1001))[0] == 413
+    assert page.json("POST", "/logs", bytes(1000))["bytes"] == 1000
+    assert page.refused("POST", "/jobs", b" " * 1_000_001)[0] == 413
+
+
+@pytest.mark.parametrize(
+    ("header", "name"),
+    [
+        ("flight.ulg", "flight.ulg"),
+        ("..%2f..%2fetc%2fpasswd", "passwd"),
+        ("..%5c..%5cboot.ini", "boot.ini"),
+        ("%252e%252e%252fx", "%2e%2e%2fx"),
+        ("a%00b.csv", "ab.csv"),
+        ("%ff", "�"),
+        ("..", ".."),
+        ("x/", "log"),
+        ("%3Cscript%3Ealert(1)%3C%2Fscript%3E", "script>"),
+        ("%E2%80%AEgpj.ulg", "\u202egpj.ulg"),
+        ("x" * 10_000, "x" * 255),
+    ],
+)
+def test_a_name_is_shown_and_no_path(page, header, name):
+    assert shown_name(header) == name
+    log = page.json("POST", "/logs", b"x", x_eivor_name=header)
+    assert log["name"] == name
+    (kept,) = page.server.folder.glob(f"logs/{log['log']}*")
+    assert kept.suffix in {"", ".ulg", ".ini", ".csv"}
+    page.json("DELETE", f"/logs/{log['log']}")
+    assert not kept.exists()
+    assert page.refused("DELETE", f"/logs/{log['log']}")[0] == 404
+
+
+def test_files_are_private(page):
+    page.dropped(b"x")
+    for folder in (page.server.folder, *page.server.folder.iterdir()):
+        assert folder.stat().st_mode & 0o077 == 0
+
+
+def test_a_log_that_breaks_off_leaves_nothing(page):
+    before = set(page.server.folder.rglob("*"))
+    with socket.create_connection(("127.0.0.1", page.server.gate.port)) as line:
+        line.sendall(
+            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.gate.port}\r\n"
+            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 500\r\n\r\nhalf".encode()
+        )
+    page.server.connections.end(5.0)
+    assert set(page.server.folder.rglob("*")) == before
+    assert page.server.logs._coming == 0
+
+
+def test_connections_are_bounded_and_must_say_what_they_want(page, monkeypatch):
+    page.server.connections.end(1.0)
+    monkeypatch.setattr(of_server, "MOST_CONNECTIONS", 3)
+    monkeypatch.setattr(of_server, "HEAD_S", 0.0)
+    address = ("127.0.0.1", page.server.gate.port)
+    slow = [socket.create_connection(address, timeout=10.0) for _ in range(3)]
+    for line in slow:
+        line.sendall(b"GET / HTTP/1.1\r\nHo")
+    until = time.monotonic() + 10.0
+    while len(page.server.connections._open) < 3 and time.monotonic() < until:
+        time.sleep(0.01)
+    with socket.create_connection(address, timeout=10.0) as one_more:
+        assert one_more.recv(100).startswith(b"HTTP/1.1 503 ")
+    page.server.connections.end_late()
+    for line in slow:
+        assert line.recv(100) == b""
+        line.close()
+    monkeypatch.undo()
+    assert page("GET", "/choices")[0] == 200

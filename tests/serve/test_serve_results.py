@@ -1,0 +1,153 @@
+"""What the page is given is what the command line gives."""
+
+from __future__ import annotations
+
+import json
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from eivor.cli.main import application
+from eivor.serve.asked_json import asked_job
+from eivor.serve.tasks import (
+    Begin,
+    Choices,
+    Export,
+    File,
+    Found,
+    Identify,
+    KeptLog,
+    ListExports,
+    Plan,
+    Refused,
+    Stage,
+    Supply,
+    Work,
+)
+from eivor.serve.working import outcome_of
+
+pytestmark = pytest.mark.usefixtures("coarse_search")
+
+
+@pytest.fixture(scope="module")
+def content() -> bytes:
+    """The first 40 s of the example flight as the bytes of a log."""
+    with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as path:
+        table = pl.read_parquet(path).head(4000)
+    return table.write_csv().encode()
+
+
+def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[Any, list[Any]]:
+    """Outcome of identifying logs that are kept under other names, and what was told."""
+    kept = {}
+    for number, (name, said) in enumerate(logs.items()):
+        path = folder / f"{number}a5b6c7{number}{Path(name).suffix}"
+        path.write_bytes(said)
+        kept[str(number)] = KeptLog(path, name, len(said))
+    asked = asked_job(json.dumps({"logs": list(kept), "options": options}).encode())
+    told: list[Any] = []
+    return outcome_of(Identify(asked, kept, folder), told.append), told
+
+
+def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
+    outcome, told = identified(
+        tmp_path, {"my flight.csv": content}, window=[1, 39.5], lag="60:20", max_tilt=20
+    )
+    assert outcome is None
+    stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
+    assert told[:-1] == [Stage(name) for name in stages]
+    own = json.loads((tmp_path / "result.json").read_bytes())
+    assert told[-1] == Found(own["verdict"])
+    (tmp_path / "typed").mkdir()
+    monkeypatch.chdir(tmp_path / "typed")
+    Path("my flight.csv").write_bytes(content)
+    options = ["--window", "1:39.5", "--lag", "60:20", "--max-tilt", "20"]
+    with pytest.raises(SystemExit):
+        application("identify")(
+            ["identify", "my flight.csv", *options, "--json", "fit.json", "--html", "page.html"]
+        )
+    assert (tmp_path / "result.json").read_bytes() == Path("fit.json").read_bytes()
+    assert (tmp_path / "report.html").read_bytes() == Path("page.html").read_bytes()
+
+    listed = outcome_of(ListExports(tmp_path, Supply(), "x"), told.append)
+    assert isinstance(listed, list)
+    ready = {one["name"] for one in listed if not one["reason"]}
+    assert "statespace" in ready
+    assert all(one["file"].startswith(f"x-{one['name']}.") for one in listed)
+    for one in listed:
+        made = outcome_of(Export(tmp_path, Supply(), "x", one["name"]), told.append)
+        assert isinstance(made, Refused if one["reason"] else File)
+        assert one["reason"] == (made.told["sentence"] if isinstance(made, Refused) else "")
+    refused = outcome_of(Plan(tmp_path, "x", "qgc"), told.append)
+    assert isinstance(refused, Refused)
+    assert "--home" in refused.told["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"window": "67:4"}, "a window START:END with START before END"),
+        ({"lag": "x"}, "a lag MS:STD"),
+        ({"method": "magic"}, "a method out of"),
+        ({"model": "rover"}, "a motion out of"),
+        ({"mass": "heavy"}, "VALUE or VALUE:STD for --mass"),
+        ({"map": "rotorp"}, "Did you mean 'rotorpy'"),
+        ({"map": "result.json"}, "a shipped map"),
+        ({"model": "rigid-body", "vehicle": "crazyfly"}, "a shipped vehicle"),
+        ({"model": "rigid-body", "vehicle": "vehicle.toml"}, "a shipped vehicle"),
+        ({"model": "rigid-body", "vehicle": "/etc/passwd"}, "vehicle.toml"),
+        ({"model": "rigid-body", "vehicle": "[rotors]\nmany = 1"}, "vehicle.toml"),
+        ({"map": "name = 3"}, "map.toml"),
+        ({"noise": ["velocity_z"]}, "a noise NAME=STD"),
+        ({"instruments": "nothing"}, "channels of hidden.csv as instruments"),
+        ({"window": [500, 600]}, "window"),
+    ],
+)
+def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, options, sentence):
+    outcome, _ = identified(tmp_path, {"hidden.csv": content}, **options)
+    assert isinstance(outcome, Refused)
+    assert outcome.status == 400
+    assert sentence in outcome.told["sentence"]
+    assert str(tmp_path) not in outcome.told["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("empty.ulg", b""),
+        ("damaged.ulg", b"ULog\x01\x125\x01" + bytes(100)),
+        ("page.html", b"<script>alert(1)</script>"),
+        ("<script>alert(1)</script>.csv", b"a,b\n1,2\n"),
+        ("\u202egpj" * 60, b"\x89PNG"),
+    ],
+)
+def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
+    outcome, told = identified(tmp_path, {name: said})
+    assert isinstance(outcome, Refused)
+    assert told == [Stage("reading")]
+    assert name in outcome.told["sentence"]
+    assert "a5b6c7" not in outcome.told["sentence"]
+    assert str(tmp_path) not in outcome.told["sentence"]
+
+
+def test_choices_are_those_that_there_are():
+    told: list[Any] = []
+    found = Work()(Begin(), told.append)
+    assert isinstance(found, Choices)
+    assert set(found.known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
+    for entries in found.known.values():
+        assert all(one["name"] and one["words"] for one in entries)
+    assert [one["needs"] for one in found.known["plans"] if one["name"] == "qgc"] == [["home"]]
+    assert told[0].text.startswith("<!DOCTYPE html>")
+
+
+@pytest.mark.thorough
+def test_several_logs_are_pooled_and_told_apart(tmp_path, content):
+    other = content + content.splitlines(keepends=True)[-1].replace(b"39.99", b"40.00", 1)
+    outcome, _ = identified(tmp_path, {"a.csv": content, "b.csv": other})
+    assert outcome is None
+    own = json.loads((tmp_path / "result.json").read_bytes())
+    assert [one["name"] for one in own["logs"]] == ["a.csv", "b.csv"]
