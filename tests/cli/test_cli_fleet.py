@@ -9,6 +9,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from eivor.fleets.own_reports import write_report
 from eivor.fleets.table import read_flights
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
@@ -121,7 +122,9 @@ def test_report_prints_and_writes(eivor, tmp_path):
     spec = FleetSpec(vehicles=3, flights=8, broken=((1, 4, 0.4),))
     table = fleet_rows(spec).with_columns(vehicle=pl.col("vehicle").replace("v0001", HOSTILE))
     (tmp_path / "fleet" / "flights").mkdir(parents=True)
+    table = table.with_columns(sha256=pl.Series([f"{number:064x}" for number in range(table.height)]))
     table.write_parquet(tmp_path / "fleet" / "flights" / "part-0.parquet")
+    write_report(tmp_path / "fleet", f"{3:064x}", "a page")
     files = tmp_path / "report.json", tmp_path / "report.html"
     run = eivor("fleet", "report", tmp_path / "fleet", "--json", files[0], "--html", files[1])
     assert (run.code, run.err) == (0, "")
@@ -142,8 +145,16 @@ def test_report_prints_and_writes(eivor, tmp_path):
     assert len(page.all("svg", class_="forest")) == 4
     assert HOSTILE.split("\x1b", maxsplit=1)[0] in page.all("main")[0].text
     assert json.loads(page.all("script", id="result")[0].text) == told
+    links = [link.attributes["href"] for link in page.all("a") if "fleet/" in link.attributes["href"]]
+    assert set(links) == {f"fleet/reports/{3:064x}.html"}
+    assert "no report of its own" in page.all("main")[0].text
     run = eivor("fleet", "report", tmp_path / "fleet", "--json", "-")
     assert json.loads(run.out) == told
+    (tmp_path / "masses.csv").write_text("\n".join(["name,mass", *(f"{one},1" for one in table["name"])]))
+    run = eivor("fleet", "report", tmp_path / "fleet", "--covariates", tmp_path / "masses.csv")
+    assert (run.code, run.err) == (0, "")
+    assert "mass is not known" not in run.out
+    assert eivor("fleet", "report", tmp_path / "fleet", "--covariates", "none.csv").code == 1
 
 
 def test_report_of_what_tells_nothing(eivor, tmp_path):

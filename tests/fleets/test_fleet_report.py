@@ -7,7 +7,9 @@ import polars as pl
 import pytest
 from statsmodels.stats.meta_analysis import combine_effects
 
+from eivor.errors import InputError
 from eivor.fleets.course import DRIFTS, STEADY, STEPS
+from eivor.fleets.given_covariates import given_covariates, with_covariates
 from eivor.fleets.pooled_rows import (
     NO_NUMBER,
     NO_REFERENCE,
@@ -24,7 +26,7 @@ from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.report.told_fleet import few_told, interval_told, next_told
 from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 from fleets.fleet_rows import row, write_fleet
 
 VERTICAL = motion_by_name("vertical")
@@ -101,6 +103,10 @@ def test_a_single_flight_has_a_mean_and_no_interval():
     assert of(report, GAIN)["mean"].null_count() == 0
     for name in ("low", "high", "between", "next_low", "next_high"):
         assert of(report, GAIN)[name].null_count() == 3
+    table = fleet_rows(FleetSpec(vehicles=3, flights=1))
+    for end in ("low", "high"):  # what the flight tells by itself is kept
+        assert of(report, GAIN)[f"only_{end}"].to_list() == table[f"{GAIN}.{end}"].to_list()
+    assert of(reported(FleetSpec(vehicles=1, flights=2)), GAIN)["only_low"].null_count() == 1
     (told,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
     assert told["pooled"] == 3
     assert told["low"] < told["mean"] < told["high"]
@@ -154,6 +160,62 @@ def test_covariates_come_first_and_are_told():
         assert told["std_error"] < 0.15
     unknown = fleet_rows(spec).drop("air_density", "battery_voltage")
     assert not reported(spec, unknown).covariates.height
+
+
+def test_a_payload_that_grows_is_no_wear(tmp_path) -> None:
+    """Without the mass it looks like wear of 23 %; with it nothing changes, and wear beside it is found."""
+    heavier = {"vehicles": 4, "weather": 0.05, "battery": 0.03, "payload": 0.3, "seed": 4}
+    for wear, forms in ((0.0, {STEADY}), (0.12, {DRIFTS})):
+        spec = FleetSpec(wear=wear, **heavier)
+        table = fleet_rows(spec)
+        told = of(reported(spec), GAIN)
+        assert set(told["course"]) == {DRIFTS}
+        assert (told["change_high"] < -0.12).all()
+        lines = [f"{name},{mass}" for name, mass in zip(table["name"], fleet_truth(spec).mass, strict=True)]
+        file = tmp_path / "masses.csv"
+        file.write_text("\n".join(["name,mass", *lines]))
+        given = given_covariates(file)
+        report = fleet_report(with_covariates(table, given), VERTICAL, given.columns[1:])
+        told = of(report, GAIN)
+        assert set(told["course"]) == forms
+        assert ((told["change_low"] < -wear) & (told["change_high"] > -wear)).all()
+        assert set(of(report, FRICTION)["course"]) == {STEADY}
+        assert "mass" in report.covariates["covariate"].to_list()
+
+
+def test_covariates_of_any_name_are_taken_out() -> None:
+    """One of which nothing is known beforehand; what is given stands in place of what is logged."""
+    spec = FleetSpec(vehicles=6, flights=30, seed=2)
+    table = fleet_rows(spec)
+    load = np.exp(0.2 * np.random.default_rng(3).standard_normal(table.height))
+    table = table.with_columns(pl.col(f"{GAIN}.value") * load**0.5, air_density=pl.lit(1.0))
+    given = table.select("name", rotor_age=pl.Series(load), air_density=pl.lit(1.2))
+    joined = with_covariates(table, given)
+    assert set(joined["air_density"]) == {1.2}
+    report = fleet_report(joined, VERTICAL, given.columns[1:])
+    (told,) = report.covariates.filter(quantity=GAIN, covariate="rotor_age").rows(named=True)
+    assert told["slope"] == pytest.approx(0.5, abs=3.0 * told["std_error"])
+    assert told["std_error"] < 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "a CSV of covariates"),
+        ("flight,mass\na,1\n", "a column sha256 or name"),
+        ("name,mass\na,heavy\n", "columns of numbers"),
+        ("name,mass\na,1\na,2\n", "every flight once"),
+        ("name,mass\nnone,1\n", "covariates of flights of the fleet"),
+        ("name,verdict\nv0000-0000.ulg,1\n", "names of covariates"),
+        ("name,input_gain.value\nv0000-0000.ulg,1\n", "names of covariates"),
+    ],
+)
+def test_covariates_of_no_use_are_refused(tmp_path, text, expected) -> None:
+    (tmp_path / "masses.csv").write_text(text)
+    with pytest.raises(InputError, match=expected):
+        with_covariates(
+            fleet_rows(FleetSpec(vehicles=1, flights=2)), given_covariates(tmp_path / "masses.csv")
+        )
 
 
 def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():

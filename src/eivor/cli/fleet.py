@@ -278,6 +278,15 @@ def query(
 def report(
     fleet: FleetArgument,
     *,
+    covariates: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE",
+            help="What you know of flights and logs do not, a CSV such as name,mass: changes that it "
+            "explains are not told as changes of the vehicle.",
+            show_default=False,
+        ),
+    ] = "",
     json: arguments.JsonOption = "",
     html: Annotated[
         str,
@@ -292,26 +301,28 @@ def report(
         for option, text in (("--json", json), ("--html", html))
         if text and not (option == "--json" and text == STANDARD_OUTPUT)
     }
-    keep_apart(places, {})
+    keep_apart(places, {"the covariates": [Path(covariates)] if covariates else []})
 
+    from eivor.fleets.given_covariates import given_covariates
     from eivor.fleets.reports import fleet_reports
 
+    given = given_covariates(Path(covariates)) if covariates else None
     with step("Pooling"):
-        reports = fleet_reports(Path(fleet))
+        reports = fleet_reports(Path(fleet), given)
     title = Path(fleet).resolve().name
-    deliver(*_deliveries(reports, title, json, html))
+    deliver(*_deliveries(reports, Path(fleet), title, json, html))
     return ExitCode.IDENTIFIED
 
 
 def _deliveries(
-    reports: Sequence[FleetReport], title: str, json: str, html: str
+    reports: Sequence[FleetReport], fleet: Path, title: str, json: str, html: str
 ) -> Iterator[Callable[[], None]]:
     if json != STANDARD_OUTPUT:
         yield partial(_print_reports, reports, title)
     if json:
         yield partial(_write_json, reports, json)
     if html:
-        yield partial(_write_page, reports, title, html)
+        yield partial(_write_page, reports, fleet, title, html)
 
 
 def _print_reports(reports: Sequence[FleetReport], title: str) -> None:
@@ -329,10 +340,11 @@ def _write_json(reports: Sequence[FleetReport], place: str) -> None:
     write_out(json_text(fleet_json(reports)), place)
 
 
-def _write_page(reports: Sequence[FleetReport], title: str, place: str) -> None:
+def _write_page(reports: Sequence[FleetReport], fleet: Path, title: str, place: str) -> None:
     from eivor.report.page.fleet_page import fleet_page
+    from eivor.report.page.flight_links import flight_links
 
-    write_out(fleet_page(reports, title), place)
+    write_out(fleet_page(reports, title, flight_links(fleet, Path(place))), place)
 
 
 def _table(answer: pl.DataFrame) -> Table:

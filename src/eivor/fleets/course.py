@@ -82,6 +82,8 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
         .T.reshape(len(used), rows.height)
         .astype(float)
     )
+    if not across.logarithm:
+        x *= _of_type(groups, vehicles, y, v)
     at = rows["hours"].to_numpy()
     given = _Given(groups, vehicles, y, v, at, x, used)
     found, slopes, between = given.without(y, given.between(y, v), at[None, :])
@@ -143,6 +145,14 @@ class _Given:
     def _errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         """Variances of the estimates, those of isolated ones as large as they are far off."""
         return self.v + isolated_variances(self.groups, self.vehicles, level, self.v)
+
+
+def _of_type(
+    groups: Groups, vehicles: Groups, y: Float[np.ndarray, " rows"], v: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " rows"]:
+    """Mean of the type of each row: what turns the power of a covariate into a slope of the value itself."""
+    first, total = (vehicles.sums(groups.sums(one)) for one in (y / v, 1.0 / v))
+    return groups.spread(vehicles.spread(first / total))
 
 
 def _is_known(rows: pl.DataFrame, name: str) -> bool:

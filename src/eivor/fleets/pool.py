@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from eivor.fleets.pooled_rows import VEHICLE, compared, groups_of
+from eivor.fleets.pooled_rows import VEHICLE, compared, groups_of, own_interval
 from eivor.flights.across import AcrossFlights
 from eivor.inference.random_effects.between import paule_mandel, q_profile
 from eivor.inference.random_effects.confidence_distribution import between_distribution
@@ -23,10 +23,12 @@ from eivor.shapes import Float
 #: Columns of a mean: the value with its interval, the standard deviation between members with its own, and
 #: the interval of the next member. Of logarithms the deviation is a share of the value.
 POOLED = ("mean", "low", "high", "between", "between_low", "between_high", "next_low", "next_high")
+#: The interval of a vehicle's only flight, as that flight tells it.
+ONLY = ("only_low", "only_high")
 
 
 def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
-    """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), and `POOLED`.
+    """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`.
 
     Parameters
     ----------
@@ -37,7 +39,12 @@ def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     """
     about, groups = groups_of(rows, *VEHICLE)
     y, v = (rows.select(one).to_series().to_numpy() for one in compared(across))
-    return _told(about, groups, y, v, across)
+    first = rows[groups.starts].select(own_interval(across))
+    only = (
+        pl.when(pl.Series(groups.sizes == 1)).then(first[end]).alias(name)
+        for name, end in zip(ONLY, first.columns, strict=True)
+    )
+    return _told(about, groups, y, v, across).with_columns(*only)
 
 
 def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:

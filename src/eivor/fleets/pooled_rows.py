@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
 from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED
-from eivor.flights.across import AcrossFlights
+from eivor.flights.across import AcrossFlights, Covariate
 from eivor.flights.motion import Motion
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.quantiles import normal_quantile
@@ -31,9 +32,27 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 )
 
 
-def across_of(motion: Motion[Any]) -> tuple[AcrossFlights, ...]:
-    """What a motion compares over flights; its headline as it is where it says nothing."""
-    return motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
+def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
+    """What a motion compares over flights; its headline as it is where it says nothing.
+
+    Parameters
+    ----------
+    motion : Motion
+        Which.
+    further : sequence of str
+        Columns of covariates that are given, of whose slopes nothing is known where the motion says nothing.
+    """
+    quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
+    return tuple(
+        replace(
+            one, covariates=(*one.covariates, *(Covariate(name) for name in further if not _goes(one, name)))
+        )
+        for one in quantities
+    )
+
+
+def _goes(across: AcrossFlights, name: str) -> bool:
+    return any(one.name == name for one in across.covariates)
 
 
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
@@ -100,6 +119,18 @@ def compared(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     """The number that is compared, and its variance."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     return (value.log(), (error / value) ** 2) if across.logarithm else (value, error**2)
+
+
+def own_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """`low` and `high` that a flight tells by itself; by its standard error where it has none."""
+    reach = normal_quantile(0.95) * _error(across)
+    low, high = (
+        pl.coalesce(
+            pl.col(f"{across.name}.{end}").fill_nan(None), pl.col(f"{across.name}.value") + sign * reach
+        ).alias(end)
+        for end, sign in (("low", -1.0), ("high", 1.0))
+    )
+    return low, high
 
 
 def _error(across: AcrossFlights) -> pl.Expr:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,7 @@ from eivor.fleets.course import (
     differing_p_values,
 )
 from eivor.fleets.pool import pooled_types, pooled_vehicles
-from eivor.fleets.pooled_rows import VEHICLE, across_of, in_order, wanted_columns, why_left_out
+from eivor.fleets.pooled_rows import VEHICLE, across_of, in_order, own_interval, wanted_columns, why_left_out
 from eivor.fleets.table import COPY, FAILED
 from eivor.flights.across import AcrossFlights
 from eivor.flights.motion import Motion
@@ -37,7 +38,7 @@ DEVIATING = pl.DataFrame(
         "start": pl.Datetime("us", "UTC"),
         "hours": pl.Float64,
         "quantity": pl.String,
-        **dict.fromkeys(("value", "std_error", "expected", "p_value"), pl.Float64),
+        **dict.fromkeys(("value", "std_error", "low", "high", "expected", "p_value"), pl.Float64),
     }
 )
 #: Tests of a quantity: for a drift, and for a step.
@@ -58,7 +59,7 @@ class FleetReport:
         Those that any flight tells.
     vehicles : polars.DataFrame
         One row for each vehicle and quantity: `type`, `vehicle`, `quantity`, `pooled` (flights), `left_out`,
-        what `pool.POOLED` names, `course` and what changed.
+        what `pool.POOLED` and `pool.ONLY` name, `course` and what changed.
     types : polars.DataFrame
         The same of types, `pooled` vehicles each.
     left_out : polars.DataFrame
@@ -67,7 +68,7 @@ class FleetReport:
         `type`, `quantity`, `covariate`, `slope`, `std_error`: what was taken out.
     deviating : polars.DataFrame
         Flights that deviate: `type`, `vehicle`, `name`, `start`, `hours`, `quantity`, `value`, `std_error`,
-        `expected`, `p_value` (times the number of tests).
+        `low`, `high`, `expected`, `p_value` (times the number of tests).
     flights : polars.DataFrame
         Rows in order, with the hours flown before each.
     """
@@ -83,7 +84,7 @@ class FleetReport:
     flights: pl.DataFrame
 
 
-def fleet_report(table: pl.DataFrame, motion: Motion[Any]) -> FleetReport:
+def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str] = ()) -> FleetReport:
     """Report of the flights of a motion.
 
     Parameters
@@ -92,8 +93,10 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any]) -> FleetReport:
         Rows of a fleet, those of other motions among them.
     motion : Motion
         Which.
+    further : sequence of str
+        Columns of covariates beside those that the motion knows.
     """
-    across = across_of(motion)
+    across = across_of(motion, further)
     absent = [name for name in wanted_columns(across) if name not in table.columns]
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
     own = table.filter(pl.col("motion") == motion.name)
@@ -258,6 +261,7 @@ class _Quantity:
                 quantity=self.name,
                 value=self.timed[f"{self.across.name}.value"],
                 std_error=self.timed[f"{self.across.name}.std_error"],
+                **self.timed.select(own_interval(self.across)).to_dict(),
                 expected=pl.Series(about),
                 p_value=pl.Series(np.minimum(many, 1.0)),
             )

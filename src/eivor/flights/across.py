@@ -15,8 +15,8 @@ class Covariate:
     name : str
         Column of a fleet's table; its logarithm counts.
     slope, uncertainty : float
-        By how much the quantity, or its logarithm, grows with it, as far as that is known beforehand (one
-        standard deviation).
+        The power of it that the quantity goes with, as far as that is known beforehand (one standard
+        deviation).
     """
 
     name: str

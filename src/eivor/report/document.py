@@ -100,11 +100,14 @@ class Cell:
         The second; may be empty.
     status : Status or None
         The verdict that the last line says.
+    link : str
+        Relative address of what the first line names, for media that have links; may be empty.
     """
 
     text: str
     below: str = ""
     status: Status | None = None
+    link: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import polars as pl
 
@@ -10,16 +10,18 @@ from eivor.fleets.report import FleetReport
 from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
 from eivor.report.flight_document import section
 from eivor.report.told_fleet import (
+    MOST,
     Row,
     between_told,
     changes_told,
     covariates_told,
-    deviations_told,
     differences_told,
     few_told,
     interval_told,
     left_out_told,
+    mean_told,
     next_told,
+    only_told,
 )
 
 #: Vehicles in a table, at most.
@@ -28,7 +30,7 @@ MOST_VEHICLES = 30
 FOREST, LINES = "forest", "lines"
 
 
-def fleet_document(report: FleetReport, title: str) -> Document:
+def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> Document:
     """Document of a fleet's report.
 
     Parameters
@@ -37,8 +39,10 @@ def fleet_document(report: FleetReport, title: str) -> Document:
         Of one motion.
     title : str
         The fleet's name.
+    links : mapping of str to str, optional
+        Addresses of flights' own reports, by the hash of their logs; for media that have links.
     """
-    return Document(title, None, about_fleet(report), tuple(_sections(report)))
+    return Document(title, None, about_fleet(report), tuple(_sections(report, links)))
 
 
 def about_fleet(report: FleetReport) -> str:
@@ -60,7 +64,7 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number:,} {what}s"
 
 
-def _sections(report: FleetReport) -> Iterator[Section]:
+def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
     if not report.vehicles.height:
         yield Section("Nothing to pool", (Bullets(("No flight tells a quantity with a standard error.",)),))
         yield from section("Left out", Bullets, left_out_told(report))
@@ -69,7 +73,7 @@ def _sections(report: FleetReport) -> Iterator[Section]:
     yield Section("By type", (_types(report, types), *_notes(few_told(types, "vehicles"))))
     shown = _shown(report.vehicles)
     vehicles = list(shown.iter_rows(named=True))
-    notes = list(few_told(vehicles, "flights"))
+    notes = [*few_told(vehicles, "flights"), *only_told(vehicles)]
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         notes.append(
             f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."
@@ -77,7 +81,8 @@ def _sections(report: FleetReport) -> Iterator[Section]:
     yield Section("By vehicle", (_vehicles(report, vehicles), *_notes(notes), Figure(FOREST)))
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
     yield Section("Changes", (Bullets(tuple(changes_told(report) or nothing)), Figure(LINES)))
-    yield from section("Flights that deviate", Bullets, deviations_told(report))
+    if report.deviating.height:
+        yield Section("Flights that deviate", tuple(_deviating(report, links)))
     yield from section("Vehicles that differ", Bullets, differences_told(report))
     yield from section("Left out", Bullets, left_out_told(report))
     yield from section("Taken out before changes were sought", Bullets, covariates_told(report))
@@ -101,12 +106,46 @@ def _shown(vehicles: pl.DataFrame) -> pl.DataFrame:
     return chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
 
 
+def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:
+    """A flight's name, which leads to its report; one without says so where others have one."""
+    link = links.get(sha256, "")
+    return Cell(name, "no report of its own" if links and not link else "", link=link)
+
+
+def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[TableOf | Bullets]:
+    """Flights that deviate, the clearest first."""
+    rows = list(report.deviating.head(MOST).iter_rows(named=True))
+    cells = []
+    for row in rows:
+        wording = report.motion.wording[row["quantity"]]
+        unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+        cells.append(
+            (
+                linked(row["name"], row["sha256"], links or {}),
+                Cell(row["vehicle"]),
+                Cell(f"{wording.words} {wording.symbol}{unit}"),
+                Cell(*interval_told(row, wording, ("value", "low", "high"))),
+                Cell(f"{row['expected'] * wording.scale:.4g}"),
+            )
+        )
+    columns = (
+        TableColumn("flight", strong=True),
+        TableColumn("vehicle"),
+        TableColumn("quantity"),
+        TableColumn("value", right=True, whole=True, below=Tone.FAINT),
+        TableColumn("the others", right=True, whole=True),
+    )
+    yield TableOf(columns, tuple(cells))
+    if report.deviating.height > MOST:
+        yield Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
+
+
 def _columns(first: str, members: str, following: str) -> tuple[TableColumn, ...]:
     return (
         TableColumn(first, strong=True),
         TableColumn("quantity"),
         TableColumn("mean", right=True, whole=True, below=Tone.FAINT),
-        TableColumn("between", right=True, whole=True),
+        TableColumn("between", right=True, whole=True, below=Tone.FAINT),
         TableColumn(following, right=True, whole=True),
         TableColumn(members, right=True, below=Tone.FAINT),
     )
@@ -115,14 +154,14 @@ def _columns(first: str, members: str, following: str) -> tuple[TableColumn, ...
 def _cells(report: FleetReport, row: Row, first: str) -> tuple[Cell, ...]:
     across = next(one for one in report.quantities if one.name == row["quantity"])
     wording = report.motion.wording[across.name]
-    value, interval = interval_told(row, wording, ("mean", "low", "high"))
+    value, interval = mean_told(row, wording)
     unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
     left_out = f"{row['left_out']} left out" if row.get("left_out") else ""
     return (
         Cell(first),
         Cell(f"{wording.words} {wording.symbol}{unit}"),
         Cell(value, interval),
-        Cell(between_told(row, across, wording)),
+        Cell(*between_told(row, across, wording)),
         Cell(next_told(row, wording)),
         Cell(f"{row['pooled']}", left_out),
     )

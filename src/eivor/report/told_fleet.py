@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from eivor.fleets.course import DRIFTS, STEPS
+from eivor.fleets.pool import ONLY
 from eivor.fleets.report import FleetReport
 from eivor.flights.across import AcrossFlights
 from eivor.flights.quantity import Wording
@@ -36,20 +37,38 @@ def interval_told(row: Row, wording: Wording, names: tuple[str, str, str]) -> tu
     return plain_numbers(value, (low, high))
 
 
+def mean_told(row: Row, wording: Wording) -> tuple[str, str]:
+    """Mean and interval of a vehicle or type; of a single flight its own, with a mark."""
+    if not _is_of_one_flight(row):
+        return interval_told(row, wording, ("mean", "low", "high"))
+    value, interval = interval_told(row, wording, ("mean", *ONLY))
+    return value, f"{interval} †"
+
+
+def _is_of_one_flight(row: Row) -> bool:
+    return all(row.get(name) is not None for name in ONLY)
+
+
+def only_told(rows: Sequence[Row]) -> Iterator[str]:
+    """Return what the mark of `mean_told` means, where there is one."""
+    if any(map(_is_of_one_flight, rows)):
+        yield "† of its only flight: how much flights differ is not in it."
+
+
 def _two_digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
 
 
-def between_told(row: Row, across: AcrossFlights, wording: Wording) -> str:
-    """Standard deviation between members with its interval: a share where logarithms are compared."""
+def between_told(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str, str]:
+    """Standard deviation between members, and its interval: a share where logarithms are compared."""
     numbers = [row[name] for name in ("between", "between_low", "between_high")]
     if any(one is None for one in numbers):
-        return NO_NUMBER
+        return NO_NUMBER, ""
     if across.logarithm:
         value, low, high = (100.0 * one for one in numbers)
-        return f"{value:.1f} % [{low:.1f}, {high:.1f}]"
+        return f"{value:.1f} %", f"[{low:.1f}, {high:.1f}]"
     value, low, high = (wording.scale * one for one in numbers)
-    return " ".join(plain_numbers(value, (low, high)))
+    return plain_numbers(value, (low, high))
 
 
 def next_told(row: Row, wording: Wording) -> str:
@@ -103,20 +122,6 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
     value, low, high = (scale * (float("nan") if one is None else one) for one in numbers)
     shown, interval = plain_numbers(value, (low, high))
     return f"{shown}{unit} {interval}"
-
-
-def deviations_told(report: FleetReport) -> list[str]:
-    """Return a sentence about each flight that deviates, the clearest first."""
-    told = []
-    for row in report.deviating.iter_rows(named=True):
-        wording = report.motion.wording[row["quantity"]]
-        value, expected = (f"{row[name] * wording.scale:.4g}" for name in ("value", "expected"))
-        unit = f" {wording.shown_unit}" if wording.shown_unit else ""
-        told.append(
-            f"{row['name']} ({row['vehicle']}): {wording.words} {value}{unit}, where the vehicle's other "
-            f"flights have {expected}{unit}."
-        )
-    return _at_most(told, "flights deviate")
 
 
 def differences_told(report: FleetReport) -> list[str]:

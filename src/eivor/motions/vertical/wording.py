@@ -45,12 +45,21 @@ SHOWN = (
 )
 #: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
 #: What hovers goes against both, by half as much where thrust goes with the square of the command.
+#: Forces that a payload leaves as they are accelerate a larger mass less.
 ACROSS = (
-    AcrossFlights("viscous_friction", covariates=(Covariate("air_density"),), told_by=("viscous_friction",)),
+    AcrossFlights(
+        "viscous_friction",
+        covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
+        told_by=("viscous_friction",),
+    ),
     AcrossFlights(
         "input_gain",
         logarithm=True,
-        covariates=(Covariate("air_density", 1.0, 0.3), Covariate("battery_voltage", 1.0, 1.0)),
+        covariates=(
+            Covariate("air_density", 1.0, 0.3),
+            Covariate("battery_voltage", 1.0, 1.0),
+            Covariate("mass", -1.0, 0.1),
+        ),
         told_by=("input_gain",),
     ),
     AcrossFlights(
@@ -62,7 +71,11 @@ ACROSS = (
     AcrossFlights(
         "hover_input",
         logarithm=True,
-        covariates=(Covariate("air_density", -0.75, 0.3), Covariate("battery_voltage", -0.75, 0.75)),
+        covariates=(
+            Covariate("air_density", -0.75, 0.3),
+            Covariate("battery_voltage", -0.75, 0.75),
+            Covariate("mass", 0.75, 0.25),
+        ),
     ),
 )
 WORDS = Words(

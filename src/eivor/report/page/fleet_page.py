@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import polars as pl
 
 from eivor.fleets.course import DRIFTS, STEPS
-from eivor.fleets.pooled_rows import VEHICLE, why_left_out
+from eivor.fleets.pool import ONLY
+from eivor.fleets.pooled_rows import VEHICLE, own_interval, why_left_out
 from eivor.fleets.report import FleetReport
 from eivor.flights.across import AcrossFlights
 from eivor.report.document import Document, Section
-from eivor.report.fleet_document import FOREST, LINES, fleet_document, shown_vehicles
+from eivor.report.fleet_document import FOREST, LINES, fleet_document, linked, shown_vehicles
 from eivor.report.json_fleet import fleet_json
 from eivor.report.page.figures import Figures
 from eivor.report.page.forest import Forest, ForestRow
@@ -23,13 +24,14 @@ from eivor.report.page.picture import Picture, Pictures
 from eivor.report.page.plot import Curve, Dots, Mark, Plot, Rule
 from eivor.report.page.scale import margined
 from eivor.report.page.shell import whole_page
-from eivor.report.told_fleet import Row, interval_told
+from eivor.report.told_fleet import Row, mean_told
 
 #: Vehicles of a forest, and vehicles whose quantities are drawn over time, at most.
 MOST_ROWS, MOST_LINES = 40, 8
+NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --reports makes them."
 
 
-def fleet_page(reports: Sequence[FleetReport], title: str) -> str:
+def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
     """Text of a page that tells a fleet: HTML without anything to fetch.
 
     Parameters
@@ -38,11 +40,13 @@ def fleet_page(reports: Sequence[FleetReport], title: str) -> str:
         One for each motion.
     title : str
         The fleet's name.
+    links : mapping of str to str
+        Addresses of flights' own reports, by the hash of their logs.
     """
     figures = Figures(0)
-    documents = [fleet_document(report, title) for report in reports]
+    documents = [fleet_document(report, title, links) for report in reports]
     told = [
-        _motion(report, document, figures, f"m{number}-")
+        _motion(report, document, figures, f"m{number}-", links)
         for number, (report, document) in enumerate(zip(reports, documents, strict=True))
     ]
     theme = element("button", {"type": "button", "id": "theme"}, "Dark")
@@ -57,13 +61,18 @@ def fleet_page(reports: Sequence[FleetReport], title: str) -> str:
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
 
 
-def _motion(report: FleetReport, document: Document, figures: Figures, name: str) -> Markup:
+def _motion(
+    report: FleetReport, document: Document, figures: Figures, name: str, links: Mapping[str, str]
+) -> Markup:
     drawn = {}
     if report.vehicles.height:
         drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
-        drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report)))])
+        drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
     sections = [section_html(one, f"{name}{_word(one)}", drawn) for one in document.sections]
-    return joined([element("p", {"class": "said"}, document.about), *sections])
+    about = [element("p", {"class": "said"}, document.about)]
+    if report.vehicles.height and not links:
+        about.append(element("p", {"class": "note"}, NO_REPORTS))
+    return joined([*about, *sections])
 
 
 def _word(section: Section) -> str:
@@ -97,12 +106,13 @@ def _forest_row(
 ) -> ForestRow:
     wording = report.motion.wording[across.name]
     ends = [row[name] for name in ("low", "high")]
+    ends = [row.get(name) for name in ONLY] if None in ends else ends
     pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
-    numbers = " ".join(dict.fromkeys(interval_told(row, wording, ("mean", "low", "high"))))
+    numbers = " ".join(dict.fromkeys(mean_told(row, wording)))
     return ForestRow(label, numbers, row["mean"] * wording.scale, pieces, None, whole)
 
 
-def _over_hours(report: FleetReport) -> Iterator[Picture]:
+def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
     """Flights of a few vehicles over their hours, those that change first."""
     chosen = shown_vehicles(report.vehicles).head(MOST_LINES).select(VEHICLE)
     for kind, vehicle in chosen.iter_rows():
@@ -112,16 +122,17 @@ def _over_hours(report: FleetReport) -> Iterator[Picture]:
             row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
             used = flights.filter(why_left_out(across, flights.columns).is_null())
             if row is not None and used.height > 1:
-                yield _line(report, across, row, used)
+                yield _line(report, across, row, used, links)
 
 
-def _line(report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame) -> Picture:
+def _line(
+    report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
+) -> Picture:
     wording = report.motion.wording[across.name]
     hours = used["hours"].to_numpy()
-    value, error = (
-        wording.scale * used[f"{across.name}.{part}"].to_numpy() for part in ("value", "std_error")
-    )
-    low, high = value - 1.96 * error, value + 1.96 * error
+    numbers = used.select(pl.col(f"{across.name}.value"), *own_interval(across))
+    value, low, high = (wording.scale * one.to_numpy() for one in numbers)
+    flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
     gap = np.full(hours.size, np.nan)
     bars = np.stack([low, high, gap], axis=1).ravel()
     marks: list[Mark] = [
@@ -131,8 +142,8 @@ def _line(report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFra
     ]
     unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
     table = number_table(
-        ("flight hours", f"{wording.symbol}{unit}", "low", "high", "log"),
-        zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), used["name"].to_list(), strict=True),
+        ("flight hours", f"{wording.symbol}{unit}", "low", "high", "flight"),
+        zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )
     y = margined(f"{wording.symbol}{unit}", np.concatenate([low, high]))
     return Picture(

@@ -105,5 +105,7 @@ def _cell(cell: Cell, column: TableColumn, *, first: bool) -> Markup:
         below = [badge(cell.status, cell.below)]
     elif cell.status is not None:
         first_line = badge(cell.status, cell.text)
+    elif cell.link:
+        first_line = element("a", {"href": cell.link}, cell.text)
     name, extra = ("th", {"scope": "row"}) if first and cell.text else ("td", {})
     return element(name, {**look, **extra}, element("span", {"class": "text"}, first_line), *below)

@@ -12,6 +12,8 @@ from eivor.shapes import Float, Int
 
 #: Density of the air [kg/m^3] and voltage of the battery [V] about which they vary.
 DENSITY, VOLTAGE = 1.20, 15.6
+#: Mass without payload [kg].
+MASS = 1.5
 #: Powers of them that thrust goes with.
 DENSITY_POWER, VOLTAGE_POWER = 1.0, 1.5
 #: Flights between one summer and the next.
@@ -36,6 +38,8 @@ class FleetSpec:
         Vehicle, number of its first flight with a damaged propeller, and the share of thrust that this costs.
     weather, battery : float
         Standard deviations of the logarithms of density, of which half goes with the season, and of voltage.
+    payload : float
+        Share by which what is carried has grown the mass at each vehicle's last flight.
     duration_s : float
         Of a flight [s].
     seed : int
@@ -58,6 +62,7 @@ class FleetSpec:
     broken: tuple[tuple[int, int, float], ...] = ()
     weather: float = 0.0
     battery: float = 0.0
+    payload: float = 0.0
     duration_s: float = 600.0
     seed: int = 0
 
@@ -85,6 +90,8 @@ class FleetTruth:
         K [1/s], K_u [m/s^2 per squared share of full command], tau [s], and the share at hover.
     worn : ndarray, shape (rows,)
         Share of thrust that is left.
+    mass : ndarray, shape (rows,)
+        At take-off [kg].
     air_density, battery_voltage : ndarray, shape (rows,)
         [kg/m^3], [V].
     """
@@ -96,6 +103,7 @@ class FleetTruth:
     actuator_lag: Float[np.ndarray, " rows"]
     hover_input: Float[np.ndarray, " rows"]
     worn: Float[np.ndarray, " rows"]
+    mass: Float[np.ndarray, " rows"]
     air_density: Float[np.ndarray, " rows"]
     battery_voltage: Float[np.ndarray, " rows"]
 
@@ -115,7 +123,8 @@ def fleet_truth(spec: FleetSpec) -> FleetTruth:
     season = np.sin(2.0 * np.pi * (flight + begin) / SEASON)
     density = spec.weather * (season + np.sqrt(0.5) * rng.standard_normal(shape))
     voltage = spec.battery * rng.standard_normal(shape)
-    worn = 1.0 - spec.wear * flight / max(spec.flights - 1, 1)
+    part = flight / max(spec.flights - 1, 1)
+    worn, heavier = 1.0 - spec.wear * part, np.log1p(spec.payload * part)
     for which, first, share in spec.broken:
         worn = np.where((vehicle == which) & (flight >= first), worn * (1.0 - share), worn)
 
@@ -123,16 +132,17 @@ def fleet_truth(spec: FleetSpec) -> FleetTruth:
         of_vehicle = spec.between_vehicles * rng.standard_normal((spec.vehicles, 1))
         return of_vehicle + spec.between_flights * rng.standard_normal(shape)
 
-    thrust = own() + np.log(worn) + DENSITY_POWER * density + VOLTAGE_POWER * voltage
+    thrust = own() + np.log(worn) + DENSITY_POWER * density + VOLTAGE_POWER * voltage - heavier
     gain = GRAVITY / spec.hover_input**2 * np.exp(thrust)
     return FleetTruth(
         vehicle.ravel(),
         flight.ravel(),
-        (spec.viscous_friction * np.exp(own() + density)).ravel(),
+        (spec.viscous_friction * np.exp(own() + density - heavier)).ravel(),
         gain.ravel(),
         (spec.actuator_lag * np.exp(own())).ravel(),
         np.sqrt(GRAVITY / gain).ravel(),
         worn.ravel(),
+        (MASS * np.exp(heavier)).ravel(),
         (DENSITY * np.exp(density)).ravel(),
         (VOLTAGE * np.exp(voltage)).ravel(),
     )
