@@ -78,3 +78,18 @@ def test_blocks_run(name):
     for block in blocks:
         exec(compile(block, name, "exec"), names)  # noqa: S102 - the project's own pages
     CHECKS[name](names)
+
+
+@pytest.mark.parametrize("name", ["faq.md", "tutorial.md"])
+def test_every_option_that_is_named_exists(name):
+    from typer.main import get_command
+
+    from eivor.cli.main import app
+
+    def options(command: Any) -> set[str]:
+        own = {option for parameter in command.params for option in parameter.opts}
+        return own.union(*(options(child) for child in getattr(command, "commands", {}).values()))
+
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / name).read_text(encoding="utf-8")))
+    assert named
+    assert named <= options(get_command(app))

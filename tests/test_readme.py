@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from importlib import resources
 from pathlib import Path
 
@@ -115,6 +116,22 @@ def test_the_study_in_the_pages_is_valid(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(blocks(page, "toml")[0], encoding="utf-8")
     assert read_study(path).runs == 200
+
+
+def test_the_citation_is_of_this_version():
+    yaml = pytest.importorskip("yaml")
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(cited)  # what the format asks for
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    assert cited["authors"] == project["authors"]
+    (paper,) = cited["references"]
+    assert paper["title"] in words((ROOT / "docs" / "paper.md").read_text(encoding="utf-8"))
+
+
+def words(text: str) -> str:
+    """Text in one line, without emphasis."""
+    return " ".join(text.replace("*", "").split())
 
 
 def test_first_command_is_one_line_each():
