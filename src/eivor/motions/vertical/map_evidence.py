@@ -16,7 +16,6 @@ the least, and the nearest of all counts.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -29,11 +28,14 @@ from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.left_out import CURVATURE
 from eivor.motions.vertical.map_rule import LEAST_INTERCEPT, MAP_P_VALUE
+from eivor.shapes import Float
 
 #: Level of the set of the intercept.
 SET_LEVEL = 0.95
 #: Half-widths are not below this [m/s^2].
 LEAST_HALF_WIDTH = 1e-9
+
+PerDelay = Float[np.ndarray, " k"]
 
 
 def map_numbers(
@@ -50,40 +52,60 @@ def map_numbers(
     left_out : mapping of str to Difference
         Terms that the model leaves out, the bend among them where the instruments tell it.
     """
-    allowance = chi_square_quantile(SET_LEVEL, 1)
-    low, high, nearest, side = np.inf, -np.inf, np.inf, 0.0
-    for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True):
+    found = []
+    for candidate in estimate.candidates:
         terms = balance(problem, candidate)
         value, gradient = intercept(candidate, terms)
         half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
-        beyond = max(abs(value) - CLEAR_INTERCEPT, 0.0) / max(half, LEAST_HALF_WIDTH) * math.sqrt(allowance)
-        if excess + beyond**2 < nearest:
-            nearest, side = excess + beyond**2, math.copysign(beyond > 0.0, value)
-        if excess <= allowance:
-            left = half * math.sqrt(1.0 - excess / allowance)
-            low, high = min(low, value - left), max(high, value + left)
+        found.append((value, half))
+    values, halves = np.array(found).T
+    excesses = np.array(estimate.excesses)
+    best = float(values[np.argmin(excesses)])
     return {
-        LEAST_INTERCEPT: max(low, -high, 0.0),
-        MAP_P_VALUE: fitting_p_value(nearest, side, left_out.get(CURVATURE)),
+        LEAST_INTERCEPT: least_in_set(values, halves, excesses),
+        MAP_P_VALUE: fitting_p_value(beyond(values, halves, excesses), best, left_out.get(CURVATURE)),
     }
 
 
-def fitting_p_value(beyond: float, side: float, bend: Difference | None) -> float:
+def least_in_set(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
+    """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it.
+
+    Parameters
+    ----------
+    values, halves : ndarray, shape (k,)
+        Intercept and half-width of its 95 % interval at each delay [m/s^2].
+    excesses : ndarray, shape (k,)
+        What the criterion of each is above the least.
+    """
+    allowance = chi_square_quantile(SET_LEVEL, 1)
+    fits = excesses <= allowance
+    left = halves[fits] * np.sqrt(1.0 - excesses[fits] / allowance)
+    return max(float(np.min(values[fits] - left)), -float(np.max(values[fits] + left)), 0.0)
+
+
+def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
+    """Squared distance of the same intercepts from what a fitting map leaves, in standard errors."""
+    allowance = chi_square_quantile(SET_LEVEL, 1)
+    away = np.maximum(np.abs(values) - CLEAR_INTERCEPT, 0.0) / np.maximum(halves, LEAST_HALF_WIDTH)
+    return float(np.min(excesses + allowance * away**2))
+
+
+def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
     """P-value of the test that the input map fits; one where the intercept is within what it leaves.
 
     Parameters
     ----------
-    beyond : float
+    distance : float
         Squared distance of the intercept from there, in standard errors.
-    side : float
-        Sign of an intercept beyond the bound; zero for none.
+    value : float
+        The intercept [m/s^2].
     bend : Difference or None
         Of the thrust curve.
     """
-    if not side:
+    if not 0.0 < distance < np.inf:
         return 1.0
     bent = 0.0
-    if bend is not None and bend.value * side < 0.0:
+    if bend is not None and bend.value * value < 0.0:
         bent = chi_square_quantile(1.0 - bend.p_value, 1)
-    distance = beyond + bent
-    return 0.5 * chi_square_tail(distance, 1) + 0.25 * chi_square_tail(distance, 2)
+    both = distance + bent
+    return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
