@@ -11,6 +11,8 @@ function field(words, input, hint, file = null) {
   return make("div", { class: "field" }, make("label", { for: name }, words), input, file, hint ? make("p", { class: "hint", id: `${name}-hint` }, hint) : null);
 }
 
+const text = (placeholder, value = "") => make("input", { type: "text", placeholder, value, autocomplete: "off", spellcheck: "false" });
+
 function listOf(entries, given, none) {
   const options = entries.map((one) => make("option", { value: one.name, selected: one.name === given }, one.words && one.words !== one.name ? `${one.name}: ${one.words}` : one.name));
   return make("select", null, none === null ? null : make("option", { value: "" }, none), ...options);
@@ -39,13 +41,16 @@ function choicesOf(flight) {
   const inputs = {
     model: listOf(choices.models, given.model, choices.models.length ? null : "vertical"),
     method: listOf(choices.methods, given.method, "the recipe's own"),
-    lag: make("input", { type: "text", value: given.lag || "", placeholder: "70:15", autocomplete: "off", spellcheck: "false" }),
+    lag: text("70:15", given.lag),
+    input_channel: text("rotor_command", given.input_channel),
+    input_map: text("fit", given.input_map),
   };
+  const compare = make("input", { type: "checkbox", checked: Boolean(given.compare) });
   const vehicle = listOrFile(choices.vehicles, given.vehicle, "none", ".toml");
   const map = listOrFile(choices.maps, given.map, "none, or as the log says", ".toml");
   const asked = () => {
     const words = Object.entries(inputs).map(([name, input]) => [name, input.value.trim()]);
-    const every = [...words, ["vehicle", vehicle.value()], ["map", map.value()], ["window", course?.value() || null]];
+    const every = [...words, ["vehicle", vehicle.value()], ["map", map.value()], ["compare", compare.checked], ["window", course?.value() || null]];
     return Object.fromEntries(every.filter(([, value]) => value));
   };
   const again = button("Fit again", () => {
@@ -62,8 +67,11 @@ function choicesOf(flight) {
     field("Model", inputs.model),
     field("Method", inputs.method),
     field("Lag known from elsewhere [ms]", inputs.lag, "70:15 is 70 ± 15 ms, 50..90 is anything between, none is neither lag nor delay"),
-    field("Vehicle", vehicle.list, "for the rigid body", vehicle.file),
-    field("Channel map", map.list, "for tables, bags and a Crazyflie's log", map.file),
+    field("Input", inputs.input_channel, "what drives the vehicle (--input): input is the thrust setpoint, rotor_command the signals to the motors"),
+    field("Input map", inputs.input_map, "from command to thrust (--input-map): linear, square, power:EXPONENT, mixed:SHARE; fit finds it out"),
+    field("Vehicle", vehicle.list, "for the rigid body (--vehicle)", vehicle.file),
+    field("Channel map", map.list, "for tables, bags and a Crazyflie's log (--map)", map.file),
+    field("Every method side by side", compare, "takes longer (--compare)"),
   );
   const more = make("details", { open: !flight.report || Object.keys(given).some((name) => name !== "window") }, make("summary", null, "Model, method, lag and more"), form);
   const box = make("section", { class: "panel", "aria-label": "Fit again" }, course?.box, more, make("p", { class: "actions" }, again));

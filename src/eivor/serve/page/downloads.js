@@ -11,8 +11,8 @@ function downloadsOf(flight) {
   return details;
 }
 
+const LONGEST_FILE = 64;
 const filesOf = (rows) => make("ul", { class: "files" }, ...rows);
-const text = (placeholder, value = "") => make("input", { type: "text", placeholder, value, autocomplete: "off", spellcheck: "false" });
 
 // Every target, with the reason where there is no file; asked again when a mass or a vehicle is given.
 function exportsOf(flight, job) {
@@ -25,14 +25,15 @@ function exportsOf(flight, job) {
     [flight.mass, flight.vehicle, flight.priors] = [mass.value.trim(), vehicle.value(), priors.value.trim()];
     try {
       const { targets } = await jsonOf(`${job}/exports${query()}`);
-      list.replaceChildren(...targets.map((one) => fileOf(one.file, one.words, () => `${job}/exports/${encodeURIComponent(one.name)}${query()}`, one)));
+      const readyFirst = [...targets].sort((one, other) => Boolean(one.reason) - Boolean(other.reason));
+      list.replaceChildren(...readyFirst.map((one) => fileOf(one.file, one.words, () => `${job}/exports/${encodeURIComponent(one.name)}${query()}`, one)));
     } catch (error) {
       list.replaceChildren(make("li", { class: "failed" }, said(`${error.message} ${error.advice}`)));
     }
   }
   for (const one of [mass, priors]) one.addEventListener("change", listed);
   listed();
-  const given = make("div", { class: "fields" }, field("Mass [kg]", mass, "with all on board, and its standard deviation"), field("Vehicle", vehicle.list, "where the rotors are, for simulators", vehicle.file), field("Known from elsewhere", priors, "what the flight does not tell, with semicolons between"));
+  const given = make("div", { class: "fields" }, field("Mass [kg]", mass, "with all on board, and its standard deviation (--mass)"), field("Vehicle", vehicle.list, "where the rotors are, for simulators (--vehicle)", vehicle.file), field("Known from elsewhere", priors, "what the flight does not tell, with semicolons between (--prior)"));
   return [make("h3", { class: "flight" }, "For autopilots and simulators"), given, list];
 }
 
@@ -55,7 +56,7 @@ function queryOf(told) {
 function fileOf(file, words, path, { reason = "", left_out: left = [] } = {}) {
   const without = left.length ? left.join(" ") : "";
   const note = make("span", { class: "why", role: "status" }, said(reason || without));
-  const save = button(file, async () => {
+  const save = button(cut(visible(file), LONGEST_FILE), async () => {
     save.setAttribute("aria-busy", "true");
     note.textContent = "making it …";
     try {
