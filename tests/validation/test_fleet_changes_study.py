@@ -18,6 +18,8 @@ def test_steps_are_dated_and_nothing_is_not_told():
     step = told(replace(CELL, what="step", share=0.08))
     assert step.dated >= 0.8
     assert step.held >= 0.8
+    assert told(replace(CELL, outliers=2)).deviating >= 0.9
+    assert told(replace(CELL, payload=0.3)).changes <= 0.1
     wear = told(replace(CELL, what="wear", share=0.10))
     assert wear.sign == 1.0
     assert wear.covered >= 0.8

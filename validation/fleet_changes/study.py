@@ -30,27 +30,35 @@ HEADER = (
     "flights",
     "vehicles of a fleet",
     "fleets",
+    "flights off by 30 %",
+    "payload",
     "told to change, in any quantity",
     "in the gain",
     "drift's interval below zero",
     "drift's interval holds the wear",
     "step dated within 3 flights",
     "flights left open hold it",
+    "flights off that are told to deviate",
+    "vehicles with another that is",
 )
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Simulate what the file does not have yet, and judge all of it."""
-    known = {(one.what, one.flights, one.vehicles, one.fleets): one for one in kept_lines(kept, Told)}
+    known = {_key(one): one for one in kept_lines(kept, Told)}
     found = []
     for cell in _cells(grid, size):
-        key = (cell.what, cell.flights, cell.vehicles, cell.fleets)
+        key = _key(cell)
         if key not in known:
             known[key] = told(cell)
             keep(kept, [known[key]])
         found.append(known[key])
     requirements = tuple(_requirements(found))
     return _tables(found, requirements), requirements
+
+
+def _key(one: Cell | Told) -> tuple[str, int, int, int, int, float]:
+    return one.what, one.flights, one.vehicles, one.fleets, one.outliers, one.payload
 
 
 def _cells(grid: Path, size: str) -> Iterator[Cell]:
@@ -60,14 +68,17 @@ def _cells(grid: Path, size: str) -> Iterator[Cell]:
         what, share = table.choice("what", ("nothing", "wear", "step")), table.number("share")
         flights, vehicles = table.whole("flights"), table.whole("vehicles")
         fleets = {name: table.whole(name) for name in ("small", "full")}[size]
+        outliers, payload = table.whole("outliers", default=0), table.number("payload", default=0.0)
         table.finish()
-        yield Cell(what, share, flights, vehicles, fleets, weather, battery)
+        yield Cell(what, share, flights, vehicles, fleets, weather, battery, outliers, payload)
     root.finish()
 
 
 def _requirements(found: list[Told]) -> Iterator[Requirement]:
     for one in found:
         where = f"{one.flights} flights, fleets of {one.vehicles}"
+        where += f", {one.outliers} flights off" if one.outliers else ""
+        where += ", growing payload" if one.payload else ""
         if one.what == "nothing":
             met = one.changes <= ALARMS
             yield Requirement(
@@ -102,12 +113,16 @@ def _line(one: Told) -> tuple[str, ...]:
         f"{one.flights}",
         f"{one.vehicles}",
         f"{one.fleets}",
+        f"{one.outliers}",
+        f"{one.payload:g}",
         f"{one.changes:.3f}",
         f"{one.gain_changes:.3f}",
         f"{one.sign:.3f}" if wear else "-",
         f"{one.covered:.3f}" if wear else "-",
         f"{one.dated:.3f}" if step else "-",
         f"{one.held:.3f}" if step else "-",
+        f"{one.deviating:.3f}" if one.outliers else "-",
+        f"{one.wrong:.4f}",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +12,15 @@ from eivor.fleets.course import STEADY, STEPS
 from eivor.fleets.report import fleet_report
 from eivor.motions import motion_by_name
 from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.
 QUANTITY, END = "input_gain", 6
+#: Flights that deviate are off by so much, up or down.
+OFF = 0.3
+#: Fleets that are reported together, each as a type of its own: types share nothing.
+TOGETHER = 50
 #: A step is dated when it is told within so many flights of the truth.
 NEAR = 3
 
@@ -34,6 +39,10 @@ class Cell:
         Of a vehicle, of a fleet, of the cell.
     weather, battery : float
         Standard deviations of the logarithms of density and voltage.
+    outliers : int
+        Flights of each vehicle that are off by `OFF`.
+    payload : float
+        Share by which the mass, which is given, grows evenly over the flights.
     """
 
     what: str
@@ -43,6 +52,8 @@ class Cell:
     fleets: int
     weather: float
     battery: float
+    outliers: int = 0
+    payload: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +64,16 @@ class Told:
     ----------
     what : str
         As in `Cell`.
-    flights, vehicles, fleets : int
+    flights, vehicles, fleets, outliers : int
+        Likewise.
+    payload : float
         Likewise.
     changes : float
         A change is told of some quantity.
     gain_changes : float
         Of the one that loses thrust.
+    deviating, wrong : float
+        Of the flights that are off those that are told to deviate; vehicles of which another one is.
     sign, covered : float
         The drift's interval has the sign of the wear alone; it holds the wear.
     dated, held : float
@@ -69,8 +84,12 @@ class Told:
     flights: int
     vehicles: int
     fleets: int
+    outliers: int
+    payload: float
     changes: float
     gain_changes: float
+    deviating: float
+    wrong: float
     sign: float
     covered: float
     dated: float
@@ -79,10 +98,14 @@ class Told:
 
 def told(cell: Cell) -> Told:
     """Simulate a cell's fleets and read their reports."""
-    parts = [_fleet(cell, number) for number in range(cell.fleets)]
-    rows = pl.concat([part for part, _ in parts])
-    first = np.concatenate([places for _, places in parts])
-    by_vehicle = rows.group_by("fleet", "vehicle", maintain_order=True)
+    parts = [
+        _reported(cell, range(start, min(start + TOGETHER, cell.fleets)))
+        for start in range(0, cell.fleets, TOGETHER)
+    ]
+    rows = pl.concat([part.vehicles for part in parts])
+    first = np.concatenate([part.first for part in parts])
+    off, named = (pl.concat([getattr(part, name) for part in parts]) for name in ("off", "named"))
+    by_vehicle = rows.group_by("type", "vehicle", maintain_order=True)
     changes = by_vehicle.agg((pl.col("course") != STEADY).any())["course"]
     gains = rows.filter(pl.col("quantity") == QUANTITY)
     truth = -cell.share
@@ -94,8 +117,12 @@ def told(cell: Cell) -> Told:
         cell.flights,
         cell.vehicles,
         cell.fleets,
+        cell.outliers,
+        cell.payload,
         float(changes.to_numpy().mean()),
         float((gains["course"] != STEADY).to_numpy().mean()),
+        named.join(off, on=["type", "name"], how="semi").height / max(off.height, 1),
+        named.join(off, on=["type", "name"], how="anti").n_unique(["type", "vehicle"]) / gains.height,
         float((gains["change_high"] < 0.0).to_numpy().mean()),
         float(((gains["change_low"] <= truth) & (gains["change_high"] >= truth)).to_numpy().mean()),
         float(np.mean(steps & (np.abs(flight - first) <= NEAR))),
@@ -103,8 +130,29 @@ def told(cell: Cell) -> Told:
     )
 
 
+@dataclass(frozen=True)
+class _Reported:
+    """Vehicles of some fleets, first flights after steps, flights that are off, and those told to be."""
+
+    vehicles: pl.DataFrame
+    first: np.ndarray
+    off: pl.DataFrame
+    named: pl.DataFrame
+
+
+def _reported(cell: Cell, numbers: Iterable[int]) -> _Reported:
+    """Report of some fleets, each as a type."""
+    tables, places = zip(*(_fleet(cell, number) for number in numbers), strict=True)
+    table = pl.concat(tables)
+    report = fleet_report(table, motion_by_name("vertical"))
+    named = report.deviating.filter(pl.col("quantity") == QUANTITY).select("type", "vehicle", "name")
+    return _Reported(
+        report.vehicles, np.concatenate(places), table.filter("off").select("type", "name"), named
+    )
+
+
 def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
-    """Report of one fleet, and the first flight, counted from one, after the step of each vehicle."""
+    """One fleet, and the first flight, counted from one, after the step of each vehicle."""
     rng = np.random.default_rng([SEED, cell.flights, cell.vehicles, number])
     first = rng.integers(END, cell.flights - END, cell.vehicles) if cell.what == "step" else np.zeros(0, int)
     spec = FleetSpec(
@@ -114,8 +162,16 @@ def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
         broken=tuple((vehicle, int(at), cell.share) for vehicle, at in enumerate(first)),
         weather=cell.weather,
         battery=cell.battery,
+        payload=cell.payload,
         seed=int(rng.integers(2**31)),
     )
-    report = fleet_report(fleet_rows(spec), motion_by_name("vertical"))
-    places = first + 1 if first.size else np.full(cell.vehicles, -1)
-    return report.vehicles.with_columns(fleet=pl.lit(number)), places
+    chosen = np.argsort(rng.uniform(size=(cell.vehicles, cell.flights)), axis=1) < cell.outliers
+    off = np.where(chosen, rng.choice([-OFF, OFF], chosen.shape), 0.0).ravel()
+    rows = fleet_rows(spec).with_columns(
+        pl.col(f"^{QUANTITY}\\.(value|std_error|low|high)$") * np.exp(off),
+        type=pl.lit(f"{number:05d}"),
+        off=pl.Series(off != 0.0),
+    )
+    if cell.payload:
+        rows = rows.with_columns(mass=pl.Series(fleet_truth(spec).mass))
+    return rows, first + 1 if first.size else np.full(cell.vehicles, -1)
