@@ -154,13 +154,14 @@ def _page_of() -> PageOf:
 
 
 def _executor(workers: int | None, dask: str, logs: int) -> Executor:
-    from eivor.studies.executors import local_executor
+    from eivor.studies.executors import InProcess, LocalThreads, useful_workers
 
     if dask:
         from eivor.studies.dask_executor import DaskCluster
 
         return DaskCluster(dask)
-    return local_executor(workers, logs)
+    useful = useful_workers(workers, logs)
+    return LocalThreads(useful) if useful > 1 else InProcess()
 
 
 @contextmanager

@@ -15,8 +15,7 @@ from eivor.fleets.logs_found import Log
 from eivor.fleets.own_reports import PAGE, PageOf
 from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED, NUMBERS, VERDICT
 from eivor.flights.result import FlightEstimate
-from eivor.logs.formats import format_of
-from eivor.logs.log_format import HEAD_BYTES
+from eivor.logs.formats import format_at
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
 from eivor.signals.recording import Recording
@@ -64,9 +63,7 @@ class FlightRow:
         chosen = self.options.map_of(log.name)
         if not chosen:
             return None
-        path = Path(log.path)
-        with path.open("rb") as stream:
-            return chosen if format_of(stream.read(HEAD_BYTES), path).takes_map else None
+        return chosen if format_at(Path(log.path)).takes_map else None
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
@@ -140,8 +137,7 @@ def _in_table(path: Path, column: str) -> str:
         "parquet": pl.scan_parquet,
     }
     try:
-        with path.open("rb") as stream:
-            scan = scans.get(format_of(stream.read(HEAD_BYTES), path).name)
+        scan = scans.get(format_at(path).name)
         if scan is None:
             return ""
         text = scan(path).select(pl.col(column).drop_nulls().first()).collect().item()

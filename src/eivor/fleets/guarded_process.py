@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from eivor.expendable import may_die
 from eivor.fleets.telling import Telling
 
 #: Bytes of a GB.
@@ -84,6 +85,7 @@ def limit_memory(memory_gb: float) -> None:
 
 def main() -> None:
     """Serve by what is standard input and output now; what others print goes to standard error."""
+    may_die()
     items, results = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     serve(items, results)

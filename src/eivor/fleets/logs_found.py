@@ -1,7 +1,8 @@
 """Which logs a fleet has: the files of a folder, of a glob or of a list that are logs.
 
 A log is a file whose content a reader knows, or whose name ends like a log. Text can be anything, so a table
-counts by its content only when its columns are canonical or those of a shipped map.
+counts by its content only when its columns are canonical or those of a shipped map. Files that are one log
+together (of a ROS 2 bag, of `ulog2csv`) count once: the folder is the log.
 """
 
 from __future__ import annotations
@@ -11,16 +12,17 @@ import os
 import stat
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
 
 import polars as pl
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.logs.formats import TEXTS, format_of, log_formats
-from eivor.logs.log_format import HEAD_BYTES
+from eivor.logs.formats import TEXTS, folder_parts, format_at, log_formats
+from eivor.logs.log_format import FolderParts
 
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
-FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".mcap", ".tlog")
+FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 #: Ends of the names of lists, and the column of paths in a list that is a table.
 LINES, TABLE, PATH_COLUMN = ".txt", ".csv", "path"
 
@@ -142,18 +144,36 @@ def _globbed(pattern: str) -> Iterator[tuple[str, str]]:
         fixed.append(part)
     folder = Path(*fixed)
     for path in glob.iglob(pattern, recursive=True):  # noqa: PTH207
-        if not Path(path).is_dir():
-            yield path, Path(path).relative_to(folder).as_posix()
+        yield path, Path(path).relative_to(folder).as_posix()
 
 
-def _among(files: Iterator[tuple[str, str]]) -> LogsFound:
-    logs, others = [], 0
-    for path, name in files:
-        if is_log(Path(path)):
-            logs.append(_log(path, name))
+def _among(found: Iterator[tuple[str, str]]) -> LogsFound:
+    logs: dict[str, Log] = {}
+    others = 0
+    parts = cache(_parts)
+    for path, name in found:
+        file = Path(path)
+        if file.is_dir():
+            if parts(file).members:
+                logs[name] = _log(path, name)
+            continue
+        beside = parts(file.parent)
+        if file.name in beside.members:
+            folder = PurePosixPath(name).parent.as_posix()
+            folder = file.parent.resolve().name if folder == "." else folder
+            logs[folder] = _log(str(file.parent), folder)
+        elif file.name not in beside.derived and is_log(file):
+            logs[name] = _log(path, name)
         else:
             others += 1
-    return LogsFound(tuple(sorted(logs, key=lambda log: log.name)), others)
+    return LogsFound(tuple(sorted(logs.values(), key=lambda log: log.name)), others)
+
+
+def _parts(folder: Path) -> FolderParts:
+    try:
+        return folder_parts(folder)
+    except OSError:
+        return FolderParts()
 
 
 def is_log(path: Path) -> bool:
@@ -163,8 +183,7 @@ def is_log(path: Path) -> bool:
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False
-        with path.open("rb") as stream:
-            found = format_of(stream.read(HEAD_BYTES), path)
+        found = format_at(path)
     except (OSError, EivorError):
         return False
     return found.is_read and (found not in TEXTS or _is_known_table(path))

@@ -24,8 +24,10 @@ from eivor.fleets.flight_row import copy_row, failed_row, named_row
 from eivor.fleets.folder_lock import folder_lock
 from eivor.fleets.logs_found import Log, LogsFound
 from eivor.fleets.own_reports import PageOf, reports_there
-from eivor.fleets.shard import Shard, close_kept_guard
+from eivor.fleets.shard import Shard, close_kept_guards
 from eivor.fleets.table import COPY, FAILED
+from eivor.logs.folders import folder_sha256, folder_size
+from eivor.logs.formats import folder_parts
 from eivor.logs.read import DEFAULT_MAX_BYTES
 from eivor.studies.executors import Executor, InProcess
 
@@ -150,7 +152,7 @@ def run_fleet(
         except SupersededError as error:
             raise _taken_over(folder) from error
         finally:
-            close_kept_guard()
+            close_kept_guards()
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,13 +292,16 @@ def hashed(log: Log) -> Log:
     path = Path(log.path)
     try:
         status = path.stat()
-        if not stat.S_ISREG(status.st_mode):
+        is_folder = stat.S_ISDIR(status.st_mode) and bool(folder_parts(path).members)
+        if not is_folder and not stat.S_ISREG(status.st_mode):
             return replace(log, problem="It is no regular file.")
-        if status.st_size > DEFAULT_MAX_BYTES:
+        size = folder_size(path) if is_folder else status.st_size
+        if size > DEFAULT_MAX_BYTES:
             return replace(
-                log,
-                problem=f"It has {status.st_size} bytes, more than the {DEFAULT_MAX_BYTES} that are read.",
+                log, problem=f"It has {size} bytes, more than the {DEFAULT_MAX_BYTES} that are read."
             )
+        if is_folder:
+            return replace(log, sha256=folder_sha256(path))
         with path.open("rb") as stream:
             return replace(log, sha256=hashlib.file_digest(stream, "sha256").hexdigest())
     except (OSError, ValueError) as error:

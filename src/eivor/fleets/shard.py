@@ -101,26 +101,23 @@ class Shard:
         return row
 
 
-class _Kept(threading.local):
-    """The guard of this thread, which lives from one task to the next, and what it was made for."""
-
-    guard: Guard | None = None
-    made_for: tuple[Any, Limits] | None = None
-
-
-_KEPT = _Kept()
+#: Guard of each thread, which lives from one task to the next, and what it was made for.
+_KEPT: dict[int, tuple[Guard, tuple[Any, Limits]]] = {}
 
 
 def kept_guard(function: Callable[[Any], Any], limits: Limits) -> Guard:
     """Guard of this thread for a function: that of the task before, when it was for the same."""
-    if _KEPT.guard is None or _KEPT.made_for != (function, limits):
-        close_kept_guard()
-        _KEPT.guard, _KEPT.made_for = Guard(function, limits), (function, limits)
-    return _KEPT.guard
+    thread = threading.get_ident()
+    guard, made_for = _KEPT.get(thread, (None, None))
+    if guard is not None and made_for == (function, limits):
+        return guard
+    if guard is not None:
+        guard.close()
+    _KEPT[thread] = Guard(function, limits), (function, limits)
+    return _KEPT[thread][0]
 
 
-def close_kept_guard() -> None:
-    """End the process of this thread's guard."""
-    if _KEPT.guard is not None:
-        _KEPT.guard.close()
-        _KEPT.guard = _KEPT.made_for = None
+def close_kept_guards() -> None:
+    """End the processes of all guards that are kept here; one that is wanted again begins another."""
+    while _KEPT:
+        _KEPT.popitem()[1][0].close()

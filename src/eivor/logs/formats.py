@@ -12,7 +12,7 @@ from eivor.errors import UnknownFormatError, UsageError
 from eivor.logs.bags.format import BAGS
 from eivor.logs.crazyflie.format import CRAZYFLIE
 from eivor.logs.dataflash.format import DATAFLASH
-from eivor.logs.log_format import LogFormat
+from eivor.logs.log_format import HEAD_BYTES, FolderParts, LogFormat
 from eivor.logs.table.formats import CSV, HDF5, MATLAB, PARQUET
 from eivor.logs.ulog.format import ULOG, ULOG_CSV
 from eivor.logs.unread import DJI, EIGHT_BIT, RECOGNISED, TELEMETRY, UTF_16
@@ -100,6 +100,35 @@ def format_of(head: bytes, file: Path) -> LogFormat:
         f"'{file.name}', whose content is that of none of them",
         "Check that this is the file you meant; a table needs a line of column names and delimited text.",
     )
+
+
+def format_at(path: Path) -> LogFormat:
+    """Return the format of a file, or of a folder that is a log, by what is in it.
+
+    Raises
+    ------
+    UnknownFormatError
+        When the content is that of no known format.
+    OSError
+        When it cannot be opened.
+    """
+    if path.is_dir():
+        return format_of(b"", path)
+    with path.open("rb") as stream:
+        return format_of(stream.read(HEAD_BYTES), path)
+
+
+def folder_parts(folder: Path) -> FolderParts:
+    """Return which files of a folder are one log together, and which were made of logs beside them.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be looked into.
+    """
+    found = [row.parts(folder) for row in readable_formats()]
+    derived = frozenset().union(*(one.derived for one in found))
+    return FolderParts(next((one.members for one in found if one.members), frozenset()), derived)
 
 
 def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:

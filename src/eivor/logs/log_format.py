@@ -40,6 +40,27 @@ def no_advice(_channel: str) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class FolderParts:
+    """Files of a folder that are no logs themselves.
+
+    Parameters
+    ----------
+    members : frozenset of str
+        Names of those that are one log together: the folder is the log.
+    derived : frozenset of str
+        Names of those that were made of logs that lie beside them.
+    """
+
+    members: frozenset[str] = frozenset()
+    derived: frozenset[str] = frozenset()
+
+
+def no_parts(_folder: Path) -> FolderParts:
+    """Return the `LogFormat.parts` of a format whose logs are files."""
+    return FolderParts()
+
+
+@dataclass(frozen=True, slots=True)
 class LogFormat:
     """A format of logs, one row of the table in `eivor.logs.formats`.
 
@@ -67,6 +88,8 @@ class LogFormat:
     endings : tuple of str
         How names of such logs end, in small letters: a file of such a name is taken for a log in a folder of
         many, whatever is in it.
+    parts : callable
+        Says which files of a folder are one log of this format together.
     """
 
     name: str
@@ -78,3 +101,4 @@ class LogFormat:
     advice: Callable[[str], tuple[str, ...]] = no_advice
     setpoints: str = ""
     endings: tuple[str, ...] = ()
+    parts: Callable[[Path], FolderParts] = no_parts

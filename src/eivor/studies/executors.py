@@ -11,14 +11,15 @@ import signal
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import Executor as PoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.synchronize import Event
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
@@ -109,18 +110,8 @@ class LocalProcesses(Executor):
         pool = ProcessPoolExecutor(
             self.workers, mp_context=context, initializer=_begin_worker, initargs=(function, stop)
         )
-        waiting = enumerate(items)
-        flying: set[Future[tuple[int, Result]]] = set()
         try:
-            while True:
-                tasks = list(islice(waiting, TASKS_PER_WORKER * self.workers - len(flying)))
-                with interrupts_wait():  # a task that is handed in may begin a process
-                    flying |= {pool.submit(_task_in_worker, *task) for task in tasks}
-                if not flying:
-                    return
-                done, flying = wait(flying, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
+            yield from _as_done(pool, self.workers, _task_in_worker, items)
         except BrokenProcessPool as error:
             raise InputError(
                 "worker processes that live until the study is done",
@@ -131,6 +122,76 @@ class LocalProcesses(Executor):
         finally:
             stop.set()
             pool.shutdown(cancel_futures=True)
+
+
+@dataclass(frozen=True, slots=True)
+class LocalThreads(Executor):
+    """In threads of this process: for tasks that wait for processes of their own, as those of a fleet do.
+
+    Parameters
+    ----------
+    workers : int
+        Number of threads.
+
+    Raises
+    ------
+    UsageError
+        When it is less than one.
+    """
+
+    workers: int
+
+    def __post_init__(self) -> None:
+        check_workers(self.workers)
+
+    def map(
+        self, function: Callable[[Item], Result], items: Iterable[Item]
+    ) -> Generator[tuple[int, Result], None, None]:
+        """As they are done, see `Executor.map`."""
+        stop = threading.Event()
+        pool = ThreadPoolExecutor(self.workers, initializer=_begin_thread, initargs=(function, stop))
+        try:
+            yield from _as_done(pool, self.workers, _task_in_worker, items)
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+
+
+def _as_done(
+    pool: PoolExecutor, workers: int, task: Callable[[int, Any], tuple[int, Result]], items: Iterable[Any]
+) -> Generator[tuple[int, Result], None, None]:
+    """Results of a pool as they are done, of tasks that are handed out when there is room for them."""
+    waiting = enumerate(items)
+    flying: set[Future[tuple[int, Result]]] = set()
+    while True:
+        tasks = list(islice(waiting, TASKS_PER_WORKER * workers - len(flying)))
+        with interrupts_wait():  # a task that is handed in may begin a worker
+            flying |= {pool.submit(task, *one) for one in tasks}
+        if not flying:
+            return
+        done, flying = wait(flying, return_when=FIRST_COMPLETED)
+        for future in done:
+            yield future.result()
+
+
+def useful_workers(workers: int | None, tasks: int) -> int:
+    """How many workers there is work for, on this computer.
+
+    Parameters
+    ----------
+    workers : int or None
+        Asked for; None for one for each core.
+    tasks : int
+        Number of tasks.
+
+    Raises
+    ------
+    UsageError
+        When there is less than one worker.
+    """
+    if workers is not None:
+        check_workers(workers)
+    return min(workers or os.cpu_count() or 1, tasks)
 
 
 def local_executor(workers: int | None, tasks: int) -> Executor:
@@ -148,9 +209,7 @@ def local_executor(workers: int | None, tasks: int) -> Executor:
     UsageError
         When there is less than one worker.
     """
-    if workers is not None:
-        check_workers(workers)
-    useful = min(workers or os.cpu_count() or 1, tasks)
+    useful = useful_workers(workers, tasks)
     return LocalProcesses(useful) if useful > 1 else InProcess()
 
 
@@ -186,14 +245,17 @@ def in_order(results: Generator[tuple[int, Result], None, None]) -> Generator[Re
 
 def abandoned() -> bool:
     """Whether nobody waits for the task's result any more; a long task asks between its parts, and ends."""
-    return _Worker.stop is not None and _Worker.stop.is_set()
+    return _WORKER.stop is not None and _WORKER.stop.is_set()
 
 
-class _Worker:
-    """What a worker process was begun with."""
+class _Worker(threading.local):
+    """What the worker that this thread is was begun with."""
 
-    function: ClassVar[Callable[[Any], Any]]
-    stop: ClassVar[Event | None] = None
+    function: Callable[[Any], Any]
+    stop: Event | threading.Event | None = None
+
+
+_WORKER = _Worker()
 
 
 def _begin_worker(function: Callable[[Any], Any], stop: Event) -> None:
@@ -204,7 +266,11 @@ def _begin_worker(function: Callable[[Any], Any], stop: Event) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     threadpool_limits(limits=1)
-    _Worker.function, _Worker.stop = function, stop
+    _begin_thread(function, stop)
+
+
+def _begin_thread(function: Callable[[Any], Any], stop: Event | threading.Event) -> None:
+    _WORKER.function, _WORKER.stop = function, stop
 
 
 def _end_with_parent() -> None:
@@ -216,4 +282,4 @@ def _end_with_parent() -> None:
 
 
 def _task_in_worker(place: int, item: Any) -> tuple[int, Any]:
-    return place, _Worker.function(item)
+    return place, _WORKER.function(item)

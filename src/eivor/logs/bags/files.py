@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from eivor.errors import InputError
+from eivor.logs.log_format import FolderParts
 
 ROS1, SQLITE, MCAP = "ros1", "sqlite", "mcap"
 MAGICS = {b"#ROSBAG": ROS1, b"SQLite format 3\x00": SQLITE, b"\x89MCAP0\r\n": MCAP}
@@ -23,6 +24,19 @@ MAX_PARTS = 10_000
 def is_bag_folder(folder: Path) -> bool:
     """Say whether a folder holds files of a bag."""
     return folder.is_dir() and bool(_candidates(folder))
+
+
+def bag_parts(folder: Path) -> FolderParts:
+    """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it.
+
+    Bags without either, which were put into one folder, may be of several flights.
+    """
+    found = _candidates(folder)
+    names = {match[1] for file in found if (match := _PART.fullmatch(file.name)) is not None}
+    has_metadata = (folder / METADATA).is_file()
+    if not found or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
+        return FolderParts()
+    return FolderParts(frozenset((*(file.name for file in found), *([METADATA] if has_metadata else ()))))
 
 
 def bag_files(path: Path) -> list[Path]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from eivor.logs.bags.files import MAGICS, MCAP, ROS1, SQLITE, is_bag_folder
-from eivor.logs.log_format import LogFormat, ReadOptions
+from eivor.logs.bags.files import MAGICS, MCAP, ROS1, SQLITE, bag_parts, is_bag_folder
+from eivor.logs.log_format import LogFormat, ReadOptions, no_parts
 from eivor.signals.recording import Recording
 
 #: Topics to record, of PX4's own and of mavros.
@@ -65,6 +65,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
         "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
         endings=(ending,),
+        parts=bag_parts if folders else no_parts,
     )
 
 

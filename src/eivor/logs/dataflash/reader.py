@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
+from eivor.logs.dataflash.air import add_air_density
 from eivor.logs.dataflash.declared import unit_findings
 from eivor.logs.dataflash.delays import delay_findings, delay_of
 from eivor.logs.dataflash.estimators import choose_estimator
@@ -86,6 +87,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
     add_setpoints(reading)
     add_sweeps(reading)
     add_states(reading)
+    add_air_density(reading)
     add_outputs(reading)
     add_rotor_speeds(reading)
     if not reading.channels:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from eivor.errors import CorruptLogError
+from eivor.expendable import is_expendable
 from eivor.logs.table.source import corrupt_table
 
 #: What a child leaves with that refuses a file, having printed why.
@@ -60,8 +61,11 @@ def decode_in_child(
 
     Notes
     -----
-    Where no interpreter can be started (frozen or embedded programs), nothing is decoded.
+    Where no interpreter can be started (frozen or embedded programs), nothing is decoded; nor in a process
+    that is expendable itself.
     """
+    if is_expendable():
+        return
     if not sys.executable or getattr(sys, "frozen", False):
         return
     told = {"path": str(file.resolve()), "bytes": max_bytes, **asked}

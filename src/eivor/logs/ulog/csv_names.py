@@ -6,9 +6,16 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from eivor.logs.log_format import FolderParts
 from eivor.logs.ulog.topics import NEEDED_TOPICS
 
 _NAME = re.compile(rf"(.*)_({'|'.join(sorted(NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv")
+
+
+#: How names of ULogs end.
+ULOG_ENDINGS = (".ulg", ".ulog")
+#: Any table of a topic, needed or not.
+_TABLE = re.compile(r".*_\d+\.csv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,3 +48,19 @@ def tables_of(folder: Path) -> list[TopicTable]:
         for file, match in named
         if match is not None and file.is_file()
     ]
+
+
+def csv_parts(folder: Path) -> FolderParts:
+    """Return the tables that `ulog2csv` made, with those of topics that are not needed.
+
+    Tables beside their ULog are not another log.
+    """
+    logs = {table.log for table in tables_of(folder)}
+    beside = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
+    names = [file.name for file in folder.iterdir() if _TABLE.fullmatch(file.name)] if logs else []
+
+    def of(some: set[str]) -> frozenset[str]:
+        begins = tuple(f"{log}_" for log in some)
+        return frozenset(name for name in names if name.startswith(begins))
+
+    return FolderParts(of(logs - beside) - of(beside), of(beside))

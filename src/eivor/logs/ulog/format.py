@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
+from eivor.logs.log_format import FolderParts, LogFormat, ReadOptions, begins_with
 from eivor.logs.ulog.topics import (
     CHANNEL_SOURCES,
     EXTRA_TOPIC_LINES,
@@ -36,6 +36,12 @@ def _is_csv_folder(_head: bytes, folder: Path) -> bool:
     from eivor.logs.ulog.csv_names import tables_of
 
     return bool(tables_of(folder))
+
+
+def _csv_parts(folder: Path) -> FolderParts:
+    from eivor.logs.ulog.csv_names import csv_parts
+
+    return csv_parts(folder)
 
 
 def _advice(channel: str) -> tuple[str, ...]:
@@ -84,5 +90,11 @@ ULOG = LogFormat(
 )
 #: A folder of the tables that `ulog2csv` makes of one.
 ULOG_CSV = LogFormat(
-    "ulog2csv", "ulog2csv folder", _is_csv_folder, _read_csv_folder, advice=_advice, setpoints=_SETPOINTS
+    "ulog2csv",
+    "ulog2csv folder",
+    _is_csv_folder,
+    _read_csv_folder,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    parts=_csv_parts,
 )

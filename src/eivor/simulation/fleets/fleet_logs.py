@@ -7,7 +7,7 @@ from pathlib import Path
 
 from eivor.logs.table.written import write_recording
 from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
-from eivor.simulation.flights.known_log import log_of_flight
+from eivor.simulation.flights.known_log import logs_of_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
 
@@ -32,17 +32,18 @@ def write_fleet_logs(spec: FleetSpec, folder: Path) -> Iterator[Path]:
         When a vehicle is lost.
     """
     truth = fleet_truth(spec)
-    for row, (vehicle, flight) in enumerate(zip(truth.vehicle, truth.flight, strict=True)):
+    specs = [
+        VerticalFlightSpec(
+            viscous_friction=float(truth.viscous_friction[row]),
+            hover_input=float(truth.hover_input[row]),
+            actuator_lag=float(truth.actuator_lag[row]),
+            duration=spec.duration_s,
+            seed=spec.seed * truth.vehicle.size + row,
+        )
+        for row in range(truth.vehicle.size)
+    ]
+    for vehicle, flight, made in zip(truth.vehicle, truth.flight, logs_of_flights(specs), strict=True):
         place = folder / f"v{vehicle:04d}" / f"{flight:04d}.parquet"
         place.parent.mkdir(parents=True, exist_ok=True)
-        made = log_of_flight(
-            VerticalFlightSpec(
-                viscous_friction=float(truth.viscous_friction[row]),
-                hover_input=float(truth.hover_input[row]),
-                actuator_lag=float(truth.actuator_lag[row]),
-                duration=spec.duration_s,
-                seed=spec.seed * truth.vehicle.size + row,
-            )
-        )
         write_recording(made.recording, place)
         yield place

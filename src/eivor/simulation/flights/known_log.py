@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -79,16 +80,35 @@ def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
     ParameterError
         When the vehicle is lost.
     """
-    (flight,) = simulate_vertical_flights([spec])
-    if not flight.flew:
-        raise ParameterError(
-            "a flight that follows its reference within 5 m",
-            f"one that is lost with the seed {spec.seed}",
-            "Make the gusts weaker, or the trajectory less vigorous.",
-        )
-    # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
-    recording = replace(flight.recording, input_map="")
-    return KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
+    (log,) = logs_of_flights([spec])
+    return log
+
+
+def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
+    """Logs of flights of one duration, in order; many are flown side by side.
+
+    Parameters
+    ----------
+    specs : sequence of VerticalFlightSpec
+        The flights.
+
+    Raises
+    ------
+    ParameterError
+        When a vehicle is lost.
+    UsageError
+        When the durations differ.
+    """
+    for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
+        if not flight.flew:
+            raise ParameterError(
+                "a flight that follows its reference within 5 m",
+                f"one that is lost with the seed {spec.seed}",
+                "Make the gusts weaker, or the trajectory less vigorous.",
+            )
+        # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
+        recording = replace(flight.recording, input_map="")
+        yield KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
 
 
 def _hover_input(scenario: Scenario) -> float:

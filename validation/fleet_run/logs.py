@@ -1,0 +1,57 @@
+"""The logs of the study: simulated flights, and what folders hold beside them."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from eivor.simulation.fleets.fleet_logs import write_fleet_logs
+from eivor.simulation.fleets.fleet_spec import FleetSpec
+
+#: Of all draws.
+SEED = 20261122
+#: Where the vehicle stands in a log's name.
+VEHICLES = "**/{vehicle}/*.parquet"
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A fleet of the grid, see its file."""
+
+    told_vehicles: int
+    told_flights: int
+    short_vehicles: int
+    short_flights: int
+    kills: int
+    interrupts: int
+    told_s: float
+    short_s: float
+    cost_s: float
+
+    @property
+    def logs(self) -> int:
+        """Of the folder: flights, a copy, a damaged log and an empty one."""
+        return self.told_vehicles * self.told_flights + self.short_vehicles * self.short_flights + 3
+
+
+def write_logs(size: Size, folder: Path) -> None:
+    """Simulate what is not there yet, and put a copy, a damaged log and an empty one beside it."""
+    parts = (
+        ("told", size.told_vehicles, size.told_flights, size.told_s),
+        ("short", size.short_vehicles, size.short_flights, size.short_s),
+    )
+    for name, vehicles, flights, duration_s in parts:
+        place = folder / name
+        if place.exists():
+            continue
+        begun = folder / f"{name}-begun"
+        shutil.rmtree(begun, ignore_errors=True)
+        spec = FleetSpec(vehicles=vehicles, flights=flights, duration_s=duration_s, wear=0.1, seed=SEED)
+        for _ in write_fleet_logs(spec, begun):
+            pass
+        begun.rename(place)
+    first = folder / "told" / "v0000" / "0000.parquet"
+    shutil.copyfile(first, folder / "zz-copy.parquet")
+    (folder / "damaged.parquet").write_bytes(first.read_bytes()[:-40])
+    (folder / "empty.ulg").touch()
