@@ -5,25 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.run import run_fleet
 from eivor.fleets.table import read_flights
-from eivor.logs.table.written import write_recording
-from eivor.signals.log_origin import LogOrigin
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.studies.dask_executor import DaskCluster
-from eivor.studies.executors import LocalProcesses
 from eivor.studies.sealed_table import parquet_bytes
 from fleets.fleet_tasks import write_logs
-from studies.dask_cluster import SOURCES, dask_cluster, wait_for_workers
+from studies.dask_cluster import SOURCES
 
 #: Of the plan by which processes are killed.
 SEED = 0
@@ -78,49 +67,3 @@ def test_killed_at_random_instants(tmp_path, kills):
     assert len(tables) >= 2
     assert read_flights(fleets / "0").height == len(texts)
     assert set(tables.values()) == {tables["0"]}
-
-
-def simulated_fleet(folder: Path, vehicles: int, flights: int) -> Path:
-    """Small logs: vehicles with a board of their own, and a copy."""
-    folder.mkdir()
-    draws = np.random.default_rng(1)
-    specs = [
-        VerticalFlightSpec(hover_input=float(draws.uniform(0.4, 0.6)), seed=number, duration=20.0)
-        for number in range(vehicles * flights)
-    ]
-    for number, flight in enumerate(simulate_vertical_flights(specs)):
-        origin = LogOrigin(board=f"N{number // flights:03d}", airframe="simulated")
-        write_recording(replace(flight.recording, origin=origin), folder / f"{number:04d}.parquet")
-    (folder / "copy.parquet").write_bytes((folder / "0000.parquet").read_bytes())
-    (folder / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(8))
-    return folder
-
-
-@pytest.mark.long
-def test_local_processes_and_a_cluster_make_the_same_table(tmp_path):
-    """Two local processes; two workers of Dask, one of which is killed when the first rows are there."""
-    found = logs_found(str(simulated_fleet(tmp_path / "logs", 2, 2)))
-    options = FleetOptions()
-    run_fleet(found, tmp_path / "one", options)
-    assert read_flights(tmp_path / "one").height == len(found.logs) == 6
-    run_fleet(found, tmp_path / "two", options, executor=LocalProcesses(2))
-    assert content(tmp_path / "two") == content(tmp_path / "one")
-    with dask_cluster(tmp_path) as cluster:
-        wait_for_workers(cluster.address, 2)
-
-        def kill(done: int, _total: int) -> None:
-            if done and cluster.workers[0].poll() is None:
-                cluster.workers[0].kill()
-
-        run = run_fleet(
-            found,
-            tmp_path / "dask",
-            options,
-            executor=DaskCluster(cluster.address),
-            shared=True,
-            shard_logs=1,
-            progress=kill,
-        )
-        assert cluster.workers[0].poll() is not None
-    assert run.verdicts["copy"] == run.verdicts["failed"] == 1
-    assert content(tmp_path / "dask") == content(tmp_path / "one")

@@ -47,6 +47,25 @@ def test_an_abandoned_item_is_given_up(monkeypatch):
     assert guard.pid is None
 
 
+def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
+    """What decoders do to a process is a further one's business, but where this one is there for it."""
+    from eivor import expendable
+    from eivor.logs.table import child
+
+    begun = []
+    monkeypatch.setattr(child.subprocess, "run", lambda *_, **__: begun.append(1) or child.subprocess)
+    monkeypatch.setattr(child.subprocess, "returncode", 0, raising=False)
+    monkeypatch.setattr(expendable, "_SAID", [])
+
+    def decoded():
+        child.decode_in_child(tmp_path / "a", "", {}, max_bytes=1, timeout_s=1.0, kind="a file")
+        return len(begun)
+
+    assert decoded() == 1
+    expendable.may_die()
+    assert decoded() == 1
+
+
 def test_limits_are_above_zero():
     for wrong in ({"time_s": 0.0}, {"memory_gb": float("nan")}):
         with pytest.raises(UsageError, match=r"a limit .* above zero"):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
 import pytest
 
 from eivor.errors import InputError, UsageError
 from eivor.fleets.logs_found import logs_found
 from eivor.fleets.named_by_path import PathPattern
+from eivor.fleets.run import hashed
+from eivor.logs.folders import folder_sha256
 from fleets.fleet_tasks import write_logs
 
 CANONICAL = "time,velocity_z,input\n0,0,0\n"
@@ -53,6 +56,45 @@ def test_what_is_not_there_is_told(tmp_path):
     (tmp_path / "list.txt").write_text("# nothing\n")
     with pytest.raises(UsageError, match="which names none"):
         logs_found(str(tmp_path / "list.txt"))
+
+
+def test_files_that_are_one_log_together_count_once(tmp_path):
+    """Those that ROS 2 wrote into a folder, and those that `ulog2csv` made of a log."""
+    write_logs(
+        tmp_path,
+        {
+            "bag/metadata.yaml": "",
+            "bag/flight_0.db3": "",
+            "bag/flight_1.db3": "",
+            "bag/other.ulg": "",
+            "x/bag_2026/bag_2026_0.mcap.zstd": "",
+            "x/bag_2026/bag_2026_1.mcap.zstd": "",
+            "several/one_1.mcap": "",
+            "several/one_2.mcap": "",
+            "tables/a_vehicle_attitude_0.csv": "",
+            "tables/a_esc_status_0.csv": "",
+            "tables/notes_1.csv": "",
+            "beside/b_vehicle_attitude_0.csv": "",
+            "beside/b.ulg": "",
+        },
+    )
+    found = logs_found(str(tmp_path))
+    assert names(found) == [
+        "bag",
+        "bag/other.ulg",
+        "beside/b.ulg",
+        "several/one_1.mcap",
+        "several/one_2.mcap",
+        "tables",
+        "tables/notes_1.csv",
+        "x/bag_2026",
+    ]
+    assert found.others == 1
+    assert names(logs_found(f"{tmp_path}/*/*.db3")) == names(logs_found(f"{tmp_path}/ba*")) == ["bag"]
+    assert names(logs_found(str(tmp_path / "bag"))) == ["bag", "other.ulg"]
+    (log, _) = logs_found(str(tmp_path / "bag")).logs
+    assert hashed(log).sha256 == folder_sha256(tmp_path / "bag")
+    assert hashed(replace(log, path=str(tmp_path))).problem == "It is no regular file."
 
 
 @pytest.mark.skipif(os.name == "nt", reason="names are text there")

@@ -212,3 +212,12 @@ def test_advice_names_the_bits():
     assert "LOG_BITMASK" in logging_advice("dataflash")[0]
     assert "IMU_FAST" in logging_advice("dataflash", "specific_force_body_z")[0]
     assert logging_advice("dataflash", "nonsense") == ()
+
+
+def test_density_of_the_air_by_the_barometer(tmp_path, flight):
+    writer = flight_log(flight).add("BARO", np.arange(5.0), "ff", Press=101325.0, Temp=15.0)
+    density = read(tmp_path, writer).channels["air_density"]
+    np.testing.assert_allclose(density.values, 1.225, atol=1e-4)  # the standard atmosphere
+    assert density.source == "BARO.Press and .Temp"
+    broken = flight_log(flight).add("BARO", np.arange(5.0), "ff", Press=101325.0, Temp=0.0)
+    assert "air_density" not in read(tmp_path, broken).channels

@@ -34,6 +34,7 @@ def test_real_logs_know_their_boards(recordings):
     apm = read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
     assert apm.origin.board == "00420035 33355109 33373538"
     assert (apm.origin.airframe, apm.origin.firmware) == ("ArduPilot QUAD", "APM:Copter V3.4.4-rc1")
+    assert np.median(apm.channels["air_density"].values) == pytest.approx(1.158, abs=2e-3)
     assert read_log(recordings / "arpl-crazyflie" / "log10").origin == LogOrigin(airframe="Crazyflie")
     nanobench = read_log(next((recordings / "nanobench").glob("*.csv")))
     assert nanobench.origin.airframe == "Crazyflie 2.1"

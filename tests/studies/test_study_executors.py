@@ -18,6 +18,7 @@ from eivor.studies.executors import (
     TASKS_PER_WORKER,
     InProcess,
     LocalProcesses,
+    LocalThreads,
     in_order,
     local_executor,
 )
@@ -120,7 +121,7 @@ def children() -> list[int]:
 
 
 def test_workers_are_counted():
-    for refused in (lambda: LocalProcesses(0), lambda: local_executor(0, 5)):
+    for refused in (lambda: LocalProcesses(0), lambda: LocalThreads(0), lambda: local_executor(0, 5)):
         with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
             refused()
 
@@ -132,7 +133,7 @@ def test_no_more_processes_than_tasks(monkeypatch):
     assert local_executor(1, 3) == local_executor(5, 1) == local_executor(None, 0) == InProcess()
 
 
-@pytest.mark.parametrize("executor", [InProcess(), LocalProcesses(2)])
+@pytest.mark.parametrize("executor", [InProcess(), LocalProcesses(2), LocalThreads(2)])
 def test_any_function_is_mapped(executor):
     """A flight, a scenario or a study: an executor does not know what a task is."""
     items = ["a", ("b", 1), None, 3.5]
@@ -165,9 +166,10 @@ def test_items_are_taken_as_there_is_room():
         assert len(taken) <= 2 * TASKS_PER_WORKER
 
 
-def test_closing_ends_the_work(tmp_path):
+@pytest.mark.parametrize("executor", [LocalProcesses(1), LocalThreads(1)])
+def test_closing_ends_the_work(executor, tmp_path):
     """Workers that nobody waits for end between two parts of a task, and are gone."""
-    with contextlib.closing(LocalProcesses(1).map(Patient(tmp_path), range(5))) as results:
+    with contextlib.closing(executor.map(Patient(tmp_path), range(5))) as results:
         assert next(results) == (0, 0)
     assert not children()
     assert not (tmp_path / "4").exists()

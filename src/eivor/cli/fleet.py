@@ -50,7 +50,7 @@ FleetArgument = Annotated[str, typer.Argument(metavar="FLEET", help="Folder of e
     cls=ReadableCommand,
     epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified; 2 wrong "
     "usage, such as a folder that was begun with other options; 1 no logs, a folder that cannot be read or "
-    "written, one on which another run works, or a worker that was lost; 130 interrupted. Rows that were "
+    "written, one on which another run works, or a cluster that was lost; 130 interrupted. Rows that were "
     "written are kept: the same command goes on.",
 )
 @guarded

@@ -179,6 +179,7 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
         *(source.label for source in CHANNEL_SOURCES["input"]),
         "RCOU.C1 to .C4 through the thrust curve",
     ),
+    "air_density": ("BARO.Press and .Temp",),
     **{f"attitude_{part}": _ATTITUDE for part in "wxyz"},
     **{
         f"{kind}reference_{angle}": (f"ATT.{column} {mode}",)

@@ -1,0 +1,151 @@
+"""A fleet's run, against the plain loop over the same logs, by one process and by two.
+
+Targets: two processes 1.8 times one; no more than 1.1 times the sum of the single identifications; memory of
+who hands out the logs flat in their number. What two processes can reach on a machine is what two plain loops
+reach, each over half the logs: cores that share a core's units, or that others use, give less than two.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from _shared import EIVOR, arguments, machine
+
+from eivor.simulation.fleets.fleet_logs import write_fleet_logs
+from eivor.simulation.fleets.fleet_spec import FleetSpec
+
+#: Reads and identifies logs, one after the other, and prints the seconds of it: by the clock, of processors.
+LOOP = """
+import sys, time
+from eivor.logs.read import read_log
+from eivor.motions.identify import identify_flight
+from threadpoolctl import threadpool_limits
+threadpool_limits(limits=1)
+identify_flight(read_log(sys.argv[1]))  # what is loaded once
+begun = time.perf_counter(), time.process_time()
+for path in sys.argv[1:]:
+    identify_flight(read_log(path))
+print(time.perf_counter() - begun[0], time.process_time() - begun[1])
+"""
+#: How often the memory of a process is looked at [s].
+LOOK_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Took:
+    """Seconds by the clock and of all processors, and the largest memory of the first process [MB]."""
+
+    wall_s: float
+    cpu_s: float
+    memory_mb: float = 0.0
+
+
+def main() -> None:
+    small = arguments(__doc__).small
+    print(machine())
+    count, duration_s, rounds, many = (2, 4.0, 1, (10,)) if small else (40, 30.0, 2, (1_000, 10_000))
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        spec = FleetSpec(vehicles=2, flights=count // 2, duration_s=duration_s)
+        logs = write_as_csv(list(write_fleet_logs(spec, folder / "made")), folder / "logs")
+        cases: dict[str, Callable[[int], Took]] = {
+            "plain loop": lambda _: loops(logs, 1),
+            "two plain loops": lambda _: loops(logs, 2),
+            "fleet, one log": lambda turn: fleet(logs[0], folder / f"0-{turn}", 1),
+            "fleet, one process": lambda turn: fleet(folder / "logs", folder / f"1-{turn}", 1),
+            "fleet, two processes": lambda turn: fleet(folder / "logs", folder / f"2-{turn}", 2),
+        }
+        found = {name: [case(0)] for name, case in cases.items()}
+        for turn in range(1, rounds):
+            for name, case in cases.items():
+                found[name].append(case(turn))
+        print_run(count, {name: least(tries) for name, tries in found.items()})
+        for number in many:
+            print_memory(number, folder)
+
+
+def write_as_csv(logs: Sequence[Path], folder: Path) -> list[Path]:
+    """Logs as CSV, which is read as it stands: Parquet is tried in a process of its own where it is alone."""
+    import polars as pl
+
+    folder.mkdir()
+    places = [folder / f"{number:04d}.csv" for number in range(len(logs))]
+    for log, place in zip(logs, places, strict=True):
+        pl.read_parquet(log).write_csv(place)
+    return places
+
+
+def loops(logs: Sequence[Path], count: int) -> Took:
+    """Plain loops at once, each over its share of the logs."""
+    begun = [
+        subprocess.Popen(
+            (sys.executable, "-c", LOOP, *map(str, logs[place::count])), stdout=subprocess.PIPE, text=True
+        )
+        for place in range(count)
+    ]
+    told = [tuple(map(float, process.communicate()[0].split())) for process in begun]
+    return Took(max(wall for wall, _ in told), sum(cpu for _, cpu in told))
+
+
+def fleet(logs: Path, out: Path, workers: int) -> Took:
+    """A run of the command line, its start included."""
+    command = (*EIVOR, "fleet", "run", str(logs), "-o", str(out), "--workers", str(workers))
+    begun, memory = time.perf_counter(), 0.0
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    while True:
+        memory = max(memory, memory_mb(process.pid))
+        pid, status, usage = os.wait4(process.pid, os.WNOHANG)
+        if pid:
+            break
+        time.sleep(LOOK_S)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{command} left with {process.returncode}")
+    return Took(time.perf_counter() - begun, usage.ru_utime + usage.ru_stime, memory)
+
+
+def memory_mb(pid: int) -> float:
+    """Largest memory of a process so far [MB]; zero where the system does not say."""
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((float(line.split()[1]) / 1e3 for line in lines if line.startswith("VmHWM")), 0.0)
+
+
+def least(tries: Sequence[Took]) -> Took:
+    return Took(*(min(getattr(one, name) for one in tries) for name in ("wall_s", "cpu_s", "memory_mb")))
+
+
+def print_run(count: int, took: dict[str, Took]) -> None:
+    for name, one in took.items():
+        memory = f", first process {one.memory_mb:.0f} MB" if one.memory_mb else ""
+        print(f"{name:21} {one.wall_s:7.1f} s, of processors {one.cpu_s:7.1f} s{memory}")
+    plain, alone = took["plain loop"], took["fleet, one log"]
+    one, two = took["fleet, one process"], took["fleet, two processes"]
+    work = (one.cpu_s - alone.cpu_s) / (count - 1) * count
+    print(f"processors, fleet over plain loop: {one.cpu_s / plain.cpu_s:.2f} with its start of some seconds;")
+    print(f"    {work / plain.cpu_s:.2f} without; two processes over one: {two.cpu_s / one.cpu_s:.2f}")
+    reached, most = one.wall_s / two.wall_s, plain.wall_s / took["two plain loops"].wall_s
+    print(f"two processes {reached:.2f} times one; plain loops {most:.2f}; of these {reached / most:.2f}")
+
+
+def print_memory(count: int, folder: Path) -> None:
+    """Memory by the number of logs, which are damaged: that is quick."""
+    logs = folder / f"logs-{count}"
+    logs.mkdir()
+    for number in range(count):
+        (logs / f"{number}.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + number.to_bytes(8, "little"))
+    took = fleet(logs, folder / f"of-{count}", 1)
+    print(f"{count:7,d} damaged logs: {took.wall_s:.1f} s, first process {took.memory_mb:.0f} MB")
+
+
+if __name__ == "__main__":
+    main()
