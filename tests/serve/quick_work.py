@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from typing import Any
 
@@ -17,13 +19,10 @@ from eivor.serve.tasks import (
     Found,
     Identify,
     ListExports,
-    Page,
     Plan,
     Refused,
     Stage,
 )
-
-PAGE = '<meta http-equiv="Content-Security-Policy" content="default-src &#x27;none&#x27;">a page'
 
 
 class QuickWork(Telling):
@@ -32,7 +31,6 @@ class QuickWork(Telling):
     def __call__(self, item: Any, tell: Tell) -> Any:
         """Outcome of a task."""
         if isinstance(item, Begin):
-            tell(Page(PAGE))
             return Choices({"models": [{"name": "vertical", "words": "up and down"}]})
         if isinstance(item, Identify):
             return self._identified(item, tell)
@@ -47,6 +45,9 @@ class QuickWork(Telling):
         tell(Stage("reading"))
         said = b" ".join(log.path.read_bytes() for log in item.logs.values()).decode()
         tell(Stage("identifying"))
+        if "child" in said:
+            child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+            (item.folder / "child").write_text(str(child.pid), encoding="ascii")
         if "sleep" in said:
             (item.folder / "pid").write_text(str(os.getpid()), encoding="ascii")
             tell(Stage("sleeping"))

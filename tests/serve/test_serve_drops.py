@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
 from pathlib import Path
@@ -27,12 +26,16 @@ def held(pids: list[int]) -> int:
     return sum(int(Path(f"/proc/{pid}/statm").read_text("ascii").split()[1]) * 4096 for pid in pids)
 
 
-def settled(server: Server, until: Callable[[list[int]], bool]) -> list[int]:
-    """Processes that wait, once they are as they should be."""
-    end = time.monotonic() + 60.0
-    while not until(server.workers.pids()) and time.monotonic() < end:
+def fresh(server: Server) -> int:
+    """The process that waits, once those that have worked are gone."""
+    used, end = set(server.workers.pids()), time.monotonic() + 60.0
+    assert used
+    while time.monotonic() < end:
+        found = server.workers.pids()
+        if len(found) == 1 and found[0] not in used:
+            return found[0]
         time.sleep(0.05)
-    return server.workers.pids()
+    raise AssertionError(f"no new process: {found}")
 
 
 def dropped(page: Asking, content: bytes, count: int, at_once: int) -> None:
@@ -58,13 +61,10 @@ def check(monkeypatch: pytest.MonkeyPatch, seconds: float, *rounds: tuple[int, i
     try:
         page = Asking(server)
         dropped(page, content, 1, 1)  # what this process loads by itself
-        (first,) = settled(server, lambda pids: len(pids) == 1)
-        before = held([os.getpid(), first])
+        before = held([os.getpid(), fresh(server)])
         for count, at_once in rounds:
             dropped(page, content, count, at_once)
-        (last,) = settled(server, lambda pids: len(pids) == 1 and first not in pids)
-        page.json("GET", "/choices")
-        assert held([os.getpid(), last]) < before + GROWN
+        assert held([os.getpid(), fresh(server)]) < before + GROWN
         assert not list(server.folder.glob("jobs/*"))
     finally:
         server.close()

@@ -7,6 +7,7 @@ import os
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -20,6 +21,15 @@ from serve.conftest import Clock
 def until(events, stage):
     """Wait for a stage."""
     assert any(one["stage"] == stage for one in events)
+
+
+def is_alive(process):
+    """Whether a process is there that has not ended."""
+    stat = Path(f"/proc/{process}/stat")
+    return (
+        stat.exists()
+        and stat.read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()[0] != "Z"
+    )
 
 
 def test_a_job_tells_its_stages_and_has_a_result(page):
@@ -51,7 +61,7 @@ def test_a_job_tells_its_stages_and_has_a_result(page):
 
 def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
     page = opening(workers=1, limits=Limits(60.0, 0.5))
-    running, waiting = page.job(b"sleep"), page.job(b"sleep")
+    running, waiting = page.job(b"child and sleep"), page.job(b"sleep")
     with page.events(running) as events:
         until(events, "sleeping")
         assert next(events)["stage"] == "sleeping"  # something is said while it lasts
@@ -60,8 +70,10 @@ def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
             assert page.refused("GET", f"/jobs/{waiting}/result.json")[0] == 409
             page.json("DELETE", f"/jobs/{waiting}")
             assert list(others)[-1] == {"cancelled": True}
+        (child,) = page.server.folder.glob(f"jobs/{running}/child")
         page.json("DELETE", f"/jobs/{running}")
         assert list(events)[-1] == {"cancelled": True}
+    assert not is_alive(int(child.read_text(encoding="ascii")))
     assert page.refused("GET", f"/jobs/{running}/report.html")[0] == 409
     assert page.last(page.job(b"well")) == {"done": {"status": "identified"}}
 

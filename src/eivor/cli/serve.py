@@ -80,14 +80,13 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
 
     if not 0 <= port < 1 << 16:
         raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
-    count = max(2, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
     if workers is not None and workers < 1:
         raise UsageError("at least one worker", str(workers), "Leave it out for one for each core.")
     if not 0.0 < largest < 1e6:
         raise UsageError("a size above zero [MB]", f"{largest:g}", "Give 500, for example.")
     return ServeOptions(
         port=port,
-        workers=workers or count,
+        workers=workers or max(2, os.cpu_count() or 1),  # a file is written while a flight is identified
         limits=Limits(time, memory),
         largest=int(largest * 1e6),
     )

@@ -133,8 +133,7 @@ class Handler(BaseHTTPRequestHandler):
     # -- what is asked ---------------------------------------------------------------------------------
 
     def _page(self, _fields: dict[str, str]) -> None:
-        page = self._own.workers.page().encode("utf-8")
-        self._send(page, HTML, {"Content-Security-Policy": self._own.policy()})
+        self._send(self._own.page.encode("utf-8"), HTML, {"Content-Security-Policy": self._own.policy()})
 
     def _choices(self, _fields: dict[str, str]) -> None:
         self._json({**self._own.workers.choices().known, "largest_bytes": self._own.options.largest})

@@ -23,6 +23,7 @@ from eivor.fleets.telling import Telling
 from eivor.serve.gate import ADDRESS, Gate
 from eivor.serve.jobs import Jobs
 from eivor.serve.kept_logs import KeptLogs
+from eivor.serve.page.page import page_text
 from eivor.serve.tasks import Work
 from eivor.serve.workers import Workers
 
@@ -93,6 +94,7 @@ class Server:
         from eivor.serve.handler import Handler
 
         self.options = chosen = options or ServeOptions()
+        self.page = page_text()
         self.token = secrets.token_urlsafe(24)
         self._http = _Http((ADDRESS, chosen.port), partial(Handler, self))
         self.folder = Path(tempfile.mkdtemp(prefix="eivor-serve-"))
@@ -120,7 +122,7 @@ class Server:
 
     def policy(self) -> str:
         """Content security policy of the page, as it says itself, and that nobody may frame it."""
-        stated = _POLICY.search(self.workers.page())
+        stated = _POLICY.search(self.page)
         own = html.unescape(stated.group(1)) if stated else "default-src 'none'"
         return f"{own}; frame-ancestors 'none'"
 

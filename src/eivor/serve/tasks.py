@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,14 +35,7 @@ class KeptLog:
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """Tell the page, load what tasks need, and say what may be chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class Page:
-    """Told on the way: the text of the page."""
-
-    text: str
+    """Say what may be chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,14 +199,22 @@ Outcome = Choices | File | Refused | list[dict[str, object]] | None
 
 @dataclass(frozen=True, slots=True)
 class Work(Telling):
-    """The function of worker processes: a task to its outcome."""
+    """The function of worker processes: a task to its outcome.
+
+    A process that unpickles it loads everything that tasks need: neither time nor memory of the first task.
+    """
 
     def __call__(self, item: Task, tell: Tell) -> Outcome:
         """Outcome of a task."""
-        if isinstance(item, Begin):
-            from eivor.serve.page.page import page_text
-
-            tell(Page(page_text()))
-        from eivor.serve.working import outcome_of  # with everything that tasks need
+        from eivor.serve.working import outcome_of
 
         return outcome_of(item, tell)
+
+    def __reduce__(self) -> tuple[Callable[[], Work], tuple[()]]:
+        return _loaded, ()
+
+
+def _loaded() -> Work:
+    import eivor.serve.working  # noqa: F401
+
+    return Work()

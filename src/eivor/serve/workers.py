@@ -16,7 +16,7 @@ from eivor.fleets.guard import BEGIN_S, AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
 from eivor.fleets.telling import Tell, Telling, nobody
 from eivor.serve.refusals import RefusedError, told
-from eivor.serve.tasks import Begin, Choices, Outcome, Page, Refused, Task
+from eivor.serve.tasks import Begin, Choices, Outcome, Refused, Task
 
 #: A process that has worked ends after so long without work [s].
 IDLE_S = 10.0
@@ -98,7 +98,6 @@ class Workers:
         self._waiting: deque[Ticket] = deque()
         self._free: set[int] = set()
         self._closed = False
-        self._page: Page | None = None
         self._choices: Choices | None = None
         self._guards = [Guard(work, limits) for _ in range(count)]
         self._threads = [
@@ -142,20 +141,6 @@ class Workers:
                 self._waiting.remove(ticket)
         if waited:
             ticket.end(None)
-
-    def page(self) -> str:
-        """Text of the page, which the first process tells.
-
-        Raises
-        ------
-        RefusedError
-            When it does not begin.
-        """
-        with self._change:
-            self._change.wait_for(lambda: self._page is not None or self._closed, timeout=BEGIN_S)
-            if self._page is None:
-                raise _not_begun()
-            return self._page.text
 
     def choices(self) -> Choices:
         """What may be chosen, which the first process tells when it is ready.
@@ -207,7 +192,7 @@ class Workers:
     def _began(self, guard: Guard) -> bool:
         """Whether a process is ready."""
         try:
-            found = guard(Begin(), hear=self._heard, given_up=lambda: self._closed)
+            found = guard(Begin(), given_up=lambda: self._closed)
         except AbandonedError:
             return False
         except (LimitError, OSError):
@@ -218,11 +203,6 @@ class Workers:
             self._choices = found
             self._change.notify_all()
         return True
-
-    def _heard(self, page: Page) -> None:
-        with self._change:
-            self._page = page
-            self._change.notify_all()
 
     def _next(self, number: int, patience_s: float | None) -> Ticket | None:
         """The next task, when no process before this one is free; None when none comes, or it is closed."""

@@ -64,7 +64,8 @@ def outcome_of(task: Task, tell: Tell) -> Outcome:
             case Begin():
                 return Choices(choices())
             case Identify():
-                _identify(task, tell)
+                with _temporary_files_in(task.folder):
+                    _identify(task, tell)
             case ListExports():
                 return _list_exports(task)
             case Export():
@@ -76,9 +77,18 @@ def outcome_of(task: Task, tell: Tell) -> Outcome:
     return None
 
 
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Let readers have theirs there: what they leave behind when they are killed goes with the folder."""
+    before, tempfile.tempdir = tempfile.tempdir, str(folder)
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+
+
 def _identify(task: Identify, tell: Tell) -> None:
     """Identify, write the result, tell it, and write the report."""
-    tempfile.tempdir = str(task.folder)  # what readers leave behind when they are killed goes with it
     tell(Stage("reading"))
     asked, folder = task.asked, task.folder
     with _vehicle(asked.vehicle, folder) as vehicle:
