@@ -399,7 +399,16 @@ def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust,
 def test_an_input_map_does_not_fit_where_its_test_says_so(p_value, told):
     wide = quantities(intercept=quantity(0.9, 0.6))
     grounds = all_grounds(wide, numbers(), curve(1.8, 2.0, p_value=p_value))
-    assert bool(grounds["input_gain"]) is bool(grounds["hover_input"]) is told
+    assert bool(grounds["input_gain"]) is told
+    assert not grounds["hover_input"]
+
+
+@pytest.mark.parametrize(("least", "told"), [(0.41, True), (0.39, False)])
+def test_the_hover_input_is_within_what_was_flown_and_a_bend_alone_says_nothing_of_it(least, told):
+    at = curve(1.8, 2.0, least_intercept=least)
+    grounds = all_grounds(quantities(intercept=quantity(0.9, 0.3)), numbers(), at)
+    assert grounds["input_gain"]
+    assert bool(grounds["hover_input"]) is told
 
 
 @pytest.mark.parametrize(

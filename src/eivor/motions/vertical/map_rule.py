@@ -13,6 +13,7 @@ import numpy as np
 from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
+from eivor.motions.vertical.curve_rule import CLEAR_INTERCEPT
 from eivor.motions.vertical.left_out import CURVATURE, PREFIX
 from eivor.motions.vertical.model import GRAVITY
 
@@ -29,7 +30,7 @@ THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "t
 
 
 def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
-    """Grounds against gain and hover input: an intercept that says that the input map is another one."""
+    """Grounds against the gain: intercept and bend that say that the input map is another one."""
     intercept = quantities["intercept"]
     exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
     if not (at.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
@@ -40,6 +41,16 @@ def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) 
         f"{at.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, at)}"
     )
     return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+
+
+def intercept_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against the hover input: the same, of an intercept that is clear without the bend.
+
+    The flight hovers within what it has flown: a curve that only bends there moves the balance little.
+    """
+    intercept = quantities["intercept"]
+    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
+    return thrust_curve_reasons(quantities, at) if least > CLEAR_INTERCEPT else []
 
 
 def _bend(intercept: Unjudged, at: Circumstances) -> str:

@@ -35,7 +35,7 @@ from eivor.motions.vertical.friction_rule import friction_reasons
 from eivor.motions.vertical.gain_rule import gain_reasons, hover_reasons, left_out_reasons
 from eivor.motions.vertical.height import near_ground_reasons
 from eivor.motions.vertical.lag_rule import delay_reasons, lag_reasons
-from eivor.motions.vertical.map_rule import thrust_curve_reasons
+from eivor.motions.vertical.map_rule import intercept_reasons, thrust_curve_reasons
 from eivor.motions.vertical.sensor_rule import sensor_reasons, unit_of_force_reasons
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS
 from eivor.motions.vertical.sideways import fast_sideways_reasons, sideways_reasons
@@ -54,10 +54,9 @@ def all_grounds(
         *sideways_reasons(at),
         *shared,
     )
-    curve = tuple(thrust_curve_reasons(quantities, at))
     gain = (
         *gain_reasons(quantities["input_gain"], strength, at),
-        *curve,
+        *thrust_curve_reasons(quantities, at),
         *sensor_reasons(at, OFFSET, SCALE),
         *left_out_reasons(at),
         *near_ground_reasons(at),
@@ -73,7 +72,7 @@ def all_grounds(
         "intercept": gain,
         "hover_input": (
             *hover_reasons(quantities["hover_input"], at),
-            *curve,
+            *intercept_reasons(quantities, at),
             *near_ground_reasons(at),
             *unit_of_force_reasons(at),
         ),
