@@ -59,4 +59,4 @@ def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeyp
         if fetched:
             shutil.copy(ran.out.strip(), tmp_path)
         check(shown, ran.out + ran.err)
-    assert (tmp_path / "flight.html").stat().st_size > 100_000
+    assert (tmp_path / "hover.html").stat().st_size > 100_000
