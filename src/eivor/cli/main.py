@@ -8,7 +8,7 @@ import sys
 import warnings
 from contextlib import nullcontext
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,7 @@ from eivor.cli import plain_text
 from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.interruptible import InterruptibleGroup
 from eivor.cli.readable_help import ReadableCommand
+from eivor.cli.repeated_options import FILE, read_repeated_options
 from eivor.cli.terminal import complain, printing
 from eivor.errors import InputError
 
@@ -36,6 +37,21 @@ COMMANDS = (
     "study",
     "paper",
 )
+#: Groups of commands, each a module with an `app`.
+GROUPS = ("fleet", "vehicle", "example")
+
+
+class _Commands(InterruptibleGroup):
+    """All commands, with the options that repeat."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that is asked for."""
+        try:
+            read_repeated_options(ctx, ctx.params["config"], (*COMMANDS, *GROUPS))
+        except InputError as error:
+            complain(str(error))
+            raise typer.Exit(int(ExitCode.FAILED)) from None
+        return super().invoke(ctx)
 
 
 def application(*names: str) -> typer.Typer:
@@ -46,7 +62,7 @@ def application(*names: str) -> typer.Typer:
         "with intervals and a verdict.",
         epilog="Try it: [bold]eivor identify --example[/bold]",
         no_args_is_help=True,
-        cls=InterruptibleGroup,
+        cls=_Commands,
         pretty_exceptions_enable=False,
         rich_markup_mode="rich",
     )
@@ -83,6 +99,14 @@ def _print_version(wanted: bool) -> bool:
 
 def _eivor(
     *,
+    config: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.toml",
+            help=f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
+            show_default=False,
+        ),
+    ] = "",
     version: Annotated[
         bool,
         typer.Option(

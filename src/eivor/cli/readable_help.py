@@ -7,6 +7,8 @@ from typing import Any
 
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
+from eivor.cli.repeated_options import tell_repeated_options
+
 
 class ReadableCommand(TyperCommand):
     """A command whose help shows what to type, in paragraphs that are as wide as the terminal."""
@@ -20,6 +22,11 @@ class ReadableCommand(TyperCommand):
     def get_params(self, ctx: Any) -> list[Any]:
         """Parameters as the help shows them."""
         return _readable(super().get_params(ctx))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, and say first which options it has from a file."""
+        tell_repeated_options(ctx)
+        return super().invoke(ctx)
 
 
 class ReadableGroup(TyperGroup):
