@@ -129,6 +129,11 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
     assert report.evaluate("document.documentElement.scrollHeight - innerHeight") <= 1
     assert report.evaluate(LOOKS) == []
     nothing_went_wrong(page, server)
+    server.jobs.end(next(url for url in page.asked if url.endswith("/events")).split("/")[-2])
+    with page.expect_response("**/report.html"):
+        page.get_by_role("button", name="report.html").click()
+    page.wait_for_timeout(500)
+    assert "is forgotten: drop the log again." in page.locator(".files .why").first.text_content()
 
 
 def test_keys_alone_fit_another_window_again(served, server, log):
@@ -149,6 +154,7 @@ def test_keys_alone_fit_another_window_again(served, server, log):
     page.locator('[data-state="done"]').wait_for(state="detached")
     done(page)
     assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
+    assert page.locator(".panel > details").get_attribute("open") is None
     window = ev.identify_flight(ev.read_log(log), window=(3.0, 14.99))
     shown = [one.shown[0] for one in told_flight(window).brief]
     assert page.locator(".reading .value").all_text_contents() == shown

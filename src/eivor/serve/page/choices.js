@@ -51,7 +51,7 @@ function choicesOf(flight) {
   const asked = () => {
     const words = Object.entries(inputs).map(([name, input]) => [name, input.value.trim()]);
     const every = [...words, ["vehicle", vehicle.value()], ["map", map.value()], ["compare", compare.checked], ["window", course?.value() || null]];
-    return Object.fromEntries(every.filter(([, value]) => value));
+    return Object.fromEntries(every.filter(([name, value]) => value && (name !== "model" || inputs.model.selectedIndex > 0)));
   };
   const again = button("Fit again", () => {
     picked = true;
