@@ -70,6 +70,14 @@ def test_one_ulog_loads_no_pools_and_no_tables():
 
 
 @pytest.mark.thorough
+def test_a_saved_result_loads_no_estimator():
+    """An export reads a document: most of its second was loading what had estimated it."""
+    loaded = modules_after("import eivor.report.read_fit")
+    assert heavy(loaded) == []
+    assert "eivor.estimation.estimate" not in loaded
+    assert "eivor.flights.result" not in loaded
+
+
 def test_help_loads_nothing_heavy():
     code = (
         "from eivor.cli.main import run\n"

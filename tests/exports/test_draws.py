@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.joint_draws import joint_draws
+from eivor.inference.ordered_choices import shares_in_order
 from exports.documents import CORRELATIONS, JOINT, NUMBERS, document, written
 
 COUNT = 100_000
@@ -62,22 +64,52 @@ def test_different_degrees_keep_their_correlation() -> None:
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
 
 
-def test_all_delays_are_drawn_as_often_as_they_fit(tmp_path: Path) -> None:
-    """A delay that fits worse by 2 in the criterion is e times less likely."""
+def at_delays(*others: tuple[float, float, float]) -> dict[str, Any]:
+    """A document whose best candidate has no delay, with others: delay, lag, and excess of the criterion."""
     told = document()
     (best,) = told["covariance"]["candidates"]
-    other = {**best, "best": False, "excess": 2.0, "at": {"actuator_lag": 0.04, "delay": 0.01}}
-    other["values"] = [0.3, 23.9, 0.04]
-    told["covariance"]["candidates"].append(other)
+    for delay, lag, excess in others:
+        other = {**best, "best": False, "excess": excess, "at": {"actuator_lag": lag, "delay": delay}}
+        told["covariance"]["candidates"].append({**other, "values": [0.3, 23.9, lag]})
+    return told
+
+
+def test_delays_are_drawn_by_their_confidence_distribution(tmp_path: Path) -> None:
+    """Halfway to one that fits worse by 4 is one standard error; candidates may stand in any order."""
+    told = at_delays((0.02, 0.03, 16.0), (0.01, 0.04, 4.0))
     fit = ev.load_fit(written(told, tmp_path))
     draws = fit.sample(20_000, seed=1, delays="all")
     assert list(draws) == [*JOINT, "delay"]
-    late = draws["delay"] == 0.01
-    assert late.mean() == pytest.approx(1.0 / (1.0 + np.e), abs=0.01)
-    assert np.median(draws["actuator_lag"][late]) == pytest.approx(0.04, abs=1e-4)
-    assert np.median(draws["actuator_lag"][~late]) == pytest.approx(0.05, abs=1e-4)
-    assert not np.all(np.diff(late.astype(int)) >= 0)
+    delay, lag = draws["delay"], draws["actuator_lag"]
+    edges = stats.norm.cdf([1.0, 3.0])
+    shares = np.diff(edges, prepend=0.0, append=1.0)
+    for value, middle, share in zip((0.0, 0.01, 0.02), (0.05, 0.04, 0.03), shares, strict=True):
+        assert np.mean(delay == value) == pytest.approx(share, abs=0.01)
+        if share > 0.1:
+            assert np.median(lag[delay == value]) == pytest.approx(middle, abs=1e-4)
+    assert not np.all(np.diff(delay) >= 0)
     assert list(fit.sample(10)) == list(JOINT)
+
+
+def test_a_delay_at_the_end_of_what_is_possible_is_in_the_band_when_it_fits() -> None:
+    """No delay, told to be 1.6 standard errors off, has the 5 % that a one-sided bound leaves it."""
+    excesses = np.array([1.64, 1.0, 0.5, 0.2, 0.0, 0.2, 0.5]) ** 2
+    shares = shares_in_order(excesses)
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[0] == pytest.approx(stats.norm.cdf(-1.32))
+    assert shares[-1] == pytest.approx(stats.norm.sf(0.35))
+    bumpy = shares_in_order(np.array([1.0, 4.0, 0.0, 4.0, 1.0]))
+    assert (bumpy >= 0.0).all()
+    np.testing.assert_allclose(bumpy, bumpy[::-1])
+
+
+def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None:
+    told = at_delays((0.01, 0.04, 2.0))
+    for number, candidate in enumerate(told["covariance"]["candidates"]):
+        candidate["at"]["other"] = float(number)
+    draws = ev.load_fit(written(told, tmp_path)).sample(20_000, seed=1, delays="all")
+    assert np.mean(draws["delay"] == 0.01) == pytest.approx(1.0 / (1.0 + np.e), abs=0.01)
+    np.testing.assert_array_equal(draws["other"] == 1.0, draws["delay"] == 0.01)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

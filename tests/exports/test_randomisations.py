@@ -101,6 +101,7 @@ def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> Non
         inside = np.mean((np.array(draws[name]) >= low) & (np.array(draws[name]) <= high))
         assert inside == pytest.approx(0.95, abs=0.002)
     assert np.median(draws["linear_damping"]) == pytest.approx(0.3, rel=0.01)
+    assert thruster["use_discrete_approximation"] is False
 
 
 def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> None:

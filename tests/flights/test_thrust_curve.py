@@ -15,9 +15,8 @@ from eivor.errors import UsageError
 from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status, verdict
+from eivor.motions.vertical.curve_family import CurveFamily, share_of_both
 from eivor.motions.vertical.curve_rule import curve_reasons
-from eivor.motions.vertical.curve_told import share_of_both
-from eivor.motions.vertical.fitted_curve import CurveFamily
 from eivor.signals.input_map import InputMap, Mixed, Power
 from eivor.signals.recording import Recording
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from eivor.errors import UsageError
 
 if TYPE_CHECKING:
-    from eivor.exports.fitted import Known, Supplied
+    from eivor.exports.fitted import Supplied
+    from eivor.motions.rigid_body.known_number import KnownNumber
 
 
 def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
@@ -36,9 +37,9 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
     )
 
 
-def _known(text: str, option: str) -> Known:
+def _known(text: str, option: str) -> KnownNumber:
     """Number of ``VALUE`` or ``VALUE:STD``."""
-    from eivor.exports.fitted import Known
+    from eivor.exports.fitted import known_number
 
     value_text, colon, std_text = text.partition(":")
     try:
@@ -47,4 +48,4 @@ def _known(text: str, option: str) -> Known:
         value = std = math.nan
     if not math.isfinite(value):
         raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
-    return Known(value, std)
+    return known_number(value, std)

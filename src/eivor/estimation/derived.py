@@ -15,7 +15,8 @@ import numpy as np
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.estimation.joint_estimate import JointEstimate
+from eivor.inference.covariances.covariance import CovariancePart
 from eivor.inference.quantiles import check_level, t_quantile
 from eivor.inference.sets.confidence_set import ConfidenceSet
 from eivor.inference.sets.fieller import fieller_set
@@ -27,22 +28,6 @@ LARGEST_BEND = 0.05
 
 Function = Callable[[Mapping[str, float]], float]
 OfVector = Callable[[Float[np.ndarray, " n"]], float]
-
-
-@dataclass(frozen=True, slots=True)
-class JointEstimate:
-    """A vector of estimates with its covariance.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        The vector.
-    covariance : JointCovariance
-        Of it.
-    """
-
-    values: Float[np.ndarray, " n"]
-    covariance: JointCovariance
 
 
 @dataclass(frozen=True, slots=True)

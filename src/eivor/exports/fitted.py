@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from eivor.errors import NotIdentifiedError, UsageError
+from eivor.estimation.joint_estimate import JointEstimate
 from eivor.flights.quantity import Quantity
-from eivor.inference.quantiles import normal_quantile
 from eivor.inference.verdict import Status
-from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.signals.input_map import InputMap, input_map
 
@@ -18,39 +18,21 @@ from eivor.signals.input_map import InputMap, input_map
 VERTICAL = "vertical_motion"
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
-    """A number known from elsewhere.
-
-    Parameters
-    ----------
-    value : float
-        In SI units.
-    std : float
-        Its standard deviation; zero counts as exact.
+def known_number(value: float, std: float = 0.0) -> KnownNumber:
+    """Number that a user gives to an export.
 
     Raises
     ------
     UsageError
         When one is not finite, or the standard deviation is below zero.
     """
-
-    value: float
-    std: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.value) and 0.0 <= self.std < math.inf):
-            raise UsageError(
-                "a number and a standard deviation that is not below zero",
-                f"{self.value}:{self.std}",
-                "Give 1.53:0.02, for example.",
-            )
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 %, of the normal distribution."""
-        half = normal_quantile(0.95) * self.std
-        return self.value - half, self.value + half
+    if not (math.isfinite(value) and 0.0 <= std < math.inf):
+        raise UsageError(
+            "a number and a standard deviation that is not below zero",
+            f"{value}:{std}",
+            "Give 1.53:0.02, for example.",
+        )
+    return KnownNumber(value, std)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +41,9 @@ class Supplied:
 
     Parameters
     ----------
-    mass : Known or None
+    mass : KnownNumber or None
         Of the vehicle with all on board [kg].
-    priors : mapping of str to Known
+    priors : mapping of str to KnownNumber
         For quantities that the flight does not tell, by name.
     vehicle : KnownVehicle or None
         Where its rotors are, and what else a vehicle file says.
@@ -72,8 +54,8 @@ class Supplied:
         When the mass is not above zero.
     """
 
-    mass: Known | None = None
-    priors: Mapping[str, Known] = field(default_factory=dict)
+    mass: KnownNumber | None = None
+    priors: Mapping[str, KnownNumber] = field(default_factory=dict)
     vehicle: KnownVehicle | None = None
 
     def __post_init__(self) -> None:
@@ -162,8 +144,10 @@ class Fitted:
         Of Eivor.
     vehicle : KnownVehicle or None
         What the flight was identified with; None where nothing was asked.
-    joint : Combinations or None
-        The joint vector where it fits, with its covariances; None without an estimate.
+    names : tuple of str
+        Joint vector; empty without an estimate.
+    candidates : tuple of JointEstimate
+        The joint vector with its covariance where it fits, the best first; empty without an estimate.
     """
 
     model: str
@@ -175,7 +159,8 @@ class Fitted:
     logs: tuple[tuple[str, str], ...]
     version: str
     vehicle: KnownVehicle | None = None
-    joint: Combinations | None = None
+    names: tuple[str, ...] = ()
+    candidates: tuple[JointEstimate, ...] = ()
 
     @property
     def input_map(self) -> InputMap:

@@ -13,8 +13,7 @@ from itertools import product
 
 from eivor.errors import UsageError
 from eivor.exports.fitted import Fitted, Number
-from eivor.motions.vertical.curve_told import share_of_both
-from eivor.motions.vertical.fitted_curve import family_of
+from eivor.motions.vertical.curve_family import family_of, share_of_both
 
 #: Channels that are setpoints of thrust, and signals to the motors.
 SETPOINT, MOTORS = "input", "rotor_command"

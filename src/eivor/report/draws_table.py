@@ -8,8 +8,8 @@ import numpy as np
 import polars as pl
 
 from eivor.errors import NotIdentifiedError
-from eivor.exports.fitted import Known
 from eivor.inference.verdict import Status
+from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.report.saved_fit import SavedFit
 
 #: The mass is drawn from a stream of its own, so that it leaves the other draws alone.
@@ -20,7 +20,7 @@ def draws_table(
     fit: SavedFit,
     n: int,
     seed: int = 0,
-    mass: Known | None = None,
+    mass: KnownNumber | None = None,
     *,
     delays: Literal["best", "all"] = "best",
 ) -> pl.DataFrame:
@@ -32,7 +32,7 @@ def draws_table(
         The result.
     n, seed : int
         See `SavedFit.sample`.
-    mass : Known, optional
+    mass : KnownNumber, optional
         Of the vehicle [kg]: drawn from a normal distribution beside the others, cut at zero.
     delays : {"best", "all"}
         See `SavedFit.sample`.

@@ -24,11 +24,11 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.flights.telemetry import TELEMETRY
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
+from eivor.report.identify_schema import SCHEMA
 from eivor.report.json_ahead import ahead_json
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
 from eivor.signals.recording import Finding
 
-SCHEMA = "eivor.identify/1"
 #: Candidates that do not fit even at this level are left out.
 WIDEST_LEVEL = 0.999
 

@@ -6,18 +6,21 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from eivor.errors import InputError, UsageError
 from eivor.flights.allowance import Allowance, Counts
 from eivor.flights.quantity import Quantity
-from eivor.flights.result import FlightEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.verdict import Reason, Status
-from eivor.report.json_document import SCHEMA, json_document, json_text
-from eivor.report.saved_fit import SavedCandidate, SavedFit
+from eivor.report.drawn_candidates import SavedCandidate
+from eivor.report.identify_schema import SCHEMA
+from eivor.report.saved_fit import SavedFit
+
+if TYPE_CHECKING:
+    from eivor.flights.result import FlightEstimate
 
 #: Larger files are no result.
 LARGEST_BYTES = 100_000_000
@@ -64,6 +67,8 @@ def load_fit(file: str | Path) -> SavedFit:
 
 def saved_fit(result: FlightEstimate) -> SavedFit:
     """Return what would be read back of a result that is at hand."""
+    from eivor.report.json_document import json_document, json_text  # late: a document at hand needs neither
+
     return _fit_of(json.loads(json_text(json_document(result))))
 
 

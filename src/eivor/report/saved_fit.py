@@ -12,49 +12,23 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.derived import JointEstimate
-from eivor.exports.fitted import Exported, Fitted, Known, Supplied
+from eivor.estimation.joint_estimate import JointEstimate
+from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.randomisations import randomisation_by_name
 from eivor.exports.state_space import StateSpace, state_space
 from eivor.exports.targets import target_by_name
 from eivor.flights.quantity import Quantity
-from eivor.inference.covariances.covariance import JointCovariance
-from eivor.inference.joint_draws import joint_draws
 from eivor.inference.quantiles import check_level, chi_square_quantile
 from eivor.inference.verdict import Status
-from eivor.motions.rigid_body.combinations import Combinations
+from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle
 from eivor.notebook import html_table
+from eivor.report.drawn_candidates import SavedCandidate, drawn_at, drawn_at_all
 from eivor.shapes import Float
 
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
-
-
-@dataclass(frozen=True)
-class SavedCandidate:
-    """Joint vector and covariance at one combination of the discrete nuisances.
-
-    Parameters
-    ----------
-    at : mapping of str to float
-        Value of every nuisance.
-    best : bool
-        Whether it is the one that fits best.
-    values : ndarray, shape (n,)
-        Joint vector.
-    covariance : JointCovariance
-        Of the joint vector.
-    excess : float
-        What its criterion is above the least one that it competes with.
-    """
-
-    at: Mapping[str, float]
-    best: bool
-    values: Float[np.ndarray, " n"]
-    covariance: JointCovariance
-    excess: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -169,9 +143,9 @@ class SavedFit:
         seed : int
             Of the random numbers: the same seed gives the same draws.
         delays : {"best", "all"}
-            With "all" the delay is drawn too, each that fits as often as its likelihood says, and the others
-            with it. Lag and delay make up for each other: what is computed of both, such as a response to a
-            step, is as uncertain as the flight leaves it only so.
+            With "all" the delay is drawn too, by its confidence distribution, and the others with it. Lag
+            and delay make up for each other: what is computed of both, such as a response to a step, is as
+            uncertain as the flight leaves it only so.
 
         Returns
         -------
@@ -197,29 +171,10 @@ class SavedFit:
         if delays not in {"best", "all"}:
             raise UsageError("delays 'best' or 'all'", f"{delays!r}", "Give one of them.")
         rng = np.random.default_rng(seed)
-        best = self._best()
+        best, lowest = self._best(), np.array([self._lowest(name) for name in self.names])
         if delays == "best":
-            return self._drawn(best, n, rng)
-        shares = np.exp(-0.5 * np.array([one.excess for one in self.candidates]))
-        counts = rng.multinomial(n, shares / shares.sum())
-        parts = [
-            self._drawn(one, int(count), rng)
-            | {name: np.full(count, value) for name, value in one.at.items() if name not in self.names}
-            for one, count in zip(self.candidates, counts, strict=True)
-            if count
-        ]
-        order = rng.permutation(n)
-        return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
-
-    def _drawn(
-        self, candidate: SavedCandidate, n: int, rng: np.random.Generator
-    ) -> dict[str, Float[np.ndarray, " n"]]:
-        draws = joint_draws(candidate.values, candidate.covariance, n, rng)
-        bounds = (self._lowest(name) for name in self.names)
-        return {
-            name: np.maximum(column, bound)
-            for name, column, bound in zip(self.names, draws.T, bounds, strict=True)
-        }
+            return drawn_at(best, self.names, lowest, n, rng)
+        return drawn_at_all(self.candidates, self.names, lowest, n, rng)
 
     def to_statespace(self) -> StateSpace:
         """Arrays of the vertical motion about hover, and ``.to_control()`` for python-control.
@@ -303,16 +258,15 @@ class SavedFit:
             logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),
             version=str(provenance["version"]),
             vehicle=None if vehicle is None else vehicle_told(vehicle),
-            joint=self._joint(),
+            names=self.names,
+            candidates=self._joint(),
         )
 
-    def _joint(self) -> Combinations | None:
-        """The joint vector where it fits, the best first; None without an estimate."""
+    def _joint(self) -> tuple[JointEstimate, ...]:
+        """The joint vector where it fits, the best first; empty without an estimate."""
         fits = [one for one in self.candidates if one.best or one.excess <= self._allowance(0.95)]
         fits.sort(key=lambda one: not one.best)
-        if not fits:
-            return None
-        return Combinations(self.names, tuple(JointEstimate(one.values, one.covariance) for one in fits))
+        return tuple(JointEstimate(one.values, one.covariance) for one in fits)
 
     def _allowance(self, level: float) -> float:
         """What the criterion of another candidate may be above that of the best."""
@@ -345,9 +299,9 @@ class SavedFit:
         return html_table(f"saved fit: {self.verdict.value}", columns, rows, " ".join(self.reasons))
 
 
-def _known(name: str, pair: tuple[float, ...]) -> Known:
+def _known(name: str, pair: tuple[float, ...]) -> KnownNumber:
     """A value and its standard deviation."""
     checks.items(name, pair, (int, float), "a value and a standard deviation", "Give (1.53, 0.02).")
     if len(pair) != 2:
         raise UsageError(f"a value and a standard deviation for {name}", f"{pair}", "Give (1.53, 0.02).")
-    return Known(float(pair[0]), float(pair[1]))
+    return known_number(float(pair[0]), float(pair[1]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from eivor.errors import ParameterError
 from eivor.exports.simulators.parts import INERTIAS, Columns
-from eivor.motions.rigid_body.inertia_checks import ALLOWANCE
+from eivor.motions.rigid_body.parameter_ranges import NO_BODY_ALLOWANCE
 
 #: Simulators compare without allowance for rounding.
 MARGIN = 1e-6
@@ -42,7 +42,7 @@ def bodily(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     if moments.shape[1] > 1 or excess[0] <= 0.0:
         return kept, ()
     shown = ", ".join(f"{one:.4g}" for one in moments[:, 0])
-    if excess[0] > ALLOWANCE:
+    if excess[0] > NO_BODY_ALLOWANCE:
         raise ParameterError(
             "moments of inertia none of which is larger than the other two together",
             f"{shown} kg m^2",

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.errors import NotIdentifiedError, UsageError
-from eivor.exports.fitted import VERTICAL, Fitted, Known, Number, Supplied
+from eivor.exports.fitted import VERTICAL, Fitted, Number, Supplied
 from eivor.exports.simulators.bodily import bodily
 from eivor.exports.simulators.of_vertical import vertical_parts
 from eivor.exports.simulators.parts import DRAGS, INERTIAS, WORDS, Column, Columns, Part, Parts, itself
 from eivor.inference.quantiles import normal_quantile
+from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.input_map import InputMap
@@ -151,13 +152,13 @@ def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
 def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
     """What is supplied and the flight does not tell, the priors before the vehicle's file."""
     known = {
-        name: Known(one.value, one.std)
+        name: one
         for name in ("mass", "arm_scale", "speed_scale", "torque_ratio", "yaw_inertia_ratio")
         if (one := getattr(vehicle, name)) is not None
     }
-    known.setdefault("speed_scale", Known(1.0))
+    known.setdefault("speed_scale", KnownNumber(1.0))
     if _hovers_with_a_share(fitted, vehicle):
-        known["largest_command"] = Known(1.0)
+        known["largest_command"] = KnownNumber(1.0)
     known |= {name: one for name, one in supplied.priors.items() if fitted.told(name) is None}
     if supplied.mass is not None:
         known["mass"] = supplied.mass

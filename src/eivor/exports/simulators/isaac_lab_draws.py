@@ -26,6 +26,9 @@ NEEDS = (*BODY, "largest_command")
 #: Quantiles that the ranges reach to.
 ENDS = (0.025, 0.975)
 REMARKS = (
+    "events are the parameters of a term of events beside its asset_cfg; thruster is what a ThrusterCfg "
+    "takes beside dt and thruster_names_expr, with the lag as it is: the approximation that it has by itself "
+    "would make the lag longer by dt.",
     "events and thruster are ranges of 95 % of the draws, for terms that draw each number by itself: they "
     "hold vehicles that the flight excludes. draws are the joint ones: set them where you can.",
     "Drag is over mass, as linear_damping has it: of motion along z.",
@@ -56,6 +59,7 @@ class IsaacLabDraws(Randomisation):
             f'    "tau_inc_range": {lags},',
             f'    "tau_dec_range": {lags},',
             f'    "thrust_range": {(0.0, float(np.median(columns["thrust_max"])))},',
+            '    "use_discrete_approximation": False,',
             f'    "torque_to_thrust_ratio": {float(np.median(columns["torque_to_thrust_ratio"]))!r},',
             "}",
             "draws = {",

@@ -63,10 +63,10 @@ def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVeh
 
 def _identified(fitted: Fitted) -> Combinations:
     """Those of the joint vector that are."""
-    if fitted.joint is None:
+    if not fitted.candidates:
         return Combinations((), ())
-    names = (name for name in fitted.joint.names if _is_told(fitted, name))
-    return fitted.joint.only(frozenset(names))
+    names = frozenset(name for name in fitted.names if _is_told(fitted, name))
+    return Combinations(fitted.names, fitted.candidates).only(names)
 
 
 def _is_told(fitted: Fitted, name: str) -> bool:

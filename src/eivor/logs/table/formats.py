@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import codecs
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from eivor.logs.log_format import LogFormat, ReadOptions, begins_with
 from eivor.signals.recording import Recording
+
+if TYPE_CHECKING:
+    from eivor.logs.table.source import TableSource
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 DELIMITERS = (",", ";", "\t", "|")
@@ -37,32 +42,28 @@ def _is_csv(head: bytes, _file: Path) -> bool:
         return False
 
 
-def _read_csv(file: Path, options: ReadOptions) -> Recording:
+def _open_csv(file: Path) -> TableSource:
     from eivor.logs.table.delimited import open_csv
-    from eivor.logs.table.read import read_table
 
-    return read_table(file, open_csv(file), CSV.name, options)
+    return open_csv(file)
 
 
-def _read_parquet(file: Path, options: ReadOptions) -> Recording:
+def _open_parquet(file: Path) -> TableSource:
     from eivor.logs.table.parquet import open_parquet
-    from eivor.logs.table.read import read_table
 
-    return read_table(file, open_parquet(file), PARQUET.name, options)
+    return open_parquet(file)
 
 
-def _read_matlab(file: Path, options: ReadOptions) -> Recording:
+def _open_matlab(file: Path) -> TableSource:
     from eivor.logs.table.matlab import open_matlab
-    from eivor.logs.table.read import read_table
 
-    return read_table(file, open_matlab(file), MATLAB.name, options)
+    return open_matlab(file)
 
 
-def _read_hdf5(file: Path, options: ReadOptions) -> Recording:
+def _open_hdf5(file: Path) -> TableSource:
     from eivor.logs.table.hdf5 import open_hdf5
-    from eivor.logs.table.read import read_table
 
-    return read_table(file, open_hdf5(file), HDF5.name, options)
+    return open_hdf5(file)
 
 
 def _is_hdf5(head: bytes, _file: Path) -> bool:
@@ -75,43 +76,26 @@ def _advice(channel: str) -> tuple[str, ...]:
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
 
 
-CSV = LogFormat(
-    "csv",
-    "CSV",
-    _is_csv,
-    _read_csv,
-    takes_map=True,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=(".csv", ".tsv"),
-)
-PARQUET = LogFormat(
-    "parquet",
-    "Parquet",
-    begins_with(b"PAR1"),
-    _read_parquet,
-    takes_map=True,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=(".parquet",),
-)
-MATLAB = LogFormat(
-    "matlab",
-    "MATLAB",
-    begins_with(b"MATLAB 5.0 MAT-file"),
-    _read_matlab,
-    takes_map=True,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=(".mat",),
-)
-HDF5 = LogFormat(
-    "hdf5",
-    "HDF5",
-    _is_hdf5,
-    _read_hdf5,
-    takes_map=True,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=(".h5", ".hdf5"),
-)
+def _table(
+    name: str,
+    label: str,
+    sniff: Callable[[bytes, Path], bool],
+    opened: Callable[[Path], TableSource],
+    *endings: str,
+) -> LogFormat:
+    """Row of a table: what is the same of all is said here."""
+
+    def read(file: Path, options: ReadOptions) -> Recording:
+        from eivor.logs.table.read import read_table
+
+        return read_table(file, opened(file), name, options)
+
+    return LogFormat(
+        name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings
+    )
+
+
+CSV = _table("csv", "CSV", _is_csv, _open_csv, ".csv", ".tsv")
+PARQUET = _table("parquet", "Parquet", begins_with(b"PAR1"), _open_parquet, ".parquet")
+MATLAB = _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), _open_matlab, ".mat")
+HDF5 = _table("hdf5", "HDF5", _is_hdf5, _open_hdf5, ".h5", ".hdf5")

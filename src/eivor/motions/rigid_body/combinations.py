@@ -12,12 +12,12 @@ from eivor.errors import ShapeError
 from eivor.estimation.derived import (
     LARGEST_BEND,
     DerivedQuantity,
-    JointEstimate,
     OfVector,
     derived_from,
     joint_estimates,
 )
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.joint_estimate import JointEstimate
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.shapes import Float, Int

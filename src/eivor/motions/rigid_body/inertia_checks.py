@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from eivor.motions.rigid_body.combinations import Combinations, Formula, told_from_zero
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.parameter_ranges import NO_BODY_ALLOWANCE
 from eivor.motions.rigid_body.yaw_inertia import Route, YawInertia
 
 COUPLINGS = {
@@ -20,8 +21,6 @@ AXES = ("Ixx", "Iyy", "Izz")
 ROUNDING = 1e-9
 #: There are several ways to contradict, and most flights do in none.
 SURE = 0.999
-#: By how much inertias may be those of no body before it is said: some that were published are by 1 %.
-ALLOWANCE = 0.05
 #: Squared radius of gyration in roll or pitch, over that of the rotors: what vehicles have.
 GYRATION = (0.02, 1.5)
 
@@ -56,7 +55,7 @@ def _of_couplings(found: Combinations, level: float) -> list[str]:
     for name, words in COUPLINGS.items():
         if found.has(name):
             low, high = found.interval(name, level)
-            if low > 1.0 + ALLOWANCE or high < -1.0 - ALLOWANCE:
+            if low > 1.0 + NO_BODY_ALLOWANCE or high < -1.0 - NO_BODY_ALLOWANCE:
                 told.append(
                     f"{name} = {words} is between {low:.3g} and {high:.3g}: no body has one beyond -1 or 1."
                 )
@@ -112,7 +111,7 @@ def _of_inertias(found: Combinations, known: KnownVehicle, yaw: YawInertia, leve
     supplied = {name: getattr(known, name) for name in ("arm_scale", *route.supplied)}
     for largest, symbol in enumerate(AXES):
         slack = found.function(_slack(route, largest), names, supplied, level, math.inf)
-        if slack.interval[1] < -ALLOWANCE:
+        if slack.interval[1] < -NO_BODY_ALLOWANCE:
             others = " and ".join(one for one in AXES if one != symbol)
             told.append(
                 f"{symbol} is more than {others} together, which no body has; Izz rests on {route.words}."

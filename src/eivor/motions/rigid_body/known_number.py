@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from eivor.errors import ParameterError
+from eivor.inference.quantiles import normal_quantile
 from eivor.motions.rigid_body.parameter_ranges import finite, non_negative
 
 
@@ -31,6 +32,12 @@ class KnownNumber:
     def __post_init__(self) -> None:
         finite("value", self.value)
         non_negative("std", self.std)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, of the normal distribution."""
+        half = normal_quantile(0.95) * self.std
+        return self.value - half, self.value + half
 
     def check(self, name: str, low: float, high: float, unit: str) -> None:
         """Refuse what cannot be such a number, or is not told from zero by its own uncertainty.

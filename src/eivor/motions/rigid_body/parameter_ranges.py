@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sized
 from eivor.errors import ParameterError
 
 _REMEDY = "Correct the vehicle's description."
+#: By how much inertias may be those of no body before it is said: some that were published are by 1 %.
+NO_BODY_ALLOWANCE = 0.05
 
 
 def finite(name: str, *values: float) -> None:

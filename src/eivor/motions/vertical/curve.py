@@ -28,7 +28,8 @@ from eivor.estimation.parameter_sets import DEGREES
 from eivor.flights.quantity import NAN, NO_INTERVAL, Unjudged
 from eivor.inference.quantiles import t_quantile
 from eivor.motions.vertical.balance import Balance, balance, hover_mapped, intercept
-from eivor.motions.vertical.fitted_curve import CurveFamily, FittedCurve, family_of
+from eivor.motions.vertical.curve_family import CurveFamily, family_of
+from eivor.motions.vertical.fitted_curve import FittedCurve
 from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import GRAVITY
 from eivor.shapes import Float

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.fitted_curve import CurveFamily, family_of
-from eivor.signals.input_map import Mixed, input_map
+from eivor.motions.vertical.curve_family import family_of, share_of_both
+from eivor.signals.input_map import input_map
 from eivor.signals.recording import Finding
 
 #: Parameters of autopilots that are shares of a thrust curve.
@@ -39,26 +39,3 @@ def curve_findings(
         f"a motor's signal, which {names} would be set to{now}."
     )
     return (Finding("thrust_curve", sentence),)
-
-
-def share_of_both(family: CurveFamily, value: float, hover: float, in_force: float) -> float:
-    """Share of the square of a motor's signal, when commands come before a curve of the share `in_force`.
-
-    Parameters
-    ----------
-    family : CurveFamily
-        Of the curve that was found.
-    value : float
-        Its parameter: exponent or share, of commands.
-    hover : float
-        Command at hover, a share of the largest.
-    in_force : float
-        Share of the autopilot's own curve, whose inverse its commands go through.
-    """
-    exponent = value
-    if family.of_share:
-        exponent = (1.0 - value + 2.0 * value * hover) / (1.0 - value + value * hover)
-    own = Mixed(min(max(in_force, 0.0), 1.0))
-    signal = own.inverse(hover)
-    exponent *= signal * own.slope(signal) / hover
-    return CurveFamily(True).of_exponent(exponent, signal)

@@ -1,0 +1,3 @@
+"""The name of the documents that `identify` writes and others read."""
+
+SCHEMA = "eivor.identify/1"
