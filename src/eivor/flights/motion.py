@@ -14,6 +14,7 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.method import Method
 from eivor.flights.across import AcrossFlights
 from eivor.flights.agreement import SensorAgreement
 from eivor.flights.ahead import Ahead
@@ -103,6 +104,10 @@ class Motion(ABC, Generic[P]):
         UsageError
             With what there is.
         """
+
+    def weighted(self, method: Method, /) -> Method:
+        """Return a method with the weights of rows that it needs for this motion; by default its own."""
+        return method
 
     def for_flights(self, _flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> Motion[P]:
         """Return the same motion with the terms that were asked for, and what all flights say together.

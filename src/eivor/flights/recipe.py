@@ -81,6 +81,7 @@ def estimated(
     chosen = instruments(flying, options, method)
     if method.of_flights.needs_instruments and chosen.absent:
         method = by_name(motion.direct)
+    method = motion.weighted(method)
     try:
         check_declared(
             [flight.noise for flight in flying], noises_needed(flying, chosen, method), options.method

@@ -16,7 +16,7 @@ import numpy as np
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.equation import Parameter
-from eivor.models.regression import Regression
+from eivor.models.regression import Regression, noise_of_surrogate
 from eivor.models.rows import AxisRows, RowLayout, SampleRows
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
@@ -160,6 +160,9 @@ class LaggedRuns(SeparableProblem):
     noise : callable, optional
         From the nuisances' values to what is known of the measurement noises in rows in time. Default:
         nothing of regressors and response; and of instruments that they are exact, as references are.
+    noisier : LaggedRuns, optional
+        The same flights with so much more of every noise that is known: what its columns differ by has the
+        covariance of the noises in those of the problem, in time and in each bin.
 
     Raises
     ------
@@ -176,6 +179,7 @@ class LaggedRuns(SeparableProblem):
     nuisances: tuple[Nuisance, ...]
     intercepts: bool = True
     noise: Callable[[Values], RowNoise] | None = None
+    noisier: LaggedRuns | None = None
 
     def __post_init__(self) -> None:
         if not any(one.runs for one in self.columns):
@@ -288,7 +292,7 @@ class LaggedRuns(SeparableProblem):
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
         noise = RowNoise(None, exact) if self.noise is None else self.noise(at)
-        return Regression(
+        found = Regression(
             fixed[:, 0],
             regressors,
             instruments,
@@ -297,6 +301,10 @@ class LaggedRuns(SeparableProblem):
             noise.regressors,
             noise.instruments,
         )
+        if self.noisier is None:
+            return found
+        more = self.noisier.rows(at)
+        return replace(found, regressor_noise=noise_of_surrogate(found, more))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 
@@ -346,7 +354,10 @@ class LaggedRuns(SeparableProblem):
         """Rows in frequency, run after run."""
         responses, fixed, instruments = self._fixed_bins
         regressors = np.concatenate([fixed, self._moving_spectra(at)], axis=1)
-        return SpectralRegression(responses, regressors, instruments, self.parameters, self._bin_layout)
+        noisier = None if self.noisier is None else self.noisier.bins(at)
+        return SpectralRegression(
+            responses, regressors, instruments, self.parameters, self._bin_layout, noisier
+        )
 
     def series_in_band(
         self, at: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]

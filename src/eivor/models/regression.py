@@ -271,6 +271,13 @@ def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
         )
 
 
+def noise_of_surrogate(rows: Regression, noisier: Regression) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+    """Covariance of the noises in [Phi y], by rows that have so much more of all of them."""
+    regressors, response = noisier.regressors - rows.regressors, noisier.response - rows.response
+    added = np.column_stack([regressors, response])
+    return added.T @ added / added.shape[0]
+
+
 def _check_noise(Phi: np.ndarray, Psi: np.ndarray, own: np.ndarray | None, shared: np.ndarray | None) -> None:
     unknowns, available = Phi.shape[1], Psi.shape[1]
     if own is not None:

@@ -10,13 +10,13 @@ them bin by bin. A run is of one flight and one axis, and is whitened by itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from eivor.models.equation import Parameter
-from eivor.models.regression import Regression
+from eivor.models.regression import Regression, noise_of_surrogate
 from eivor.models.rows import RowLayout
 from eivor.shapes import Bool, Complex, Float, Int
 
@@ -238,6 +238,8 @@ class SpectralRegression:
         One for each column of Phi.
     layout : BinRows
         The runs.
+    noisier : SpectralRegression, optional
+        The same columns with so much more of every noise that is known of what was measured.
     """
 
     responses: Complex[np.ndarray, "bins r"]
@@ -245,6 +247,7 @@ class SpectralRegression:
     instruments: Complex[np.ndarray, "bins p"]
     parameters: tuple[Parameter, ...]
     layout: BinRows = field(repr=False)
+    noisier: SpectralRegression | None = field(default=None, repr=False)
 
     def whitened(
         self,
@@ -264,7 +267,11 @@ class SpectralRegression:
             Instruments that are whitened already.
         """
         rows = self.whitened_rows(blend, power, self.regressors)
-        return Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
+        found = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
+        if self.noisier is None:
+            return found
+        more = self.noisier.whitened(blend, power, instruments)
+        return replace(found, regressor_noise=noise_of_surrogate(found, more))
 
     def whitened_rows(
         self,

@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import pytest
 
+from eivor.estimation.assembler import Instrumental
+from eivor.estimation.estimate import Estimate
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
+from eivor.models.instruments import NoInstruments
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.filters_shown import FILTERS, FiltersNotPassed
+from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
@@ -49,3 +56,35 @@ def test_a_filter_that_was_not_passed_is_told(passed):
     told = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
     assert len(told) == (0 if passed else 1)
     assert all(reason.status is Status.WEAK for reason in told)
+
+
+def stub(J: float) -> Mock:
+    """An estimate, as far as its references' disagreement is asked for."""
+    inference, solved = Mock(over_identification=(J, 0.0)), Mock(assembler=Instrumental())
+    estimate = Mock(spec=Estimate, best=Mock(inference=inference, solved=solved))
+    estimate.method = "reference_iv"
+    return estimate
+
+
+def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypatch):
+    flown = simulate_rigid_body_flights([replace(BASE, duration=seconds) for seconds in (5.0, 7.0)])
+    rotors = BASE.vehicle.rotors
+    places = tuple((x, y) for x, y, _ in rotors.positions)
+    known = KnownVehicle("simulated", places, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    alone = RigidBody(known)
+    flights = tuple(prepare(one.recording, alone, FlightOptions()).shortened for one in flown)
+    motion = alone.for_flights(flights, FlightOptions())
+    problem = rigid_body_problem(flights, motion.layout, NoInstruments())
+    asked = []
+
+    def identified(own, _method):
+        asked.append({one.flight for one in own.columns})
+        return stub(100.0 if len(asked) == 1 else 10.0)
+
+    monkeypatch.setattr("eivor.motions.rigid_body.filters_shown.identify", identified)
+    monkeypatch.setattr("eivor.motions.rigid_body.motion.order_shown", lambda *_: None)
+    shown = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))
+    assert shown == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
+    assert asked == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone
+    assert motion.diagnostics(problem, stub(300.0), flights[:1]) == {}
+    assert len(asked) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from eivor.flights.allowance import Counts
@@ -19,7 +20,8 @@ from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_f
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
 ROTORS = SPEC.vehicle.rotors
-MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+VEHICLE = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
+MOTION = RigidBody(VEHICLE)
 TOLD = {
     "roll_gain": Unjudged(200.0, "rad/s^2/m", 1.0, (198.0, 202.0)),
     "drag_z": Unjudged(0.3, "1/s", 0.01, (0.28, 0.32)),
@@ -35,7 +37,7 @@ def prepared(command_hz: float):
 
 def test_every_fourth_command_may_be_another_throughout():
     flight = prepared(125.0)
-    found = all_allowances((flight,), TOLD)
+    found = all_allowances((flight,), TOLD, VEHICLE)
     half_s = 0.5 * flight.unlogged_step_s
     assert half_s == pytest.approx(0.0005)
     (gain,) = found["roll_gain"]
@@ -48,4 +50,18 @@ def test_every_fourth_command_may_be_another_throughout():
 
 
 def test_a_log_of_every_command_leaves_nothing_open():
-    assert not all_allowances((prepared(0.0),), TOLD)
+    assert not all_allowances((prepared(0.0),), TOLD, VEHICLE)
+
+
+def test_a_digital_filter_is_less_late_than_a_continuous_one():
+    own_s, digital_s = (
+        np.sqrt(2.0) / (2.0 * np.pi * 80.0),
+        np.sqrt(2.0) / (1000.0 * np.tan(np.pi * 80.0 / 500.0)),
+    )
+    found = all_allowances((prepared(0.0),), TOLD, replace(VEHICLE, gyro_cutoff_hz=80.0))
+    (lag,) = found["effective_lag"]
+    assert (lag.below, lag.above) == (0.0, pytest.approx(own_s - digital_s))
+    (gain,) = found["roll_gain"]
+    assert (gain.below, gain.above) == (pytest.approx(200.0 * (own_s - digital_s) / 0.05), 0.0)
+    assert gain.counts is lag.counts is Counts.ADDED
+    assert "drag_z" not in found

@@ -40,6 +40,8 @@ class WhitenedRows(WeightedRows):
         Of the instruments divided by sqrt(S).
     renewals : int
         Passes that follow.
+    disturbed : float
+        Variance of the response's error in a row beside the noise that is known of it.
     """
 
     problem: SeparableProblem
@@ -47,10 +49,16 @@ class WhitenedRows(WeightedRows):
     power: Float[np.ndarray, " bins"]
     basis: Float[np.ndarray, "rows q"]
     renewals: int = 0
+    disturbed: float = 0.0
 
     def rows(self, at: Values) -> Regression:
         """Whitened rows."""
-        return self.problem.bins(at).whitened(self.blend, self.power, self.basis)
+        found = self.problem.bins(at).whitened(self.blend, self.power, self.basis)
+        if found.regressor_noise is None or not self.disturbed:
+            return found
+        noise = found.regressor_noise.copy()
+        noise[-1, -1] += self.disturbed
+        return replace(found, regressor_noise=noise)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
@@ -105,7 +113,16 @@ def whitened_by_residuals(
 ) -> WhitenedRows:
     """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
     bins = problem.bins(at)
-    return _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
+    found = _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
+    return replace(found, disturbed=_disturbed(found.rows(at), theta))
+
+
+def _disturbed(rows: Regression, theta: Float[np.ndarray, " n"]) -> float:
+    """Variance of residuals that no known noise explains: the response answers more than the columns."""
+    if rows.regressor_noise is None:
+        return 0.0
+    residual, signs = rows.response - rows.regressors @ theta, np.append(theta, -1.0)
+    return max(float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs), 0.0)
 
 
 def residual_spectrum(

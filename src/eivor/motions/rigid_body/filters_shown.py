@@ -3,11 +3,13 @@
 A filter that is named and was not passed makes the model's side late by what the log is not: gains come out
 too large and the lag too short, and where no delay is left to make up for it, the references disagree. So
 where they do, the flight is identified without each of the named filters, with the same instruments. Filters
-without which the references agree far better are told.
+without which the references agree far better are told. The vehicle file is one for all flights of a pool, so
+that only the longest of them is identified so.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -88,7 +90,7 @@ def filters_not_passed(
     estimate : Estimate
         Its solution.
     flights : sequence of PreparedFlight
-        The flights.
+        The flights; of several the longest is asked.
     layout : RotorLayout
         Of their vehicle.
     """
@@ -98,27 +100,34 @@ def filters_not_passed(
     with_all, p_value = estimate.best.inference.over_identification
     if not p_value <= DISAGREE:
         return None
-    without = {}
-    for key in named:
-        other = _without_filter(problem, flights, layout, key)
-        try:
-            J, _ = identify(other, by_name(estimate.method)).best.inference.over_identification
-        except EstimationError:
-            continue
-        if J / with_all < FAR_BETTER:
-            without[key] = J
+    number = max(range(len(flights)), key=lambda place: flights[place].used_s)
+    own = replace(problem, columns=tuple(one for one in problem.columns if one.flight == number))
+    if len(flights) > 1:
+        with_all = _disagreement(own, estimate.method)
+    if not math.isfinite(with_all):
+        return None
+    others = {key: _without_filter(own, flights[number], layout, key) for key in named}
+    found = {key: _disagreement(other, estimate.method) for key, other in others.items()}
+    without = {key: J for key, J in found.items() if FAR_BETTER * with_all > J}
     return FiltersNotPassed(with_all, without) if without else None
 
 
-def _without_filter(
-    problem: LaggedRuns, flights: Sequence[PreparedFlight], layout: RotorLayout, key: str
-) -> LaggedRuns:
+def _disagreement(problem: LaggedRuns, method: str) -> float:
+    """J of the references; infinite where nothing can be identified."""
+    try:
+        J, _ = identify(problem, by_name(method)).best.inference.over_identification
+    except EstimationError:
+        return math.inf
+    return J
+
+
+def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLayout, key: str) -> LaggedRuns:
     """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
     known = layout.vehicle
     unfiltered = (
         replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
     )
-    made = rigid_body_problem(tuple(flights), RotorLayout(unfiltered), NoInstruments())
+    made = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments())
     columns = tuple(
         replace(new, instruments=old.instruments)
         for new, old in zip(made.columns, problem.columns, strict=True)

@@ -9,6 +9,9 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.method import Method
+from eivor.estimation.weighting.whitening import SpectralWhitening
 from eivor.flights import without_lag
 from eivor.flights.ahead import Ahead
 from eivor.flights.airborne import Active
@@ -26,7 +29,7 @@ from eivor.flights.selection import Selection
 from eivor.flights.shown import Panel, Trace
 from eivor.flights.words import CardSection
 from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule
+from eivor.models.instruments import InstrumentRule, NoInstruments
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rates.rate_panel import rate_panel
@@ -43,11 +46,15 @@ from eivor.motions.rigid_body.quantities import at_hover, viscous_friction
 from eivor.motions.rigid_body.rotor_order import order_shown
 from eivor.motions.rigid_body.rule import all_grounds
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
+from eivor.motions.rigid_body.surrogate import noises_known, noisier
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
 from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
 from eivor.shapes import Float
 from eivor.signals.recording import Recording
+
+#: The method whose rows are whitened, as those of the motion's own methods are.
+TOTAL_LEAST_SQUARES = "total_least_squares"
 
 
 @dataclass(frozen=True)
@@ -58,9 +65,12 @@ class RigidBody(Motion[LaggedRuns]):
     ----------
     vehicle : KnownVehicle, optional
         What flies; without it nothing is identified.
+    pooled : bool
+        Several of its flights are identified, so that what is said of the vehicle file is said of all.
     """
 
     vehicle: KnownVehicle | None = None
+    pooled: bool = False
 
     name = "rigid-body"
     model_name = "rigid_body"
@@ -109,9 +119,23 @@ class RigidBody(Motion[LaggedRuns]):
         """Samples in the air, see `Motion.active`."""
         return active(log, grid)
 
+    def weighted(self, method: Method, /) -> Method:
+        """Total least squares of whitened rows: between samples rates and speeds are mostly noise."""
+        if method.name != TOTAL_LEAST_SQUARES or not isinstance(method, LinearMethod):
+            return method
+        return replace(method, row_weighting=SpectralWhitening())
+
+    def for_flights(self, flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> RigidBody:
+        """With whether there are several, see `Motion.for_flights`."""
+        return replace(self, pooled=len(flights) > 1)
+
     def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the flights for each lag and delay, see `Motion.problem`."""
-        return rigid_body_problem(flights, self.layout, rule)
+        problem = rigid_body_problem(flights, self.layout, rule)
+        if not all(map(noises_known, flights)):
+            return problem
+        surrogates = tuple(map(noisier, flights))
+        return replace(problem, noisier=rigid_body_problem(surrogates, self.layout, NoInstruments()))
 
     def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
@@ -131,8 +155,8 @@ class RigidBody(Motion[LaggedRuns]):
         _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """What commands that the log does not hold leave open, see `eivor.motions.rigid_body.allowances`."""
-        return all_allowances(flights, quantities)
+        """What the log does not say of commands and filters, see `eivor.motions.rigid_body.allowances`."""
+        return all_allowances(flights, quantities, self.layout.vehicle)
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
@@ -154,6 +178,8 @@ class RigidBody(Motion[LaggedRuns]):
         shown = order_shown(flights, self.layout)
         if shown is not None:
             return shown.numbers
+        if self.pooled and len(flights) == 1:
+            return {}  # the whole pool is asked about filters
         filters = filters_not_passed(problem, estimate, flights, self.layout)
         return {} if filters is None else filters.numbers
 
