@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import subprocess
 import tempfile
 import time
@@ -30,6 +31,7 @@ class Served:
     port: int
     token: str
     start_s: float
+    processor_s: float
 
     def ask(self, method: str, path: str, body: bytes | None = None, name: str = "") -> bytes:
         """Content of an answer."""
@@ -61,6 +63,12 @@ class Served:
         return _held_mb(self.process), sum(map(_held_mb, below))
 
 
+def _processor_s(process: int) -> float:
+    """Time that a process has had of a processor [s]."""
+    ticks = Path(f"/proc/{process}/stat").read_text("utf-8", "replace").rpartition(")")[2].split()[11:13]
+    return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+
+
 def _held_mb(process: int) -> float:
     pages = int(Path(f"/proc/{process}/statm").read_text("ascii").split()[1])
     return pages * 4096 / 1e6
@@ -77,7 +85,9 @@ def served() -> Iterator[Served]:
             url = urlsplit(process.stdout.readline().strip())
             start_s = time.perf_counter() - begun
             assert url.port is not None
-            yield Served(process.pid, url.port, parse_qs(url.query)["token"][0], start_s)
+            yield Served(
+                process.pid, url.port, parse_qs(url.query)["token"][0], start_s, _processor_s(process.pid)
+            )
         finally:
             process.terminate()
 
@@ -87,7 +97,10 @@ def main() -> None:
     print(machine())
     repeats = 1 if small else 5
     with tempfile.TemporaryDirectory() as folder, served() as page:
-        print(f"start {page.start_s:.2f} s; of target {page.start_s / TARGET_START_S:.2f}")
+        print(
+            f"start {page.start_s:.2f} s, {page.processor_s:.2f} s of a processor; "
+            f"of target {page.start_s / TARGET_START_S:.2f}, {page.processor_s / TARGET_START_S:.2f}"
+        )
         page.ask("GET", "/choices")
         own, waiting = page.held_mb()
         print(

@@ -63,5 +63,7 @@ class QuickWork(Telling):
             os._exit(9)
         (item.folder / RESULT).write_text(said, encoding="utf-8")
         tell(Found("identified"))
+        if "unreported" in said:
+            return Refused(500, dict.fromkeys(("expected", "received", "advice", "sentence"), said))
         (item.folder / REPORT).write_text(f"<p>{said}", encoding="utf-8")
         return None

@@ -78,18 +78,24 @@ def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
     assert page.last(page.job(b"well")) == {"done": {"status": "identified"}}
 
 
-def test_what_a_process_dies_of_is_a_sentence(opening):
-    page = opening(workers=1, limits=Limits(0.6, 0.2))
+def test_a_log_that_is_refused_is_a_sentence(page):
     assert page.last(page.job(b"refuse"))["failed"] == {"sentence": "It is refuse."}
-    for content, sentence in {
-        b"die": "died (exit code 7)",
-        b"memory": "It took more than 0.2 GB of memory.",
-        b"sleep": "It took longer than 0.6 s to answer.",
-    }.items():
-        told = page.last(page.job(content))["failed"]
-        assert told["expected"] == "a log that takes at most 0.6 s and 0.2 GB"
-        assert sentence.rstrip(".") in told["sentence"]
-        assert "eivor serve --time S --memory GB" in told["advice"]
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"die", "died (exit code 7)"),
+        pytest.param(b"memory", "It took more than 0.2 GB of memory", marks=pytest.mark.thorough),
+        pytest.param(b"sleep", "It took longer than 0.6 s to answer", marks=pytest.mark.thorough),
+    ],
+)
+def test_what_a_process_dies_of_is_a_sentence(opening, content, sentence):
+    page = opening(workers=1, limits=Limits(0.6, 0.2))
+    told = page.last(page.job(content))["failed"]
+    assert told["expected"] == "a log that takes at most 0.6 s and 0.2 GB"
+    assert sentence in told["sentence"]
+    assert "eivor serve --time S --memory GB" in told["advice"]
     assert page.last(page.job(b"once")) == {"done": {"status": "identified"}}
 
 
@@ -107,6 +113,16 @@ def test_a_process_that_is_killed_takes_nothing_along(opening):
         last = list(events)[-1]
     assert "signal 9" in last["failed"]["sentence"]
     assert page.last(page.job(b"well")) == {"done": {"status": "identified"}}
+
+
+def test_a_verdict_stays_where_its_report_fails(page):
+    job = page.job(b"unreported")
+    assert page.last(job) == {"done": {"status": "identified"}}
+    assert page("GET", f"/jobs/{job}/result.json")[1] == b"unreported"
+    assert page.refused("GET", f"/jobs/{job}/report.html") == (
+        500,
+        "Expected unreported; received unreported. unreported",
+    )
 
 
 def test_the_queue_is_bounded(opening):

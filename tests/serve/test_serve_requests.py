@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import html
 import json
+import os
 import socket
+import subprocess
+import sys
 import time
 
 import pytest
 
+from eivor.serve import handler, kept_logs
 from eivor.serve import server as of_server
 from eivor.serve.kept_logs import shown_name
 from eivor.serve.page.page import page_text
@@ -178,3 +183,29 @@ def test_connections_are_bounded_and_must_say_what_they_want(page, monkeypatch):
         line.close()
     monkeypatch.undo()
     assert page("GET", "/choices")[0] == 200
+
+
+def test_a_slow_log_is_given_up(page, monkeypatch):
+    monkeypatch.setattr(handler, "BODY_S", -10.0)
+    assert page.refused("POST", "/logs", b"slow")[0] == 408
+    assert page.server.logs._coming == 0
+
+
+def test_a_full_disk_is_told(page, monkeypatch):
+    monkeypatch.setattr(kept_logs, "LEFT_FREE", 10**18)
+    status, sentence = page.refused("POST", "/logs", b"log")
+    assert (status, "room for 3 bytes more" in sentence) == (507, True)
+    monkeypatch.undo()
+
+    def full(_path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(kept_logs, "whole_file", full)
+    status, sentence = page.refused("POST", "/logs", b"log")
+    assert (status, "No space left on device" in sentence) == (500, True)
+
+
+def test_the_server_loads_nothing_heavy():
+    code = "import sys, eivor.serve.handler, eivor.serve.server; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "scipy", "polars", "matplotlib", "eivor.serve.working"} & set(done.stdout.split())

@@ -35,9 +35,9 @@ pytestmark = pytest.mark.usefixtures("coarse_search")
 
 @pytest.fixture(scope="module")
 def content() -> bytes:
-    """The first 40 s of the example flight as the bytes of a log."""
+    """The first 30 s of the example flight as the bytes of a log."""
     with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as path:
-        table = pl.read_parquet(path).head(4000)
+        table = pl.read_parquet(path).head(3000)
     return table.write_csv().encode()
 
 
@@ -55,7 +55,7 @@ def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[An
 
 def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     outcome, told = identified(
-        tmp_path, {"my flight.csv": content}, window=[1, 39.5], lag="60:20", max_tilt=20
+        tmp_path, {"my flight.csv": content}, window=[1, 29.5], lag="60:20", max_tilt=20
     )
     assert outcome is None
     stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
@@ -65,7 +65,7 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     (tmp_path / "typed").mkdir()
     monkeypatch.chdir(tmp_path / "typed")
     Path("my flight.csv").write_bytes(content)
-    options = ["--window", "1:39.5", "--lag", "60:20", "--max-tilt", "20"]
+    options = ["--window", "1:29.5", "--lag", "60:20", "--max-tilt", "20"]
     with pytest.raises(SystemExit):
         application("identify")(
             ["identify", "my flight.csv", *options, "--json", "fit.json", "--html", "page.html"]
@@ -145,7 +145,7 @@ def test_choices_are_those_that_there_are():
 
 @pytest.mark.thorough
 def test_several_logs_are_pooled_and_told_apart(tmp_path, content):
-    other = content + content.splitlines(keepends=True)[-1].replace(b"39.99", b"40.00", 1)
+    other = content + content.splitlines(keepends=True)[-1].replace(b"29.99", b"30.00", 1)
     outcome, _ = identified(tmp_path, {"a.csv": content, "b.csv": other})
     assert outcome is None
     own = json.loads((tmp_path / "result.json").read_bytes())

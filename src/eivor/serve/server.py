@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import re
 import secrets
 import shutil
@@ -211,7 +212,8 @@ class _Http(ThreadingHTTPServer):
 
     def server_bind(self) -> None:
         """Bind without asking anybody for the name of the address."""
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if os.name == "posix":  # elsewhere another program could take the port over
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         self.socket.bind(self.server_address)
         self.server_address = self.socket.getsockname()
         self.server_name, self.server_port = ADDRESS, self.server_address[1]
