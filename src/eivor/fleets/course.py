@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import polars as pl
@@ -20,7 +21,7 @@ from eivor.fleets.pooled_rows import VEHICLE, compared, groups_of
 from eivor.flights.across import AcrossFlights, Covariate
 from eivor.inference.courses.deviation import deviation_p_values
 from eivor.inference.courses.drift import Drifts, drifts
-from eivor.inference.courses.isolated import isolated_variances
+from eivor.inference.courses.isolated import Isolation
 from eivor.inference.courses.ordered import Ordered
 from eivor.inference.courses.shared_slopes import SharedSlopes, shared_slopes
 from eivor.inference.courses.step import Steps, after_step, steps
@@ -86,9 +87,9 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
         x *= _of_type(groups, vehicles, y, v)
     at = rows["hours"].to_numpy()
     given = _Given(groups, vehicles, y, v, at, x, used)
-    found, slopes, between = given.without(y, given.between(y, v), at[None, :])
+    found, slopes, between = given.without(given.errors(y), given.between(y, v), at[None, :])
     if used:  # again, beside the step that is seen now
-        found, slopes, _ = given.without(found.y, between, np.stack([at, after_step(found)]))
+        found, slopes, _ = given.without(found.errors, between, np.stack([at, after_step(found)]))
     return Corrected(found, vehicles, used, slopes)
 
 
@@ -106,16 +107,16 @@ class _Given:
 
     def without(
         self,
-        level: Float[np.ndarray, " rows"],
+        errors: Float[np.ndarray, " rows"],
         between: Float[np.ndarray, " groups"],
         courses: Float[np.ndarray, "c rows"],
     ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
-        """Estimates without covariates, by the level and the variance between that were found before."""
+        """Estimates without covariates, by the errors and the variance between that were found before."""
         slopes = shared_slopes(
             self.groups,
             self.vehicles,
             self.y,
-            weights_of(self.groups, self._errors(level), between),
+            weights_of(self.groups, errors, between),
             courses,
             self.x,
             np.array([one.slope for one in self.used]),
@@ -124,7 +125,7 @@ class _Given:
         of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
         level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
         covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
-        errors = self._errors(level)
+        errors = self.errors(level) if self.used else errors
         between = self.between(level, errors, between)
         weights, own = (weights_of(self.groups, one, between) for one in (errors, self.v))
         return (
@@ -142,9 +143,13 @@ class _Given:
         """Variance between flights, common to a type."""
         return paule_mandel(self.groups, level, errors, together=self.vehicles, near=near)
 
-    def _errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    def errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         """Variances of the estimates, those of isolated ones as large as they are far off."""
-        return self.v + isolated_variances(self.groups, self.vehicles, level, self.v)
+        return self.v + self._isolation.added(level)
+
+    @cached_property
+    def _isolation(self) -> Isolation:
+        return Isolation(self.groups, self.vehicles, self.v)
 
 
 def _of_type(

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from eivor.inference.courses.isolated import isolated_variances
+from eivor.inference.courses.isolated import Isolation
 from eivor.inference.random_effects.groups import Groups, one_group
 
 
 def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:
     """What is added to variances of 1e-4, the groups a set unless said otherwise."""
     v = np.full(y.size, 1e-4)
-    return isolated_variances(Groups(np.array(sizes)), sets or one_group(len(sizes)), y, v)
+    return Isolation(Groups(np.array(sizes)), sets or one_group(len(sizes)), v).added(y)
 
 
 def noise(seed: int, rows: int) -> np.ndarray:

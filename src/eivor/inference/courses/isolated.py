@@ -9,6 +9,9 @@ distance squared: it counts little, and is kept.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 
 from eivor.inference.random_effects.groups import Groups
@@ -22,24 +25,65 @@ FAR = 2.5
 OF_THREE, OF_SQUARES = 0.449, 0.455
 
 
-def isolated_variances(
-    groups: Groups, sets: Groups, y: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Variance to be added to that of isolated estimates, zero for all others. Performs no checks.
+@dataclass(frozen=True)
+class Isolation:
+    """What tells isolated estimates of some variances. Performs no checks.
 
     Parameters
     ----------
     groups, sets : Groups
         Of the rows, and of the groups: those of a set scatter alike, or more.
-    y, variances : ndarray, shape (rows,)
-        Estimates in their order, and v.
+    variances : ndarray, shape (rows,)
+        v.
     """
-    distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
-    distance[np.isinf(distance)] = 0.0
-    one = variances + groups.spread(_between_neighbours(groups, sets, y, variances))
-    usual = groups.sums(one) / groups.sizes
-    far = distance**2 > FAR**2 * (one + OF_THREE * groups.spread(usual))
-    return np.where(far, distance**2, 0.0)
+
+    groups: Groups
+    sets: Groups
+    variances: Float[np.ndarray, " rows"]
+
+    def added(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Variance to be added to that of isolated estimates, zero for all others.
+
+        Parameters
+        ----------
+        y : ndarray, shape (rows,)
+            Estimates in their order.
+        """
+        groups = self.groups
+        distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
+        distance[np.isinf(distance)] = 0.0
+        one = self.variances + groups.spread(self._between_neighbours(y))
+        usual = groups.sums(one) / groups.sizes
+        far = distance**2 > FAR**2 * (one + OF_THREE * groups.spread(usual))
+        return np.where(far, distance**2, 0.0)
+
+    def _between_neighbours(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+        """Variance between, by the median of squared differences: of its set, or its own if larger."""
+        squares = (y[self._pairs + 1] - y[self._pairs]) ** 2
+        of_group, of_set = (
+            0.5 * np.maximum(_medians(sizes, squares) / OF_SQUARES - errors, 0.0)
+            for sizes, errors in zip(self._sizes, self._errors, strict=True)
+        )
+        return np.maximum(of_group, self.sets.spread(of_set))
+
+    @cached_property
+    def _pairs(self) -> Int[np.ndarray, " pairs"]:
+        """First rows of neighbours in one group."""
+        of_row = np.repeat(np.arange(self.groups.sizes.size), self.groups.sizes)
+        return np.flatnonzero(of_row[1:] == of_row[:-1])
+
+    @cached_property
+    def _sizes(self) -> tuple[Int[np.ndarray, " groups"], Int[np.ndarray, " sets"]]:
+        """Pairs of each group and of each set."""
+        of_group = self.groups.sizes - 1
+        return of_group, np.add.reduceat(of_group, self.sets.starts)
+
+    @cached_property
+    def _errors(self) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " sets"]]:
+        """Median of what errors add to squared differences, in each group and in each set."""
+        errors = self.variances[self._pairs + 1] + self.variances[self._pairs]
+        of_group, of_set = (_medians(sizes, errors) for sizes in self._sizes)
+        return of_group, of_set
 
 
 def _distance(groups: Groups, y: Float[np.ndarray, " rows"], way: int) -> Float[np.ndarray, " rows"]:
@@ -53,23 +97,6 @@ def _distance(groups: Groups, y: Float[np.ndarray, " rows"], way: int) -> Float[
     nearer = np.minimum(np.abs(first), np.abs(second))
     few = np.where(left == 1, np.abs(first), np.where(left == 2, nearer, middle))
     return np.where(left > 0, few, np.inf)
-
-
-def _between_neighbours(
-    groups: Groups, sets: Groups, y: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " groups"]:
-    """Variance between estimates by the median of squared differences: of its set, or its own if larger."""
-    of_row = np.repeat(np.arange(groups.sizes.size), groups.sizes)
-    pairs = np.flatnonzero(of_row[1:] == of_row[:-1])
-    squares, errors = (y[pairs + 1] - y[pairs]) ** 2, variances[pairs + 1] + variances[pairs]
-
-    def between(sizes: Int[np.ndarray, " parts"]) -> Float[np.ndarray, " parts"]:
-        excess = _medians(sizes, squares) / OF_SQUARES - _medians(sizes, errors)
-        return 0.5 * np.maximum(excess, 0.0)
-
-    of_group = groups.sizes - 1
-    of_set = np.add.reduceat(of_group, sets.starts)
-    return np.maximum(between(of_group), sets.spread(between(of_set)))
 
 
 def _medians(
