@@ -130,10 +130,8 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
     assert report.evaluate(LOOKS) == []
     nothing_went_wrong(page, server)
     server.jobs.end(next(url for url in page.asked if url.endswith("/events")).split("/")[-2])
-    with page.expect_response("**/report.html"):
-        page.get_by_role("button", name="report.html").click()
-    page.wait_for_timeout(500)
-    assert "is forgotten: drop the log again." in page.locator(".files .why").first.text_content()
+    page.get_by_role("button", name="report.html").press("Enter")
+    page.locator(".files .why", has_text="is forgotten: drop the log again.").wait_for(timeout=A_WHILE)
 
 
 def test_keys_alone_fit_another_window_again(served, server, log):
