@@ -86,8 +86,8 @@ def test_a_log_that_is_refused_is_a_sentence(page):
     ("content", "sentence"),
     [
         (b"die", "died (exit code 7)"),
-        pytest.param(b"memory", "It took more than 0.2 GB of memory", marks=pytest.mark.thorough),
-        pytest.param(b"sleep", "It took longer than 0.6 s to answer", marks=pytest.mark.thorough),
+        pytest.param(b"memory", "it took more than 0.2 GB of memory", marks=pytest.mark.thorough),
+        pytest.param(b"sleep", "it took longer than 0.6 s to answer", marks=pytest.mark.thorough),
     ],
 )
 def test_what_a_process_dies_of_is_a_sentence(opening, content, sentence):

@@ -234,8 +234,8 @@ class Workers:
         refused = RefusedError(
             HTTPStatus.INTERNAL_SERVER_ERROR,
             f"a log that takes at most {limits.time_s:g} s and {limits.memory_gb:g} GB",
-            f"another one. {sentence.removesuffix('.')}",
-            "Take a shorter window, or start with more: eivor serve --time S --memory GB.",
+            f"another one ({sentence[:1].lower()}{sentence[1:].removesuffix('.')})",
+            "Cut the log to the manoeuvre of interest, or start with more: eivor serve --time S --memory GB.",
         )
         return Refused(int(refused.status), told(refused))
 
