@@ -50,7 +50,7 @@ class Told:
     table_bytes, parts : int
         Of the files of the table.
     row_bytes : float
-        Of a row in one file of all rows.
+        Of a row with a result, in one file of all such rows.
     ended : int
         Runs, or workers, that were killed or interrupted on the way.
     seconds, cpu_s, parent_mb : float
@@ -161,6 +161,7 @@ def _told(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended: 
     table = read_flights(fleet)
     verdicts = table.group_by("verdict").agg(pl.len()).sort("verdict").rows()
     parts, whole = part_files(fleet), parquet_bytes(table)
+    results = table.filter(pl.col("covariance").is_not_null())
     return Told(
         fleet.name,
         what,
@@ -171,7 +172,7 @@ def _told(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended: 
         hashlib.sha256(whole).hexdigest(),
         sum(path.stat().st_size for path in parts),
         len(parts),
-        len(whole) / table.height,
+        len(parquet_bytes(results)) / max(1, results.height),
         ended,
         took["seconds"],
         took["cpu_s"],
