@@ -9,16 +9,8 @@ const GONE = { sentence: "Eivor's server does not answer.", advice: "Start it ag
 const UNREADABLE = { sentence: "The browser cannot read this file.", advice: "Drop a log itself, not its folder." };
 const STOPPED = { sentence: "The server stopped before it had finished this.", advice: "Try again; where it happens again, take a shorter window." };
 
-// The token came with the address. It is kept for this tab only, and taken out of the address and its history.
-function tokenOfTab() {
-  const given = new URLSearchParams(location.search).get("token");
-  if (given) {
-    sessionStorage.setItem("eivor-token", given);
-    history.replaceState(null, "", location.pathname);
-  }
-  return given || sessionStorage.getItem("eivor-token") || "";
-}
-const TOKEN = tokenOfTab();
+// The token is in the address, where loading the page again finds it.
+const TOKEN = new URLSearchParams(location.search).get("token") ?? "";
 
 async function ask(method, path, { body, headers, keepalive } = {}) {
   let answer;
