@@ -1,6 +1,6 @@
 """Draw what fractional difference equations say: a cell's impedance, and a step response with its error.
 
-    python examples/draw_fractional.py [FOLDER]
+    PYTHONPATH=. python examples/draw_fractional.py [FOLDER]
 
 The cell is the record of seed 0 of the study of `validation/fractional`, current and voltage both noisy.
 """

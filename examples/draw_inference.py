@@ -1,6 +1,6 @@
 """Draw what inference says of one simulated record, and of the coverage study.
 
-    python examples/draw_inference.py [FOLDER]
+    PYTHONPATH=. python examples/draw_inference.py [FOLDER]
 
 writes the pictures of the documentation: intervals of several methods beside each other, the joint region
 of friction and gain, the residual of generalized IV, and the coverage of the default intervals. The record

@@ -5,7 +5,7 @@ and the log holds what an autopilot would log: commanded (not actual) rotor spee
 trajectory's references. The seed was fixed before any estimate was seen and is never changed because
 another one would look better.
 
-    python examples/make_example_flight.py [FOLDER]
+    PYTHONPATH=. python examples/make_example_flight.py [FOLDER]
 """
 
 from __future__ import annotations

@@ -236,7 +236,11 @@ def test_priors_of_two_nuisances_are_searched_together(method):
 
 
 @pytest.mark.calibration
-@pytest.mark.parametrize("method", METHODS, ids=named)
+@pytest.mark.parametrize(
+    "method",
+    [one if one.name == "reference_iv" else pytest.param(one, marks=pytest.mark.long) for one in METHODS],
+    ids=named,
+)
 def test_intervals_with_a_prior_cover(method):
     """Where data and prior say about as much, over draws of both."""
     rng, std = np.random.default_rng(11), 0.005

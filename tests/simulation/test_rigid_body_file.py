@@ -137,7 +137,7 @@ def test_shipped_flights_fly(name):
     assert np.abs(flight.truth.torque_setpoint).max() < 1.0
 
 
-@pytest.mark.calibration
+@pytest.mark.long
 def test_their_vertical_motion_is_identified():
     """Seeds from zero on, none left out; 95 % intervals of the friction and the input gain."""
     seeds, chance = 4, 1e-3
