@@ -50,6 +50,7 @@ def test_runs_of_a_second_serve_and_those_mostly_beyond_the_limit_do_not(log):
     assert prepare_vertical(tilting(log, *short), FlightOptions()).runs == ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["reference_iv", pytest.param("extended_iv", marks=pytest.mark.thorough)])
 @pytest.mark.usefixtures("coarse_search")
 def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):

@@ -118,6 +118,7 @@ def test_strong_instruments_at_a_wrong_lag_tell_nothing():
     assert any("how long the lag is at most" in sentence for sentence in result.verdict.sentences)
 
 
+@pytest.mark.thorough
 def test_weak_instruments_refuse_nothing_that_a_bounded_set_tells(two_frequencies):
     result = ev.identify_flight(two_frequencies)
     assert min(result.fit.checks.first_stage.values()) < 10.0

@@ -124,6 +124,7 @@ def mutated(content, seed):
     return bytes(data)
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_mutated_logs(read, sound):
     assert all(survives(read, mutated(sound, seed)) for seed in range(80))

@@ -59,6 +59,7 @@ def test_a_job_tells_its_stages_and_has_a_result(page):
     assert not list(page.server.folder.glob(f"jobs/{job}*"))
 
 
+@pytest.mark.thorough
 def test_a_running_job_is_cancelled_and_so_is_one_that_waits(opening):
     page = opening(workers=1, limits=Limits(60.0, 0.5))
     running, waiting = page.job(b"child and sleep"), page.job(b"sleep")

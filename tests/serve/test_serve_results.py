@@ -53,6 +53,7 @@ def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[An
     return outcome_of(Identify(asked, kept, folder), told.append), told
 
 
+@pytest.mark.thorough
 def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     outcome, told = identified(
         tmp_path, {"my flight.csv": content}, window=[1, 29.5], lag="60:20", max_tilt=20

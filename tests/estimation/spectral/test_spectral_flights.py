@@ -80,6 +80,7 @@ def test_declared_noises_are_taken_as_they_are() -> None:
     assert disturbance.strength_error > 0.0
 
 
+@pytest.mark.thorough
 def test_a_likelihood_under_control_is_provisional_at_most() -> None:
     found = identified("whittle_ml")
     assert found.verdict.status is Status.PROVISIONAL

@@ -66,6 +66,7 @@ def stub(J: float) -> Mock:
     return estimate
 
 
+@pytest.mark.thorough
 def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypatch):
     flown = simulate_rigid_body_flights([replace(BASE, duration=seconds) for seconds in (5.0, 7.0)])
     rotors = BASE.vehicle.rotors

@@ -49,6 +49,7 @@ def flight() -> PreparedFlight:
     return flown([SPEC])[0]
 
 
+@pytest.mark.thorough
 def test_the_right_order_is_not_accused(flight):
     assert shown(flight, TRUE) is None
 

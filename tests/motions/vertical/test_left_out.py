@@ -68,6 +68,7 @@ def test_quadratic_drag_is_missed(log):
     assert "a drag of 0.2" in left_out_told(left_out_numbers(found))[0][1]
 
 
+@pytest.mark.thorough
 def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log):
     count = log.channels["velocity_z"].values.size
     share = np.linspace(0.0, 1.0, count)
