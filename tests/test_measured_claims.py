@@ -36,6 +36,7 @@ def fitted(example: ev.FlightEstimate, lag_s: float) -> tuple[float, float]:
     return float(theta[0]), 1.0 - float(residual.var() / flight.acceleration.var())
 
 
+@pytest.mark.thorough
 def test_least_squares_without_the_lag_is_negative(example):
     friction, explained = fitted(example, 0.0)
     readme, page = words("README.md"), words("docs", "method.md")

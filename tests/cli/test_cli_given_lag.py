@@ -13,6 +13,7 @@ Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_lag_is_given_in_milliseconds(eivor: Caller, log: Path, tmp_path: Path) -> None:
     run = eivor("identify", log, "--lag", "70:15", "--json", tmp_path / "fit.json")

@@ -27,6 +27,7 @@ def test_every_channel_is_listed_with_its_source(eivor: Caller, log: Path, fligh
     assert max(len(line) for line in run.out.splitlines()) <= 100
 
 
+@pytest.mark.thorough
 def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) -> None:
     run = eivor("inspect", f"{log}@5:20", "--json", "-")
     document = json.loads(run.out)

@@ -31,6 +31,7 @@ def test_a_report_is_what_identify_finds(eivor, log, tmp_path):
     assert page.read_bytes() == (tmp_path / "other.html").read_bytes()
 
 
+@pytest.mark.thorough
 def test_a_refusal_is_a_report_too(eivor, log, tmp_path):
     page = tmp_path / "flight.html"
     assert eivor("report", log, "--window", "0:4", "-o", page).code == 3

@@ -76,6 +76,7 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
     assert truth["disturbance"]["route"] == "equation"
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # hundreds of steps of the same shapes
 def test_a_whole_vehicle_flies(eivor, tmp_path):
     """All its axes are logged, on the clocks that the file says; the truth has what each axis can tell."""

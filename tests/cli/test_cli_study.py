@@ -55,6 +55,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.thorough
 def test_table(eivor, file):
     run = eivor("study", file, "--workers", 1)
     assert (run.code, run.err) == (0, "")

@@ -20,6 +20,7 @@ def test_track_prints_draws_and_writes(eivor, tmp_path):
     assert document["changes"] == []
 
 
+@pytest.mark.thorough
 def test_wrong_usage_is_told(eivor):
     assert eivor("track").code == 2
     run = eivor("track", "--example", "--memory", "900")

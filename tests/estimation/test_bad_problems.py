@@ -276,6 +276,7 @@ for function in (of_rows, of_moments, of_chunks):
 """
 
 
+@pytest.mark.thorough
 def test_the_warning_of_weak_instruments_points_to_the_users_line(tmp_path):
     """In a process of its own: the checks of shapes in this one are frames between the two."""
     file = tmp_path / "caller.py"

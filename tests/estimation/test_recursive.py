@@ -91,6 +91,7 @@ def test_equals_the_weighted_batch_where_samples_are_missing(fractional):
     np.testing.assert_allclose(values(after(signals).estimate()), batch(signals), rtol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "cuts", [range(1, 420), (5, 9, 11, 400), np.arange(7, 420, 7)], ids=["single samples", "few", "sevens"]
 )

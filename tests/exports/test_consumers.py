@@ -33,6 +33,7 @@ def flown(parameters: dict[str, Any], command: float) -> tuple[float, np.ndarray
     return float(state["v"][2]), np.array(speeds)
 
 
+@pytest.mark.thorough
 def test_rotorpy_climbs_and_lags_as_the_flight_did(tmp_path: Path) -> None:
     pytest.importorskip("rotorpy", reason="RotorPy is not installed")
     parameters = quad_params(tmp_path)

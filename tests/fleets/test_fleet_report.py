@@ -162,6 +162,7 @@ def test_covariates_come_first_and_are_told():
     assert not reported(spec, unknown).covariates.height
 
 
+@pytest.mark.thorough
 def test_a_payload_that_grows_is_no_wear(tmp_path) -> None:
     """Without the mass it looks like wear of 23 %; with it nothing changes, and wear beside it is found."""
     heavier = {"vehicles": 4, "weather": 0.05, "battery": 0.03, "payload": 0.3, "seed": 4}

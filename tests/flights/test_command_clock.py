@@ -197,6 +197,7 @@ def test_without_a_told_clock_the_command_is_late_by_less_than_the_slack():
     assert even.slack_s == pytest.approx(0.005)
 
 
+@pytest.mark.thorough
 def test_what_the_log_does_not_tell_is_said_with_the_lag():
     log = thinned(flown(seconds=20.0, seed=4)[0], 3)
     prepared = prepare_vertical(log, FlightOptions())

@@ -50,6 +50,7 @@ def test_noise_on_the_grid_is_what_samples_between_stamps_leave_of_it(rate_hz):
         assert share == pytest.approx(1.0)
 
 
+@pytest.mark.thorough
 def test_what_is_declared_a_data_sheet_and_a_map_say_the_same(log):
     assert level(log, noise={"velocity_z": NOISE}).std == pytest.approx(NOISE)
     sheet = DataSheet(density=0.04, bandwidth_hz=50.0, step=0.1)

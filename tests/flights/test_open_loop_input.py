@@ -40,6 +40,7 @@ def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(lo
     assert "input" not in [one.name for one in prepare_vertical(log, FlightOptions()).references]
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_the_reason_is_given(log):
     flown_by_hand = changed(log, input_open_loop=channel("landed", [0.0, 19.9], [1.0, 1.0]))

@@ -149,6 +149,7 @@ def test_other_levels_of_a_set_are_not_read_back(two_frequencies, gusty, tmp_pat
             saved.interval(K, 0.9)
 
 
+@pytest.mark.thorough
 def test_strong_instruments_keep_the_interval_about_the_estimate(gusty):
     result = ev.identify_flight(gusty)
     assert result.quantities[K].interval == result.fit.sets[K].wald.hull == result.estimate.interval(K)

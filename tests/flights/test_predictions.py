@@ -29,6 +29,7 @@ def left(problem, values):
     ]
 
 
+@pytest.mark.thorough
 def test_the_truth_predicts(problem):
     one_step, open_loop = Vertical().predictions(problem, TRUTH)
     assert (one_step.horizon.words, open_loop.horizon.words) == ("one step ahead", "in open loop")

@@ -44,6 +44,7 @@ def test_a_jump_of_the_clock_costs_what_a_pause_costs():
         assert jumped.quantities[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std_error)
 
 
+@pytest.mark.thorough
 def test_only_the_samples_used_are_searched():
     log = flown(seconds=30.0)[0]
     prepared = prepare_vertical(log, FlightOptions(window=(20.0, 24.0)))

@@ -56,6 +56,7 @@ def thorough(*rest):
     return [pytest.param(one, marks=pytest.mark.thorough) for one in rest]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "kind", ["sqlite", "chunks", *thorough("mcap", "messages", "files", "bare", "ros1", "split")]
 )

@@ -119,6 +119,7 @@ def test_every_length(tmp_path, seeds, name, cuts):
         survives(tmp_path / "cut", blob[:length])
 
 
+@pytest.mark.thorough
 @pytest.mark.recordings
 @pytest.mark.parametrize(
     "name",

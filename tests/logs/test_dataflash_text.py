@@ -24,6 +24,7 @@ def read(tmp_path):
     return read
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("dialect", "block"), [("3.3", text.BLOCK), ("3.4", text.BLOCK), ("4.1", 3000), ("4.6", text.BLOCK)]
 )

@@ -63,6 +63,7 @@ def test_tables_on_a_clock_of_the_day_know_when(tmp_path, first, start):
     assert read_log(path).origin.start == start
 
 
+@pytest.mark.thorough
 def test_a_written_recording_keeps_its_origin(tmp_path):
     log = ev.recording_from_columns({"time": np.arange(5.0), "velocity_z": np.ones(5)})
     for origin in (LogOrigin("N1", "quad", "PX4 1.15.0", START), LogOrigin()):

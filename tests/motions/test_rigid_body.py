@@ -176,6 +176,7 @@ def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
     assert np.abs(slow).max() < 0.2 * np.abs(np.fft.rfft(by_sensor)[2:8]).max()
 
 
+@pytest.mark.thorough
 def test_a_vehicle_is_asked_for(flight):
     with pytest.raises(UsageError, match="--vehicle"):
         identify_flight(flight.recording, model="rigid-body")

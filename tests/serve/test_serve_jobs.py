@@ -182,6 +182,7 @@ def test_old_logs_make_room_and_those_of_jobs_stay(opening):
     page.json("DELETE", f"/logs/{others[1]}")
 
 
+@pytest.mark.thorough
 def test_nothing_is_left_when_it_closes_in_the_middle(opening):
     page = opening(workers=2, limits=Limits(60.0, 0.5))
     jobs = [page.job(b"sleep") for _ in range(3)]
@@ -205,6 +206,7 @@ def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
     assert len(set(page.server.workers.pids()) - before) == 1
 
 
+@pytest.mark.thorough
 def test_drops_in_a_row_leave_nothing_behind(page):
     before = set(page.server.folder.glob("jobs/*"))
     for _ in range(20):

@@ -105,6 +105,7 @@ def test_method_told_the_delay_recovers_the_lag_from_commands(method, spec):
     assert found["input_gain"] == pytest.approx(spec.input_gain, rel=1e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
 def test_recipe_told_the_delay_recovers_the_lag_from_commands(spec):
     found = told_the_delay(spec, "reference_iv")

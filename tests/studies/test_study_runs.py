@@ -68,6 +68,7 @@ def test_trials_are_in_order(finished):
     ]
 
 
+@pytest.mark.thorough
 def test_interrupted_and_resumed(finished, tmp_path):
     first = Recorder(stop_after=1)
     with pytest.raises(KeyboardInterrupt):

@@ -25,6 +25,7 @@ def test_steps_are_dated_and_nothing_is_not_told():
     assert wear.covered >= 0.8
 
 
+@pytest.mark.thorough
 def test_the_command_makes_the_page_of_a_kept_study(tmp_path, capsys):
     grid, page, kept = (tmp_path / name for name in ("grid.toml", "page.md", "kept.jsonl"))
     cell = '[[cells]]\nwhat = "{}"\nshare = {}\nflights = 14\nvehicles = 2\nsmall = 1\nfull = 2\n'

@@ -31,6 +31,7 @@ def told(
     return Told("calm", 0, method, lag, verdict, [error, -error], [held, held])
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_command_makes_the_page_of_a_kept_study(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

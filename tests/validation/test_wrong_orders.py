@@ -19,6 +19,7 @@ def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
     assert abs(spectral) < 0.02
 
 
+@pytest.mark.thorough
 def test_the_page_comes_of_what_was_kept(tmp_path, capsys):
     grid, page, kept = tmp_path / "grid.toml", tmp_path / "page.md", tmp_path / "kept.jsonl"
     grid.write_text('scenarios = ["rich"]\nsamples = 500\nsmall = 2\nfull = 2\n')

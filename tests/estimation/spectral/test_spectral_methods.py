@@ -185,6 +185,7 @@ def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
     assert found.to_frame().height == len(found.names)
 
 
+@pytest.mark.thorough
 def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
     """A declared strength that is far off moves the likelihood; spectral GIV sees the residuals."""
     problem = problem_of("rich", 1000, 3)

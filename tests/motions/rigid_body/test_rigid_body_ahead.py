@@ -112,6 +112,7 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
     assert np.allclose(found[0, :3, 0], [0.5, 1.0, -0.5])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("refused", "left"),
     [

@@ -53,6 +53,7 @@ def test_a_log_of_every_command_leaves_nothing_open():
     assert not all_allowances((prepared(0.0),), TOLD, VEHICLE)
 
 
+@pytest.mark.thorough
 def test_a_digital_filter_is_less_late_than_a_continuous_one():
     own_s, digital_s = (
         np.sqrt(2.0) / (2.0 * np.pi * 80.0),

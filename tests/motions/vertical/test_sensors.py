@@ -82,6 +82,7 @@ def agreement(*logs) -> SensorAgreement | None:
     return VERTICAL.sensors(VERTICAL.problem(flights, chosen.rule), flights)
 
 
+@pytest.mark.thorough
 def test_sensors_that_agree(log):
     found = agreement(log)
     assert found.told == {}

@@ -137,6 +137,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     assert told.error.rms < next(one for one in worse if one.horizon is Horizon.OPEN_LOOP).error.rms
 
 
+@pytest.mark.thorough
 def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(log):
     _, high_up = with_height(with_channel(log, "battery_voltage", 16.0 * sagging(log)), 0.5)
     every = ("quadratic-drag", "ground-effect", "voltage")

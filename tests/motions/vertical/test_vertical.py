@@ -21,6 +21,7 @@ def fit() -> ev.FlightEstimate:
         return ev.identify_flight(example_flight(), FlightOptions(window=(0.0, 20.0)))
 
 
+@pytest.mark.thorough
 def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
     always = {name: wording for name, wording in Vertical.wording.items() if not wording.optional}
     assert list(fit.quantities) == list(always)
