@@ -17,6 +17,7 @@ Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
+@pytest.mark.thorough
 def test_every_channel_is_listed_with_its_source(eivor: Caller, log: Path, flight: polars.DataFrame) -> None:
     run = eivor("inspect", log)
     assert run.code == 0

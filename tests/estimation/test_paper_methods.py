@@ -54,6 +54,7 @@ def noisy(channels, stds, rng):
     return ev.Signals(rate_hz=1.0 / STEP, channels=measured, noise=noise)
 
 
+@pytest.mark.thorough
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 @pytest.mark.parametrize("name", SEVEN)
 @settings(max_examples=25)

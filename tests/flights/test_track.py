@@ -76,6 +76,7 @@ def test_a_window_without_samples_is_not_told():
     assert len(found.told) == 7
 
 
+@pytest.mark.thorough
 def test_documents_figure_and_json_agree(dropped, capsys):
     from rich.console import Console
 

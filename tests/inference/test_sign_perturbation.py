@@ -93,6 +93,7 @@ def test_region_is_the_rank_of_explicit_sums():
     assert order.size == 20
 
 
+@pytest.mark.thorough
 def test_lines_and_shadows_agree_with_membership():
     rng = np.random.default_rng(3)
     psi, columns = record(rng.standard_t(3, ROWS), rng)
@@ -111,6 +112,7 @@ def test_lines_and_shadows_agree_with_membership():
     assert not any(region.contains(middle + 1.01 * (corner - middle)) for corner in outline[::20])
 
 
+@pytest.mark.thorough
 def test_region_does_not_depend_on_units_or_on_the_mixture_of_instruments():
     rng = np.random.default_rng(9)
     psi, columns = record(rng.standard_t(2, ROWS), rng)

@@ -53,6 +53,7 @@ def test_what_is_not_logged_refuses_the_thrust_gain(turning, logged, missing):
     assert found.verdict == turning.verdict
 
 
+@pytest.mark.thorough
 def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monkeypatch):
     asked = {}
     why = Reason(Status.WEAK, "The input gain's interval is wide.", "Fly steps.")
@@ -72,6 +73,7 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
     assert told.prior.mean == turning.quantities["effective_lag"].value
 
 
+@pytest.mark.thorough
 def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
     passed = []
 

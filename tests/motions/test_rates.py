@@ -140,6 +140,7 @@ def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
     assert quiet.quantities["yaw_effectiveness"].verdict is Status.REFUSED
 
 
+@pytest.mark.thorough
 def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
     part, rotors = fit.quantities["effective_lag"].allowances
     assert part.above == pytest.approx(0.25 * 0.005)  # once a rate of 200 Hz at least
@@ -147,6 +148,7 @@ def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
     assert (rotors.below, rotors.above) == (0.001, 0.001)
 
 
+@pytest.mark.thorough
 def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
     found = fit.quantities["roll_effectiveness"]
     (part,) = found.allowances

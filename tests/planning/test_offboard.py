@@ -130,6 +130,7 @@ def test_offboard_mode_that_is_refused_ends_in_hold(flight) -> None:
     assert vehicle.calls[-2:] == ["offboard", "hold"]
 
 
+@pytest.mark.thorough
 def test_hold_is_tried_again_and_its_failure_is_told(flight) -> None:
     vehicle = Vehicle(refuses_hold=2)
     code, out = flight(vehicle)

@@ -128,6 +128,7 @@ def test_there_is_none_of_that_name():
         shipped_rigid_body_flight("helicopter")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_flights_fly(name):

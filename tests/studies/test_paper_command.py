@@ -60,6 +60,7 @@ def test_help_names_the_paper():
     assert "(2024)" in said
 
 
+@pytest.mark.thorough
 def test_json_is_finite_and_complete(two_readings):
     run = eivor(*SMALL, "--readings", "two-lags", "--json", "-")
     document = json.loads(run.output)

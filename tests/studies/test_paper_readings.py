@@ -295,6 +295,7 @@ def test_results_do_not_depend_on_the_number_of_processes():
         assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
 
 
+@pytest.mark.thorough
 def test_euler_steps_scale_both_parameters():
     """y[k] (1 - K T) = -K v[k] + K_u u[k]: least squares errs alike in both, by 100 K T / (1 - K T) %."""
     drive = np.random.default_rng(0).standard_normal(200)
@@ -312,6 +313,7 @@ def test_euler_steps_scale_both_parameters():
         assert (friction.mean, gain.mean) == pytest.approx((100 / shrunk - 100,) * 2, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_readings_with_records_in_common_give_what_they_give_alone():
     chosen = (reading("central-5-lags"), reading("two-lags"), reading("central-2-lags"))
     assert chosen[0].records == chosen[2].records != chosen[1].records

@@ -11,6 +11,7 @@ COMPENSATED = ("total_least_squares", "bias_compensated_least_squares", "general
 ORDER_PLACE = -1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("scenario", [Relaxation(), Cell()], ids=lambda scenario: scenario.name)
 def test_orders_are_within_a_hundredth_at_40_db(scenario):
     errors = answers(scenario, ways()["total_least_squares"], range(3))[:, ORDER_PLACE, 0]
@@ -18,6 +19,7 @@ def test_orders_are_within_a_hundredth_at_40_db(scenario):
     assert np.abs(errors).max() < 0.01
 
 
+@pytest.mark.thorough
 def test_the_cells_order_by_least_squares_is_wrong_and_its_interval_does_not_say_so():
     found = answers(Cell(), ways()["least_squares"], range(3))[:, ORDER_PLACE]
     assert (found[:, 0] < -0.03).all()

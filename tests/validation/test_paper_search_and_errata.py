@@ -23,6 +23,7 @@ def test_every_combination_is_searched_once():
     assert len(combinations) == len(set(combinations)) == 2 * 9 * 2 * 2 * 2 * 4 * 2 * 2
 
 
+@pytest.mark.thorough
 def test_each_choice_of_instruments_is_tried_with_both_solvers_where_there_are_enough(tried):
     assert len(tried) == 2 * len(INSTRUMENTS) - 2  # n = 2 has no total least squares solution
     assert all(np.isfinite(one.means).all() for one in tried)
@@ -51,6 +52,7 @@ def numbers(sentence: str) -> list[float]:
     return [float(word) for word in re.findall(r"[+-]?\d+\.?\d*(?:e[+-]?\d+)?", sentence)]
 
 
+@pytest.mark.thorough
 def test_what_is_used_errs_less_than_what_is_printed(checks):
     sign = numbers(checks["(6)-(10), (12), (15)-(17), (20), (23)-(27), (29)-(34)"].partition("LS")[2])
     assert sign[-1] > 100.0 * sign[0]

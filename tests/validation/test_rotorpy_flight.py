@@ -253,6 +253,7 @@ def test_wind_has_its_strength_and_correlation():
 # --------------------------------------------------------------------------------------- refusals
 
 
+@pytest.mark.thorough
 def test_lost_vehicle_is_reported_and_its_log_kept():
     flight = fly(RotorpyFlightSpec(gust_rms=40.0, duration=8.0, seed=16))
     assert not flight.flew

@@ -90,6 +90,7 @@ def test_a_likelihood_under_control_is_provisional_at_most() -> None:
     assert low < FRICTION < high
 
 
+@pytest.mark.thorough
 def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(of_flights, "_apart", lambda *_: (30.0, 13.8))
     found, plain = identified("spectral_giv"), identified("generalized_iv")

@@ -35,6 +35,7 @@ def flown(seconds: float, seed: int):
     return flight
 
 
+@pytest.mark.thorough
 def test_noise_of_speeds_goes_through_the_map_of_thrust():
     log = flown(5.0, 3).recording
     flight = prepare(log, MOTION, FlightOptions(input="rotor_speed", noise=NOISE)).shortened

@@ -102,6 +102,7 @@ SHORT = {"roll_coupling": 0.4, "pitch_coupling": 0.4}
 RATIO = QUADROTOR.rotors.torque_ratio
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("left_out", "name", "symbol", "remedy"),
     [  # a row of the table of what is supplied and what is identified for each
@@ -204,6 +205,7 @@ def test_couplings_are_weighted_by_their_errors():
     assert both.std_error == pytest.approx(one["inertia_zz"].told.std_error / np.sqrt(2.0), rel=0.05)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "error", "name", "told"),
     [
@@ -256,6 +258,7 @@ def _contradictions(change=(), yaw_error=0.001, **given):
     )
 
 
+@pytest.mark.thorough
 def test_contradictions_are_said():
     assert "no body has one beyond -1 or 1" in _contradictions({"roll_coupling": -1.5, "pitch_coupling": 1.5})
     assert "in place of 0" in _contradictions({"yaw_coupling": 0.3})
