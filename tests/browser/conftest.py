@@ -20,9 +20,12 @@ WATCH = (
 Opener = Callable[..., Any]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """The browser, one for all tests."""
+    """The browser, one for all tests of a file.
+
+    Its driver keeps an event loop of this thread while it lives, and other files' tests run loops of their own.
+    """
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="no Playwright: pip install eivor[browser] runs the tests of pages"
     )
