@@ -108,11 +108,16 @@ def weakly_told(words: str, first_stage: float) -> str:
     return f"First-stage F of the {words} is {first_stage:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
 
 
-def roughly_known(lag_half_width_s: float) -> str:
-    """How well a lag is known that is not known well, in words."""
-    if math.isfinite(lag_half_width_s):
-        return f"is known to +-{lag_half_width_s * 1e3:.0f} ms only"
-    return "has no upper bound"
+def wide_lag_reasons(half_width_s: float, needed_s: float, *, whose: str, remedy: str) -> list[Reason]:
+    """Ground of a lag that is not known well."""
+    if half_width_s <= needed_s:
+        return []
+    known = (
+        f"is known to +-{half_width_s * 1e3:.0f} ms only"
+        if math.isfinite(half_width_s)
+        else "has no upper bound"
+    )
+    return [Reason(Status.WEAK, f"The {whose} lag {known}; +-{needed_s * 1e3:.0f} ms is needed.", remedy)]
 
 
 def instrument_reasons(

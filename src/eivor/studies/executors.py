@@ -82,7 +82,25 @@ class InProcess(Executor):
 
 
 @dataclass(frozen=True, slots=True)
-class LocalProcesses(Executor):
+class _LocalPool(Executor):
+    """In a pool of this computer, whose tasks know when nobody waits for them any more."""
+
+    workers: int
+
+    def __post_init__(self) -> None:
+        check_workers(self.workers)
+
+    def _mapped(
+        self, pool: PoolExecutor, stop: Event | threading.Event, items: Iterable[Any]
+    ) -> Generator[tuple[int, Any], None, None]:
+        try:
+            yield from _as_done(pool, self.workers, items)
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+
+
+class LocalProcesses(_LocalPool):
     """In processes of this computer.
 
     Parameters
@@ -96,10 +114,7 @@ class LocalProcesses(Executor):
         When it is less than one.
     """
 
-    workers: int
-
-    def __post_init__(self) -> None:
-        check_workers(self.workers)
+    __slots__ = ()
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
@@ -111,7 +126,7 @@ class LocalProcesses(Executor):
             self.workers, mp_context=context, initializer=_begin_worker, initargs=(function, stop)
         )
         try:
-            yield from _as_done(pool, self.workers, _task_in_worker, items)
+            yield from self._mapped(pool, stop, items)
         except BrokenProcessPool as error:
             raise InputError(
                 "worker processes that live until the study is done",
@@ -119,13 +134,9 @@ class LocalProcesses(Executor):
                 "Memory may have run out: use fewer workers. A script that runs a study must guard it with "
                 "`if __name__ == '__main__':`. What was complete is kept: run the same again.",
             ) from error
-        finally:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
 
 
-@dataclass(frozen=True, slots=True)
-class LocalThreads(Executor):
+class LocalThreads(_LocalPool):
     """In threads of this process: for tasks that wait for processes of their own, as those of a fleet do.
 
     Parameters
@@ -139,10 +150,7 @@ class LocalThreads(Executor):
         When it is less than one.
     """
 
-    workers: int
-
-    def __post_init__(self) -> None:
-        check_workers(self.workers)
+    __slots__ = ()
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
@@ -150,23 +158,19 @@ class LocalThreads(Executor):
         """As they are done, see `Executor.map`."""
         stop = threading.Event()
         pool = ThreadPoolExecutor(self.workers, initializer=_begin_thread, initargs=(function, stop))
-        try:
-            yield from _as_done(pool, self.workers, _task_in_worker, items)
-        finally:
-            stop.set()
-            pool.shutdown(cancel_futures=True)
+        yield from self._mapped(pool, stop, items)
 
 
 def _as_done(
-    pool: PoolExecutor, workers: int, task: Callable[[int, Any], tuple[int, Result]], items: Iterable[Any]
-) -> Generator[tuple[int, Result], None, None]:
+    pool: PoolExecutor, workers: int, items: Iterable[Any]
+) -> Generator[tuple[int, Any], None, None]:
     """Results of a pool as they are done, of tasks that are handed out when there is room for them."""
     waiting = enumerate(items)
-    flying: set[Future[tuple[int, Result]]] = set()
+    flying: set[Future[tuple[int, Any]]] = set()
     while True:
         tasks = list(islice(waiting, TASKS_PER_WORKER * workers - len(flying)))
         with interrupts_wait():  # a task that is handed in may begin a worker
-            flying |= {pool.submit(task, *one) for one in tasks}
+            flying |= {pool.submit(_task_in_worker, *one) for one in tasks}
         if not flying:
             return
         done, flying = wait(flying, return_when=FIRST_COMPLETED)

@@ -27,10 +27,10 @@ from eivor.flights.grounds import (
     instrument_reasons,
     longest_lag_reasons,
     moved,
-    roughly_known,
     short_flight_reasons,
     told_of,
     untold,
+    wide_lag_reasons,
 )
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
@@ -170,20 +170,12 @@ def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Re
 
 def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
     """Grounds that a lag gives that is not well known."""
-    lag = strength.searched.get(ACTUATOR_LAG.name)
-    if lag is None:
+    if ACTUATOR_LAG.name not in strength.searched:
         return []
-    reasons = []
     half_width = quantities["effective_lag"].half_width
-    if half_width > LAG_HALF_WIDTH_S:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The actuators' lag {roughly_known(half_width)}; "
-                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
-                "Fly quicker steps, and log setpoints and rates faster.",
-            )
-        )
+    quicker = "Fly quicker steps, and log setpoints and rates faster."
     remedy = "Check that the setpoints are those of this vehicle, and their time stamps."
-    reasons += longest_lag_reasons(strength, remedy=remedy)
-    return reasons
+    return [
+        *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuators'", remedy=quicker),
+        *longest_lag_reasons(strength, remedy=remedy),
+    ]

@@ -21,10 +21,10 @@ from eivor.flights.grounds import (
     given_lag_reasons,
     instrument_reasons,
     moved,
-    roughly_known,
     short_flight_reasons,
     told_of,
     untold,
+    wide_lag_reasons,
 )
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
@@ -134,8 +134,6 @@ def _what_is_wrong(name: str) -> str:
 
 
 def _lag_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
-    lag = quantities["effective_lag"]
-    if lag.half_width <= LAG_WITHIN_S:
-        return []
-    sentence = f"The rotors' lag {roughly_known(lag.half_width)}; +-{LAG_WITHIN_S * 1e3:.0f} ms is needed."
-    return [Reason(Status.WEAK, sentence, "Fly quicker steps, and log rotors and rates faster.")]
+    half_width = quantities["effective_lag"].half_width
+    remedy = "Fly quicker steps, and log rotors and rates faster."
+    return wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=remedy)

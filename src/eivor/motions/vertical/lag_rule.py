@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.grounds import longest_lag_reasons, roughly_known, weakly_told
+from eivor.flights.grounds import longest_lag_reasons, weakly_told, wide_lag_reasons
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
@@ -52,23 +52,14 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
                 "Check the clock of the rotors' telemetry, or use the commands with --input.",
             )
         ]
-    lag = strength.searched.get(ACTUATOR_LAG.name)
-    if lag is None:
+    if ACTUATOR_LAG.name not in strength.searched:
         return []
-    reasons = []
     half_width = quantities["effective_lag"].half_width
-    if half_width > LAG_HALF_WIDTH_S:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The actuator's lag {roughly_known(half_width)}; "
-                f"+-{LAG_HALF_WIDTH_S * 1e3:.0f} ms is needed.",
-                QUICKER,
-            )
-        )
     remedy = "Check that the input is the command of this vehicle, and its time stamps."
-    reasons += longest_lag_reasons(strength, remedy=remedy)
-    return reasons
+    return [
+        *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuator's", remedy=QUICKER),
+        *longest_lag_reasons(strength, remedy=remedy),
+    ]
 
 
 def delay_reasons(delay: Unjudged) -> list[Reason]:
