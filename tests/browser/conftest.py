@@ -24,7 +24,8 @@ Opener = Callable[..., Any]
 def chromium() -> Iterator[Any]:
     """The browser, one for all tests of a file.
 
-    Its driver keeps an event loop of this thread while it lives, and other files' tests run loops of their own.
+    Its driver keeps an event loop of this thread while it lives, and tests of other files run loops of their
+    own.
     """
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="no Playwright: pip install eivor[browser] runs the tests of pages"

@@ -9,6 +9,7 @@ import signal
 import pytest
 
 from eivor.errors import UsageError
+from eivor.fleets import begun_process
 from eivor.fleets.guard import AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
 from fleets.guarded_answers import answered
@@ -64,6 +65,37 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
     assert decoded() == 1
     expendable.may_die()
     assert decoded() == 1
+
+
+@pytest.fixture
+def begun(monkeypatch):
+    """Processes that are begun, with what they load first."""
+    begin, found = begun_process._begin, []
+
+    def beginning(*modules):
+        found.append((begin(*modules), modules))
+        return found[-1][0]
+
+    monkeypatch.setattr(begun_process, "_begin", beginning)
+    return found
+
+
+def test_a_process_that_was_begun_ahead_is_taken(begun):
+    with (
+        begun_process.begun_ahead("fleets.guarded_answers"),
+        contextlib.closing(Guard(answered, Limits())) as guard,
+    ):
+        assert guard("pid") == begun[0][0].pid
+    assert [modules for _, modules in begun] == [("fleets.guarded_answers",)]
+
+
+def test_a_process_that_nobody_took_is_ended(begun):
+    with pytest.raises(ZeroDivisionError), begun_process.begun_ahead("fleets.guarded_answers"):
+        raise ZeroDivisionError
+    assert begun[0][0].returncode == -signal.SIGKILL
+    with contextlib.closing(Guard(answered, Limits())) as guard:
+        assert guard("a") == "<a>"
+    assert len(begun) == 2
 
 
 def test_limits_are_above_zero():

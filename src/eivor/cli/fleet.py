@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -112,37 +112,45 @@ def run_command(
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    from eivor.fleets.fleet_options import FleetOptions, given_maps
-    from eivor.fleets.limits import Limits
-    from eivor.fleets.logs_found import logs_found
-    from eivor.fleets.run import run_fleet
+    from eivor.fleets.begun_process import begun_ahead
 
-    motion = named_motion(model, vehicle)
-    options = FleetOptions(
-        motion=model,
-        vehicle_file=vehicle,
-        flight=flight_options(motion, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map),
-        maps=given_maps(tuple(channel_map or ())),
-        vehicle_from=vehicle_from,
-        limits=Limits(log_time, log_memory),
-    )
-    with step(f"Looking for logs in {logs}"):
-        found = logs_found(logs)
-    executor = _executor(workers, dask, len(found.logs))
-    try:
-        with _bar() as progress:
-            done = run_fleet(
-                found,
-                Path(out),
-                options,
-                executor=executor,
-                shared=bool(dask),
-                progress=progress,
-                page_of=_page_of() if reports else None,
+    # what a process that reads logs loads takes as long as what follows here
+    with nullcontext() if dask else begun_ahead("eivor.fleets.flight_row"):
+        from eivor.fleets.fleet_options import FleetOptions, given_maps
+        from eivor.fleets.limits import Limits
+        from eivor.fleets.logs_found import logs_found
+        from eivor.fleets.run import run_fleet
+
+        motion = named_motion(model, vehicle)
+        options = FleetOptions(
+            motion=model,
+            vehicle_file=vehicle,
+            flight=flight_options(
+                motion, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map
+            ),
+            maps=given_maps(tuple(channel_map or ())),
+            vehicle_from=vehicle_from,
+            limits=Limits(log_time, log_memory),
+        )
+        with step(f"Looking for logs in {logs}"):
+            found = logs_found(logs)
+        executor = _executor(workers, dask, len(found.logs))
+        try:
+            with _bar() as progress:
+                done = run_fleet(
+                    found,
+                    Path(out),
+                    options,
+                    executor=executor,
+                    shared=bool(dask),
+                    progress=progress,
+                    page_of=_page_of() if reports else None,
+                )
+        except KeyboardInterrupt:
+            complain(
+                "interrupted", f"Rows that were written are in {out}. Run the same command again to go on."
             )
-    except KeyboardInterrupt:
-        complain("interrupted", f"Rows that were written are in {out}. Run the same command again to go on.")
-        return ExitCode.INTERRUPTED
+            return ExitCode.INTERRUPTED
     show(_told(done, out))
     return ExitCode.IDENTIFIED
 

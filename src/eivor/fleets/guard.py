@@ -10,18 +10,15 @@ Processes are no children of `multiprocessing`: workers of a cluster, which may 
 
 from __future__ import annotations
 
-import os
 import pickle
 import queue
-import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, BinaryIO, cast
 
+from eivor.fleets.begun_process import begun_process, end, send
 from eivor.fleets.limits import Limits
 from eivor.fleets.telling import Tell, Telling, nobody
 from eivor.studies.executors import abandoned
@@ -34,10 +31,6 @@ BEGIN_S = 120.0
 TRIES = 2
 #: Bytes of what a process that died said last.
 LAST_WORDS = 500
-#: One thread of linear algebra and of tables, as everywhere where logs are identified beside each other.
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
-)
 
 
 class LimitError(Exception):
@@ -125,14 +118,7 @@ class _Process:
     """A process with its two pipes: items go in, results come out."""
 
     def __init__(self, function: Callable[[Any], Any] | Telling, limits: Limits) -> None:
-        self._popen = subprocess.Popen(
-            [sys.executable, "-m", "eivor.fleets.guarded_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            env=os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(sys.path)},
-            start_new_session=True,  # an interrupt is the business of who waits for it
-        )
+        self._popen = begun_process()
         self.pid = self._popen.pid
         self._answers: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._words = bytearray()
@@ -145,14 +131,14 @@ class _Process:
         for reader in self._readers:
             reader.start()
         self._is_new = True
-        self._send((function, limits.memory_gb))
+        send(self._popen, (function, limits.memory_gb))
 
     def result(self, item: Any, limits: Limits, hear: Tell, given_up: Callable[[], bool]) -> Any:
         """Answer to an item."""
         if self._is_new:
             self._answer(BEGIN_S, "begin", hear, given_up)  # what it loads is nobody's time
             self._is_new = False
-        self._send(item)
+        send(self._popen, item)
         kind, value = self._answer(limits.time_s, "answer", hear, given_up)
         if kind == "memory":
             raise _DiedError(f"It took more than {limits.memory_gb:g} GB of memory.")
@@ -177,11 +163,6 @@ class _Process:
                 return found
             hear(found[1])
 
-    def _send(self, item: Any) -> None:
-        with suppress(OSError):  # that it died is told where its answer is missed
-            pickle.dump(item, self._items)
-            self._items.flush()
-
     def _take(self, pipe: BinaryIO) -> None:
         """Results as they come; None for their end."""
         with pipe, suppress(EOFError, OSError, pickle.UnpicklingError):
@@ -204,11 +185,7 @@ class _Process:
 
     def end(self) -> None:
         """End it and what it has begun, whatever they do."""
-        if hasattr(os, "killpg"):
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(self.pid, signal.SIGKILL)  # it leads a group of its own
-        self._popen.kill()
-        self._popen.wait()
+        end(self._popen)
         with suppress(OSError):
             self._items.close()
         for reader in self._readers:

@@ -11,6 +11,7 @@ import queue
 import sys
 import threading
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,8 +23,10 @@ GB = 10**9
 
 
 def serve(items: BinaryIO, results: BinaryIO) -> None:
-    """Take the function and its items, and give the results, until there are no more."""
-    function, memory_gb = pickle.load(items)  # noqa: S301 - who began this process wrote it
+    """Load modules, take the function and its items, and give the results, until there are no more."""
+    for module in pickle.load(items):  # noqa: S301 - who began this process wrote it
+        import_module(module)
+    function, memory_gb = pickle.load(items)  # noqa: S301 - as above
     _one_thread()
     limit_memory(memory_gb)
     waiting: queue.SimpleQueue[Any] = queue.SimpleQueue()

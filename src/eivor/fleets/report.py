@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from eivor.fleets.table import COPY, FAILED
 from eivor.flights.across import AcrossFlights
 from eivor.flights.motion import Motion
 from eivor.shapes import Float
+from eivor.studies.executors import useful_workers
 
 #: Tables without rows.
 COVARIATES = pl.DataFrame(
@@ -101,11 +104,13 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
     own = table.filter(pl.col("motion") == motion.name)
     rows = in_order(own)
-    found = [_Quantity.of(rows, one) for one in across]
-    told = [one for one in found if one.used.height]
-    tests = _tests(told)
-    vehicles = [one.vehicles(tests) for one in told]
-    deviating = [one.deviating(tests) for one in told]
+    with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
+        found = list(pool.map(partial(_Quantity.of, rows), across))
+        told = [one for one in found if one.used.height]
+        tests = _tests(told)
+        vehicles = list(pool.map(lambda one: one.vehicles(tests), told))
+        types = list(pool.map(_Quantity.types, told))
+        deviating = list(pool.map(lambda one: one.deviating(tests), told))
     logs = {
         "logs": own.height,
         "copies": int((own["verdict"] == COPY).sum()),
@@ -117,7 +122,7 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         logs,
         tuple(one.across for one in told),
         together,
-        _concat([pooled_types(one.used, one.across).with_columns(quantity=one.name) for one in told]),
+        _concat(types),
         _concat([one.left_out() for one in found]),
         _concat([COVARIATES, *(one.covariates() for one in told)]),
         _concat([DEVIATING, *deviating]).sort("p_value"),
@@ -244,6 +249,10 @@ class _Quantity:
             return values
         with np.errstate(over="ignore"):
             return np.where(np.isfinite(values), np.expm1(values), np.nan)
+
+    def types(self) -> pl.DataFrame:
+        """Means of types."""
+        return pooled_types(self.used, self.across).with_columns(quantity=self.name)
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
         """Flights that deviate from the course of their vehicle."""
