@@ -1,7 +1,7 @@
 """Report of a fleet: 200,000 flights of 5,000 vehicles, from the files to its result.
 
 Target: 3 s by the clock. The peer is statsmodels' pooling of one quantity by the same variance between
-flights, vehicle after vehicle, scaled from some of them. The report pools four, and looks for changes in each.
+flights, vehicle after vehicle, scaled from some of them; the report pools four and looks for changes in each.
 """
 
 from __future__ import annotations
