@@ -22,8 +22,8 @@ from validation.suites import versions
 
 PART = "fleet-changes"
 GRID = Path(__file__).with_name("grid.toml")
-#: Asked: vehicles with a false alarm at most; worn ones with the sign, and with an interval that covers;
-#: steps dated within three flights.
+#: Asked: vehicles with a false alarm at most, also that they differ; worn ones with the sign, and with an interval
+#: that covers; steps dated within three flights.
 ALARMS, SIGN, COVERED, DATED = 0.05, 0.95, 0.93, 0.80
 HEADER = (
     "what happens",
@@ -40,6 +40,8 @@ HEADER = (
     "flights left open hold it",
     "flights off that are told to deviate",
     "vehicles with another that is",
+    "weaker vehicles that are told to differ",
+    "others that are",
 )
 
 
@@ -65,7 +67,7 @@ def _cells(grid: Path, size: str) -> Iterator[Cell]:
     root = read_toml(grid, "grid of fleets")
     weather, battery = root.number("weather"), root.number("battery")
     for table in root.sections("cells"):
-        what, share = table.choice("what", ("nothing", "wear", "step")), table.number("share")
+        what, share = table.choice("what", ("nothing", "wear", "step", "weaker")), table.number("share")
         flights, vehicles = table.whole("flights"), table.whole("vehicles")
         fleets = {name: table.whole(name) for name in ("small", "full")}[size]
         outliers, payload = table.whole("outliers", default=0), table.number("payload", default=0.0)
@@ -83,6 +85,13 @@ def _requirements(found: list[Told]) -> Iterator[Requirement]:
             met = one.changes <= ALARMS
             yield Requirement(
                 f"vehicles with a false alarm: {where}", f"at most {ALARMS:g}", f"{one.changes:.3f}", met
+            )
+        if one.what in ("nothing", "weaker") and one.vehicles > 1:
+            yield Requirement(
+                f"vehicles alike that are told to differ: {one.what}, {where}",
+                f"at most {ALARMS:g}",
+                f"{one.others:.3f}",
+                one.others <= ALARMS,
             )
         for what, words, asked, measured in (
             ("wear", "the drift has the sign of the wear", SIGN, one.sign),
@@ -123,6 +132,8 @@ def _line(one: Told) -> tuple[str, ...]:
         f"{one.held:.3f}" if step else "-",
         f"{one.deviating:.3f}" if one.outliers else "-",
         f"{one.wrong:.4f}",
+        f"{one.differing:.3f}" if one.what == "weaker" else "-",
+        f"{one.others:.3f}",
     )
 
 

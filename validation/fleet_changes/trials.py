@@ -21,6 +21,8 @@ QUANTITY, END = "input_gain", 6
 OFF = 0.3
 #: Fleets that are reported together, each as a type of its own: types share nothing.
 TOGETHER = 50
+#: Vehicle that is weaker where one is.
+WEAKER = "v0000"
 #: A step is dated when it is told within so many flights of the truth.
 NEAR = 3
 
@@ -32,7 +34,7 @@ class Cell:
     Parameters
     ----------
     what : str
-        "nothing", "wear" or "step".
+        "nothing", "wear", "step", or "weaker": the first vehicle of each fleet, from its first flight.
     share : float
         Of thrust lost.
     flights, vehicles, fleets : int
@@ -78,6 +80,9 @@ class Told:
         The drift's interval has the sign of the wear alone; it holds the wear.
     dated, held : float
         A step is told within three flights of the truth; the flights left open hold it.
+    differing, others : float
+        Of the weaker vehicles those that are told to differ in the gain; of the others those told to in any
+        quantity.
     """
 
     what: str
@@ -94,6 +99,8 @@ class Told:
     covered: float
     dated: float
     held: float
+    differing: float
+    others: float
 
 
 def told(cell: Cell) -> Told:
@@ -108,6 +115,7 @@ def told(cell: Cell) -> Told:
     by_vehicle = rows.group_by("type", "vehicle", maintain_order=True)
     changes = by_vehicle.agg((pl.col("course") != STEADY).any())["course"]
     gains = rows.filter(pl.col("quantity") == QUANTITY)
+    weaker = (pl.col("vehicle") == WEAKER) & (cell.what == "weaker")
     truth = -cell.share
     steps = gains["course"].to_numpy() == STEPS
     flight = gains["step_flight"].fill_null(-np.inf).to_numpy()
@@ -127,7 +135,14 @@ def told(cell: Cell) -> Told:
         float(((gains["change_low"] <= truth) & (gains["change_high"] >= truth)).to_numpy().mean()),
         float(np.mean(steps & (np.abs(flight - first) <= NEAR))),
         float(np.mean(((low <= first) & (first <= high))[steps])) if steps.any() else 0.0,
+        _share(gains.filter(weaker)),
+        _share(by_vehicle.agg(pl.col("differs").any()).filter(~weaker)),
     )
+
+
+def _share(vehicles: pl.DataFrame) -> float:
+    """Of some vehicles those that are told to differ."""
+    return float(vehicles["differs"].sum()) / max(vehicles.height, 1)
 
 
 @dataclass(frozen=True)
@@ -159,7 +174,9 @@ def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
         vehicles=cell.vehicles,
         flights=cell.flights,
         wear=cell.share if cell.what == "wear" else 0.0,
-        broken=tuple((vehicle, int(at), cell.share) for vehicle, at in enumerate(first)),
+        broken=((0, 0, cell.share),)
+        if cell.what == "weaker"
+        else tuple((vehicle, int(at), cell.share) for vehicle, at in enumerate(first)),
         weather=cell.weather,
         battery=cell.battery,
         payload=cell.payload,
