@@ -22,8 +22,8 @@ from validation.suites import versions
 
 PART = "fleet-changes"
 GRID = Path(__file__).with_name("grid.toml")
-#: Asked: vehicles with a false alarm at most, also that they differ; worn ones with the sign, and with an interval
-#: that covers; steps dated within three flights.
+#: Asked: vehicles with a false alarm at most, or told to differ; worn ones with the sign, and with an
+#: interval that covers; steps dated within three flights.
 ALARMS, SIGN, COVERED, DATED = 0.05, 0.95, 0.93, 0.80
 HEADER = (
     "what happens",
