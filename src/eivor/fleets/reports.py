@@ -9,7 +9,7 @@ import polars as pl
 from eivor.fleets.given_covariates import with_covariates
 from eivor.fleets.pooled_rows import across_of, wanted_columns
 from eivor.fleets.report import FleetReport, fleet_report
-from eivor.fleets.table import read_flights
+from eivor.fleets.table import motions_there, read_flights
 from eivor.motions import motion_by_name
 
 
@@ -30,8 +30,7 @@ def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[Flee
     UsageError
         When the package that brings one of its motions is not there.
     """
-    names = read_flights(folder, ["motion"])["motion"].drop_nulls().unique().sort().to_list()
-    motions = [motion_by_name(name) for name in names]
+    motions = [motion_by_name(name) for name in motions_there(folder)]
     columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
     table = read_flights(folder, list(dict.fromkeys(columns)))
     if given is None:

@@ -28,7 +28,7 @@ of their columns (`union_by_name` in DuckDB); columns that a part does not have 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
@@ -120,21 +120,7 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
     InputError
         When there is no such table, or it cannot be read.
     """
-    files = part_files(folder)
-    if not files:
-        raise InputError(
-            "the folder of a fleet, with its table of flights",
-            f"'{folder}', which has no {FLIGHTS}/{PART}",
-            "Make one: eivor fleet run LOGS -o FOLDER.",
-        )
-    try:
-        parts = [_part(file, columns) for file in files]
-    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
-        raise InputError(
-            f"a table of flights in '{folder}' that can be read",
-            f"{type(error).__name__}: {error}",
-            "Run `eivor fleet run` on it again, which sets damaged parts aside and makes them anew.",
-        ) from error
+    parts = _parts(folder, None if columns is None else {*columns, *ORDER})
     table = pl.concat(parts, how="diagonal", rechunk=True)
     if columns is not None:
         absent = [name for name in columns if name not in table.columns]
@@ -144,13 +130,37 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
     return table.sort(ORDER, nulls_last=True).select(columns)
 
 
-def _part(file: Path, columns: Sequence[str] | None) -> pl.DataFrame:
-    """Columns of a part, and those that it is sorted by; no key of another folder is read as a column."""
+def motions_there(folder: Path) -> list[str]:
+    """Motions of which a fleet has rows, sorted by name; raises as `read_flights` does."""
+    found = (part["motion"].drop_nulls().unique().to_list() for part in _parts(folder, {"motion"}))
+    return sorted({name for names in found for name in names})
+
+
+def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
+    files = part_files(folder)
+    if not files:
+        raise InputError(
+            "the folder of a fleet, with its table of flights",
+            f"'{folder}', which has no {FLIGHTS}/{PART}",
+            "Make one: eivor fleet run LOGS -o FOLDER.",
+        )
+    try:
+        return [_part(file, columns) for file in files]
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError(
+            f"a table of flights in '{folder}' that can be read",
+            f"{type(error).__name__}: {error}",
+            "Run `eivor fleet run` on it again, which sets damaged parts aside and makes them anew.",
+        ) from error
+
+
+def _part(file: Path, columns: Set[str] | None) -> pl.DataFrame:
+    """Those of some columns that a part has; no key of another folder is read as a column."""
     content = pl.scan_parquet(file, hive_partitioning=False)
     if columns is None:
         return content.collect()
     there = content.collect_schema().names()
-    return content.select([name for name in there if name in columns or name in ORDER]).collect()
+    return content.select([name for name in there if name in columns]).collect()
 
 
 def quantity_names(table: pl.DataFrame) -> list[str]:
