@@ -6,6 +6,7 @@ import gc
 import io
 import os
 import re
+import runpy
 import signal
 import subprocess
 import sys
@@ -117,6 +118,14 @@ def test_version(eivor: Caller) -> None:
     run = eivor("--version")
     assert run.code == 0
     assert run.out == f"eivor {package.__version__}\n"
+
+
+def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsys) -> None:
+    monkeypatch.setattr("sys.argv", ["eivor", "--version"])
+    with pytest.raises(SystemExit) as left:
+        runpy.run_module("eivor", run_name="__main__")
+    assert left.value.code == 0
+    assert capsys.readouterr().out == eivor("--version").out
 
 
 def test_a_wrong_command_is_wrong_usage(eivor: Caller) -> None:
