@@ -11,7 +11,9 @@ given: with a disturbance that moves the vehicle, the two enter C alike.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,14 +33,17 @@ PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.5, 0.5, 0.5])
 MEASURE = "a sample, of the white noise behind it"
 #: What has noise, in the order of variances and of orders.
 WHAT = ("velocity", "acceleration", "disturbance")
-#: Relative decrease, and gradient in units of the curvature, at which a search has come to rest.
-AT_REST = {"ftol": 1e-12, "gtol": 1e-4}
+#: Most steps of a search, the decrease that one promises when it has come to rest, and the least share of
+#: what it promises that it must keep.
+STEPS, AT_REST, LEAST_OF_IT = 200, 1e-8, 1e-4
 #: Bands are a twentieth of their frequency wide, and a bin at least.
 BAND_SHARE = 20
 #: Shares of the residuals' power over the upper half of the band that noises start from.
 VELOCITY_SHARE, REST_SHARE = 0.8, 0.4
 #: Least share of that for a variance that is declared: a channel without noise has no logarithm.
 LEAST_DECLARED = 1e-9
+
+ValueAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -98,10 +103,9 @@ def prior_of(
 def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prior: NoisePrior) -> NoiseModel:
     """Noise model of the least penalised sum of log det C + r^H C^-1 r, from `start`.
 
-    The search is made in coordinates in which the information at its start is the identity.
+    The search is made in coordinates in which the information at its start is the identity, and learns the
+    curvature from there (Broyden, Fletcher, Goldfarb and Shanno). Steps that lead up are halved.
     """
-    from scipy.optimize import minimize
-
     fit = _Fit(pairs, residual, prior.centre)
     origin, fitted = fit.vector(start), prior.fitted
     information = fit.information(origin)[np.ix_(fitted, fitted)]
@@ -116,10 +120,32 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
         value, gradient = fit.value_and_gradient(at(steps))
         return value, unit @ gradient[fitted]
 
-    none = np.zeros(unit.shape[0])
     with np.errstate(all="ignore"):  # a step that goes too far is tried again, shorter
-        found = minimize(from_origin, none, jac=True, method="L-BFGS-B", options={"maxiter": 200, **AT_REST})
-    return fit.model(at(found.x)) if np.isfinite(found.fun) else start
+        return fit.model(at(_lowest(from_origin, unit.shape[0])))
+
+
+def _lowest(function: ValueAndGradient, size: int) -> Float[np.ndarray, " n"]:
+    """Minimum of a function from the origin, where its curvature is near the identity."""
+    x, inverse = np.zeros(size), np.eye(size)
+    value, gradient = function(x)
+    for _ in range(STEPS):
+        step = -inverse @ gradient
+        promised = -float(gradient @ step)
+        if not promised > AT_REST:
+            break
+        there = function(x + step)
+        while not there[0] <= value - LEAST_OF_IT * promised:
+            step, promised = 0.5 * step, 0.5 * promised
+            if promised < AT_REST:
+                return x
+            there = function(x + step)
+        turned = there[1] - gradient
+        x, (value, gradient) = x + step, there
+        along = float(turned @ step)
+        if along > 0.0:
+            kept = np.eye(size) - np.outer(step, turned) / along
+            inverse = kept @ inverse @ kept.T + np.outer(step, step) / along
+    return x
 
 
 def told_noises(
@@ -148,6 +174,7 @@ def _all_orders(model: NoiseModel) -> Float[np.ndarray, " 3"]:
     return np.array([model.velocity_order, model.acceleration_order, model.disturbance_order])
 
 
+@lru_cache(maxsize=8)
 def band_edges(count: int) -> Int[np.ndarray, " edges"]:
     """First bin of each band: single bins at first, then bands that grow with their frequency."""
     edges = [0]
@@ -167,7 +194,7 @@ class _Fit:
         def averaged(values: np.ndarray) -> np.ndarray:
             return np.add.reduceat(values, edges[:-1]) / self.bins
 
-        self.seen = PairSpectrum(
+        seen = PairSpectrum(
             averaged(np.abs(residual[0]) ** 2),
             averaged(np.abs(residual[1]) ** 2),
             averaged(residual[0] * residual[1].conj()),
@@ -183,6 +210,8 @@ class _Fit:
             np.stack([shape.second for shape in others]),
             np.stack([shape.cross for shape in others]),
         )
+        self.numbers = _numbers(self.shapes).swapaxes(0, 1)
+        self.base_numbers, self.seen_numbers = _numbers(self.base), _numbers(seen)
 
     def vector(self, model: NoiseModel) -> Float[np.ndarray, " 6"]:
         """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
@@ -204,12 +233,31 @@ class _Fit:
         )
 
     def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
-        """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
+        """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1.
+
+        Of each matrix four numbers are kept, see `_numbers`: arrays are short here, and calls what costs.
+        """
         from_centre, slopes = self._prior(vector)
-        C, moved = self._spectra(vector)
-        value = float(self.bins @ (np.log(C.determinant) + self.seen.traces_over(C)))
-        by_bin = moved.traces_over(C) - moved.trace_with(self.seen.between(C))
-        return value + 0.5 * float(from_centre @ from_centre), by_bin @ self.bins + slopes * from_centre
+        powers = self._powers(vector)
+        first, second, real, imaginary = self.base_numbers + (powers[:, None] * self.numbers).sum(axis=0)
+        determinant = first * second - real**2 - imaginary**2
+        a, b, x, y = np.stack([second, first, -real, -imaginary]) / determinant  # C^-1
+        p, q, u, v = self.seen_numbers
+        own, crossed = a * p + b * q, 2.0 * (x * u + y * v)
+        value = float(self.bins @ (np.log(determinant) + own + crossed))
+        size, product, straight, turned = x**2 + y**2, a * b, x**2 - y**2, 2.0 * x * y
+        by_number = self.bins * np.stack(
+            [
+                a - a * (a * p + crossed) - size * q,
+                b - b * (b * q + crossed) - size * p,
+                2.0 * (x - x * own - straight * u - turned * v - product * u),
+                2.0 * (y - y * own - turned * u + straight * v - product * v),
+            ]
+        )
+        by_power = powers * (self.numbers * by_number).sum(axis=1)
+        by_order = 2.0 * _order_slopes(_orders(vector)) * (by_power @ self.log_scale)
+        found = np.concatenate([by_power.sum(axis=1), by_order])
+        return value + 0.5 * float(from_centre @ from_centre), found + slopes * from_centre
 
     def information(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "6 6"]:
         """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
@@ -228,19 +276,29 @@ class _Fit:
         far = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
         return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
 
+    def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
+        """Spectrum of each noise."""
+        powers: Float[np.ndarray, "3 bands"] = np.exp(
+            vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale
+        )
+        return powers
+
     def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
         """C, and its derivatives by what is searched over."""
-        orders = _orders(vector)
-        powers = np.exp(vector[:3, None] + 2.0 * orders[:, None] * self.log_scale)
-        parts = self.shapes * powers
+        parts = self.shapes * self._powers(vector)
         C = PairSpectrum(
             self.base.first + parts.first.sum(axis=0),
             self.base.second + parts.second.sum(axis=0),
             self.base.cross + parts.cross.sum(axis=0),
         )
-        by_order = 2.0 * _order_slopes(orders)[:, None] * self.log_scale
+        by_order = 2.0 * _order_slopes(_orders(vector))[:, None] * self.log_scale
         moved = (np.concatenate([part, part * by_order]) for part in (parts.first, parts.second, parts.cross))
         return C, PairSpectrum(*moved)
+
+
+def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
+    """Of each matrix what stands on its diagonal, and real and imaginary part of what stands across."""
+    return np.stack([spectrum.first, spectrum.second, spectrum.cross.real, spectrum.cross.imag])
 
 
 def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:

@@ -58,19 +58,6 @@ class PairSpectrum:
         found[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
         return found
 
-    def traces_over(self, other: PairSpectrum) -> Float[np.ndarray, "*shape bins"]:
-        """tr(other^-1 C), a real number for Hermitian matrices."""
-        return self.trace_with(PairSpectrum(*other._inverse))
-
-    def trace_with(self, other: PairSpectrum) -> Float[np.ndarray, "*shape bins"]:
-        """tr(other C)."""
-        found: Float[np.ndarray, "*shape bins"] = (
-            other.first * self.first
-            + other.second * self.second
-            + 2.0 * (other.cross.conj() * self.cross).real
-        )
-        return found
-
     def between(self, other: PairSpectrum) -> PairSpectrum:
         """other^-1 C other^-1."""
         a, b, c = other._inverse

@@ -63,6 +63,11 @@ class SampledRecord:
         return np.exp(-1j * self.angle)
 
     @cached_property
+    def later(self) -> Bins:
+        """Each bin of z."""
+        return self.earlier.conj()
+
+    @cached_property
     def ramp(self) -> Bins:
         """Spectrum of a line from -1/2 to 1/2 over the record."""
         return unitary_bins(np.linspace(-0.5, 0.5, self.count))
@@ -134,7 +139,7 @@ class SampledMotion:
 
     @cached_property
     def _between(self) -> Bins:
-        return (1.0 - self.blend) + self.blend / self.record.earlier
+        return (1.0 - self.blend) + self.blend * self.record.later
 
     @cached_property
     def response(self) -> Bins:
@@ -149,15 +154,13 @@ class SampledMotion:
     @cached_property
     def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
         """d_K, d_b and d_rho: derivatives of the residuals by the parameters, over the true input."""
-        shaped = self.pushed * self._between
-        ones = np.ones_like(self.response)
-        return np.stack(
-            [
-                np.stack([self.response, -self.response_by_friction]),
-                np.stack([-ones, -shaped]),
-                np.stack([0.0 * ones, -self.gain * self.pushed * (1.0 / self.record.earlier - 1.0)]),
-            ]
-        )
+        found = np.empty((3, 2, self.response.size), dtype=np.complex128)
+        found[0] = self.response, -self.response_by_friction
+        found[1, 0] = -1.0
+        found[1, 1] = self.pushed * -self._between
+        found[2, 0] = 0.0
+        found[2, 1] = (-self.gain * self.pushed) * (self.record.later - 1.0)
+        return found
 
     @cached_property
     def input_noise(self) -> Pair:
@@ -187,13 +190,15 @@ class SampledMotion:
 
     def whole(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
         """Residuals with the nuisances' parts taken off: r + sum of c psi."""
-        found: Pair = self.residuals() + np.tensordot(nuisances, shapes, axes=1)
+        found: Pair = self.residuals()
+        for one, shape in zip(nuisances.tolist(), shapes, strict=True):
+            found += one * shape
         return found
 
     def nuisance_shapes(self, ramps: bool) -> Complex[np.ndarray, "q 2 bins"]:
         """psi: [0; -D], and with ramps [-F; 0] and [0; -F]."""
-        none = np.zeros_like(self.response)
-        found = [np.stack([none, -self.memory])]
+        found = np.zeros((3 if ramps else 1, 2, self.memory.size), dtype=np.complex128)
+        found[0, 1] = -self.memory
         if ramps:
-            found += [np.stack([-self.record.ramp, none]), np.stack([none, -self.record.ramp])]
-        return np.stack(found)
+            found[1, 0] = found[2, 1] = -self.record.ramp
+        return found

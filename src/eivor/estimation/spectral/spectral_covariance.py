@@ -19,10 +19,11 @@ from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.estimation.spectral.weights import LARGEST_LEVERAGE
 from eivor.estimation.spectral.whitened_rows import series_of
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, cosine_averages
-from eivor.shapes import Float
+from eivor.shapes import Complex, Float
 
 #: Fewest degrees of freedom.
 LEAST_DEGREES = 3.0
+EVERY = slice(None)
 
 
 @dataclass(frozen=True)
@@ -48,22 +49,24 @@ class SpectralCovariance:
     noise_error: float = 0.0
 
 
-def spectral_covariance(solution: SpectralSolution) -> SpectralCovariance:
-    """Covariances at a solution."""
+def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> SpectralCovariance:
+    """Covariances at a solution, of all its parameters or of some."""
     sensitivity = solution.sensitivity
     whole = np.linalg.inv(sensitivity.total)
-    inverse = whole[: solution.parameters]
-    of_bins = _meat(solution, inverse)
+    inverse = whole[: solution.parameters][chosen]
+    answered = np.tensordot(inverse, solution.tests, axes=1)
+    of_bins = _meat(solution, inverse, answered)
     own = np.einsum("jjb->jb", of_bins)
     degrees = 2.0 * own.sum(axis=1) ** 2 / (own**2).sum(axis=1)
     leverage = np.clip(sensitivity.leverage(whole), 0.0, LARGEST_LEVERAGE)
     enlarged = np.sqrt((own / (1.0 - leverage / 4.0)).sum(axis=1) / own.sum(axis=1))
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
-    influence = _influence(solution) @ inverse.T * enlarged
+    influence = _influence(solution, answered) * enlarged
     in_time = sum_covariance(influence)
     noise_error = 0.0
     if solution.noise_test is not None:
-        noise_error = float(np.sqrt(_meat(solution, whole[-1:]).sum()))
+        last = np.tensordot(whole[-1:], solution.tests, axes=1)
+        noise_error = float(np.sqrt(_meat(solution, whole[-1:], last).sum()))
     return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence, noise_error)
 
 
@@ -75,9 +78,12 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     return found
 
 
-def _meat(solution: SpectralSolution, inverse: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n n bins"]:
-    """J^-1 M J^-T, bin by bin."""
-    answered = np.tensordot(inverse, solution.tests, axes=1)
+def _meat(
+    solution: SpectralSolution,
+    inverse: Float[np.ndarray, "n m"],
+    answered: Complex[np.ndarray, "n 2 bins"],
+) -> Float[np.ndarray, "n n bins"]:
+    """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:
         own = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
@@ -87,10 +93,12 @@ def _meat(solution: SpectralSolution, inverse: Float[np.ndarray, "n m"]) -> Floa
     return 0.5 * meat
 
 
-def _influence(solution: SpectralSolution) -> Float[np.ndarray, "samples n"]:
-    """Products of whitened test functions and residuals in time; each column's sum is its equation."""
+def _influence(
+    solution: SpectralSolution, answered: Complex[np.ndarray, "n 2 bins"]
+) -> Float[np.ndarray, "samples n"]:
+    """Products of whitened residuals and what answers them in time; each column's sum is an error."""
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
-    tests = series_of(solution.spectrum.whitened(solution.tests), record.count)
-    found: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", tests, residual)
+    answers = series_of(solution.spectrum.whitened(answered), record.count)
+    found: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
     return found

@@ -119,12 +119,22 @@ class SpectralSolution:
         return np.delete(np.arange(self.tests.shape[0]), self.parameters + np.arange(self.nuisances.size))
 
     def scores(self) -> Float[np.ndarray, " n"]:
-        """Left sides of the equations."""
-        found = _products(self.tests, self.spectrum.solved(self.residual)[None])[:, 0]
+        """Left sides of the equations, without the tests themselves: a step has no other use of them."""
+        motion = self.motion
+        right = self.spectrum.solved(self.residual)
+        shared = right * self.instrument.conj()
         if self.input_variance:
-            shared = self.spectrum.solved(self.motion.input_noise * self.input_variance)
-            found[self.noisy] += _products(self.of_noise, shared[None])[:, 0]
-        return found
+            shared += self.input_variance * self.spectrum.solved(motion.input_noise)
+        shared *= self.factors
+        found = np.concatenate(
+            [
+                _products(motion.directions[: self.parameters], (shared * self.weights)[None])[:, 0],
+                _products(self.nuisance_shapes, (right * self.factors)[None])[:, 0],
+            ]
+        )
+        if self.noise_test is None:
+            return found
+        return np.append(found, _products(motion.input_noise[None], (shared * self.noise_test)[None]))
 
     def stepped(self) -> SampledMotion:
         """Parameters after one of Newton's steps."""
@@ -135,12 +145,12 @@ class SpectralSolution:
     def sensitivity(self) -> Sensitivity:
         """Derivative of the equations by parameters and nuisances."""
         own = self.motion.directions[: self.parameters]
-        moved = np.concatenate([own * self.motion.record.input, self.nuisance_shapes])
-        taken = self.spectrum.solved(own * self.input_variance)
+        solved = self.spectrum.solved(own)
+        by_nuisance = self.spectrum.solved(self.nuisance_shapes)
+        moved = np.concatenate([solved * self.motion.record.input, by_nuisance])
+        taken = solved * self.input_variance
         by_noise = None if self.noise_test is None else self.spectrum.solved(self.motion.input_noise)
-        return Sensitivity(
-            self.tests, self.spectrum.solved(moved), self.of_noise, taken, self.noisy, by_noise
-        )
+        return Sensitivity(self.tests, moved, self.of_noise, taken, self.noisy, by_noise)
 
 
 @dataclass(frozen=True)
@@ -195,10 +205,13 @@ def _products(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
 ) -> Float[np.ndarray, "n m"]:
     """Re of x^H y, summed over bins."""
-    found: Float[np.ndarray, "n m"] = (
-        left.conj().reshape(left.shape[0], -1) @ right.reshape(right.shape[0], -1).T
-    ).real
+    found: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
     return found
+
+
+def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
+    """Real and imaginary parts in a row: Re of x^H y is the product of two such rows."""
+    return np.ascontiguousarray(pairs).reshape(pairs.shape[0], -1).view(np.float64)
 
 
 def _shares(

@@ -227,21 +227,20 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
     )
     held = solved(pilot)
     freed = replace(held, free_blend=True)
-    step = _found(replace(freed, motion=freed.stepped()))
-    if _usual(step) == 0.0:
+    if _usual(replace(freed, motion=freed.stepped())) == 0.0:
         return _found(held)
-    free = _found(solved(pilot, free_blend=True))
+    free = solved(pilot, free_blend=True)
     usual = _usual(free)
     if usual is None:
-        return free
-    fixed = replace(pilot, motion=replace(free.solution.motion, blend=usual))
+        return _found(free)
+    fixed = replace(pilot, motion=replace(free.motion, blend=usual))
     return _found(solved(fixed))
 
 
-def _usual(found: _Found) -> float | None:
+def _usual(free: SpectralSolution) -> float | None:
     """The usual rho that a free one is within three standard errors of; None where it is near none."""
-    blend = found.solution.motion.blend
-    error = float(np.sqrt(max(found.covariance.model[2, 2], found.covariance.in_time[2, 2])))
+    blend, of_blend = free.motion.blend, spectral_covariance(free, slice(2, 3))
+    error = float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
     usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
     return usual if abs(blend - usual) <= NEAR_BLEND * error else None
 
