@@ -40,7 +40,7 @@ NAME_DIGITS = 24
 #: Part of the logs that could not be opened, written anew by every run.
 UNOPENED = "part-unopened-{motion}.parquet"
 #: Columns that say what is there.
-KEYS = ("motion", "name", "sha256", "verdict", "options_hash")
+KEYS = ("name", "sha256", "verdict")
 
 #: The system's error for a file of a fleet's folder, as one of Eivor's.
 fleet_errors_told = partial(system_errors_told, of="fleet", kept="Rows that were written")
@@ -217,8 +217,9 @@ class FleetFolder:
                 if not is_sealed(content, {}):
                     path.rename(path.with_name(f"{DAMAGED}{path.name}"))
                 elif path.name != UNOPENED.format(motion=motion):
-                    found.append(pl.read_parquet(io.BytesIO(content), columns=list(KEYS)))
-        return pl.concat(found).filter(pl.col("motion") == motion)
+                    part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEYS])
+                    found.append(part.filter(pl.col("motion") == motion).select(KEYS))
+        return pl.concat(found)
 
     def replace_unopened(self, rows: Sequence[Row], names: set[str], options: FleetOptions) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones of these names."""

@@ -227,10 +227,12 @@ class _Run:
 
     def _summary(self, found: LogsFound, logs: Sequence[Log], before: int) -> FleetRun:
         there = self.folder.there(self.options.motion)
+        opened = [log for log in logs if log.sha256]
         these = pl.DataFrame(
-            [(log.name, log.sha256) for log in logs if log.sha256],
-            schema={"name": pl.String, "sha256": pl.String},
-            orient="row",
+            {
+                "name": pl.Series([log.name for log in opened], dtype=pl.String),
+                "sha256": pl.Series([log.sha256 for log in opened], dtype=pl.String),
+            }
         )
         rows = there.join(these, on=["name", "sha256"], how="semi")
         if rows.height != these.height:
