@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import os
+import signal
 from collections.abc import Callable, Iterator
 from functools import partial
 from importlib import resources
@@ -136,9 +138,11 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
 
 def test_keys_alone_fit_another_window_again(served, server, log):
     page = served()
-    page.keyboard.press("Tab")
-    page.keyboard.press("Tab")
-    assert page.evaluate("document.activeElement.id") == "files"
+    reached = []
+    for _ in range(4):
+        page.keyboard.press("Tab")
+        reached.append(page.evaluate("document.activeElement.id"))
+    assert reached == ["theme", "files", "folder", "example"]
     page.set_input_files("#files", log)
     done(page)
     page.get_by_label("The window begins at").focus()
@@ -190,6 +194,63 @@ def test_what_a_log_and_its_name_say_stays_text(served, server):
     looks_right(page)
     page.get_by_role("button", name="damaged.ulg", exact=True).click()
     assert "Expected " in page.locator("#result .failure").text_content()
+    nothing_went_wrong(page, server)
+
+
+def workers_of_this_process() -> list[int]:
+    """Worker processes, whatever they do."""
+    below = [
+        int(one) for told in Path("/proc/self/task").glob("*/children") for one in told.read_text().split()
+    ]
+    return [one for one in below if b"guarded_process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are looked for in /proc")
+def test_a_worker_that_is_killed_is_a_sentence(served, server):
+    """Twice: a flight is tried again in a new process. The example flight is there without a file."""
+    page = served()
+    page.get_by_role("button", name="Try the example flight").click()
+    page.locator('.stages [data-look="now"]', has_text="identifying").wait_for(timeout=A_WHILE)
+    failed = page.locator('[data-state="failed"]')
+    for _ in range(200):
+        if failed.count():
+            break
+        for one in workers_of_this_process():
+            os.kill(one, signal.SIGKILL)
+        page.wait_for_timeout(50)
+    assert page.locator("#result h2").text_content() == "example_flight.parquet"
+    said = page.locator("#result .failure").text_content()
+    assert "the process that worked on it died (signal 9)" in said
+    assert "eivor serve --time S --memory GB." in said
+    nothing_went_wrong(page, server)
+
+
+def test_folders_are_dropped(served, server, log, tmp_path):
+    """Files that are one log together are one, others one by one; what is no log is left out."""
+    tables = tmp_path / "<img src=x onerror=alert(5)>"
+    flights = tmp_path / "flights" / "monday"
+    tables.mkdir()
+    flights.mkdir(parents=True)
+    for topic in ("vehicle_attitude", "sensor_combined"):
+        (tables / f"one_{topic}_0.csv").write_text("timestamp,q[0]\nx,2\n")
+    (flights / log.name).write_bytes(log.read_bytes())
+    (flights / "notes.txt").write_text("windy")
+    page = served()
+    known = page.context.new_cdp_session(page)
+    carried = {"items": [], "files": [str(tables), str(flights.parent)], "dragOperationsMask": 1}
+    for kind in ("dragEnter", "dragOver", "drop"):
+        known.send("Input.dispatchDragEvent", {"type": kind, "x": 200, "y": 200, "data": carried})
+    done(page)
+    page.locator('[data-state="failed"]').wait_for(timeout=A_WHILE)
+    assert page.locator(".flight-name").all_text_contents() == [tables.name, log.name]
+    page.get_by_role("button", name=tables.name, exact=True).click()
+    said = page.locator("#result .failure").text_content()
+    assert f"Expected tables with flight data; received '{tables.name}' without a value." in said
+    (flights / log.name).unlink()
+    page.set_input_files("#folder", flights)
+    page.locator('[data-state="failed"]').nth(1).wait_for()
+    page.get_by_role("button", name="monday", exact=True).click()
+    assert "No log is in this folder." in page.locator("#result .failure").text_content()
     nothing_went_wrong(page, server)
 
 

@@ -19,7 +19,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
+from eivor.report.document import Cell, TableColumn, TableOf
 from eivor.report.page.flight_page import flight_page
+from eivor.report.page.parts import table_html
 from eivor.report.page.vendored import own
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
@@ -126,6 +128,19 @@ def test_every_picture_has_its_numbers_beside_it(pages, name):
         beside = [one for one in section.children if isinstance(one, Element) and "table" in one.classes]
         for figure in section.all("figure"):
             assert figure.all("details") or beside, figure.all("h4")[0].text
+
+
+def test_numbers_with_powers_stay_in_one_line_each():
+    text = "from -2.98e-6 to <b>3.1e-05</b>, or e-6"
+    table = TableOf((TableColumn("K_u"),), ((Cell(text, below="[2.9e-6, 3.0e-6]"),),))
+    cell = parsed(table_html(table).html).all("th")[1]
+    assert cell.text == f"{text}[2.9e-6, 3.0e-6]"
+    assert [one.text for one in cell.all("span", class_="one")] == [
+        "-2.98e-6",
+        "3.1e-05",
+        "[2.9e-6,",
+        "3.0e-6]",
+    ]
 
 
 @pytest.mark.parametrize("name", RESULTS)

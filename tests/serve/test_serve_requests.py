@@ -105,6 +105,40 @@ def test_a_body_says_how_long_it_is(page, length):
     assert page.refused("POST", "/logs", b"5\r\n12345", transfer_encoding="chunked")[0] == 411
 
 
+@pytest.mark.parametrize(
+    ("status", "request_line", "rest"),
+    [
+        (b"", "", ""),
+        (b'{"error"', "GET", ""),
+        (b'{"error"', "PRI * HTTP/2.0", ""),
+        (b'{"error"', f"GET / HTTP/1.{'1' * 5000}", ""),
+        (b'{"error"', "\x16\x03\x01\x02", ""),
+        (b"HTTP/1.1 400 ", "GET / x y HTTP/1.1", ""),
+        (b"HTTP/1.1 414 ", f"GET /{'a' * 70_000} HTTP/1.1", ""),
+        (b"HTTP/1.1 431 ", "GET / HTTP/1.1", f"X: {'a' * 70_000}\r\n"),
+        (b"HTTP/1.1 431 ", "GET / HTTP/1.1", 200 * "X: a\r\n"),
+        (b"HTTP/1.1 501 ", "CONNECT evil.example:80 HTTP/1.1", ""),
+        (b"HTTP/1.1 404 ", "OPTIONS * HTTP/1.1", ""),
+        (b"HTTP/1.1 404 ", "GET http://evil.example/ HTTP/1.1", ""),
+        (b"HTTP/1.1 200 ", "GET /choices HTTP/1.1", "Connection: Upgrade\r\nUpgrade: websocket\r\n"),
+        (b"HTTP/1.1 405 ", "HEAD /choices HTTP/1.1", ""),
+        (b"HTTP/1.1 200 ", "GET /choices HTTP/1.0", ""),
+    ],
+)
+def test_whatever_comes_is_answered_once_and_no_more_is_read(page, capfd, status, request_line, rest):
+    """As one request and as three, one after the other, in what is sent at once."""
+    own = f"Host: 127.0.0.1:{page.server.gate.port}\r\nX-Eivor-Token: {page.server.token}\r\n"
+    request = f"{request_line}\r\n{own}{rest}\r\n".encode()
+    for times in (1, 3):
+        with socket.create_connection(("127.0.0.1", page.server.gate.port), timeout=10.0) as line:
+            line.sendall(times * request)
+            said = b"".join(iter(lambda: line.recv(65536), b""))
+        assert said.startswith(status)
+        assert said.count(b"HTTP/1.1 ") <= 1
+        assert said.count(b'"error"') <= (not request_line.startswith("HEAD"))
+    assert capfd.readouterr() == ("", "")
+
+
 def test_a_body_beyond_the_limit_is_refused_before_it_is_read(page):
     with socket.create_connection(("127.0.0.1", page.server.gate.port), timeout=10.0) as line:
         line.sendall(

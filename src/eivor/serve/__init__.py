@@ -8,9 +8,13 @@ Answers are JSON unless said otherwise; every error is
     The page.
 ``GET /choices``
     ``models``, ``methods``, ``maps``, ``vehicles``, ``targets``, ``plans``: each a list of
-    ``{"name", "words"}``, the last two with ``file``, plans with ``needs``; and ``largest_bytes``.
+    ``{"name", "words"}``, the last two with ``file``, plans with ``needs``; ``largest_bytes``; and
+    ``folders``, by which names files of a folder are told to be logs, or one log together.
 ``POST /logs``
     The bytes of a log, with its name, percent-encoded, in ``X-Eivor-Name``: ``{"log", "name", "bytes"}``.
+    A folder's files are sent one after the other, with ``NAME/BYTES`` of each in ``X-Eivor-Files``.
+``POST /example``
+    The same of the flight that comes with Eivor.
 ``DELETE /logs/LOG``
     ``{}``
 ``POST /jobs``

@@ -6,14 +6,20 @@ import inspect
 
 from eivor.estimation.methods import TABLE
 from eivor.exports.targets import TARGETS
+from eivor.fleets.logs_found import FURTHER_ENDINGS
+from eivor.logs.bags.files import ENDINGS as BAG_ENDINGS
+from eivor.logs.bags.files import METADATA
 from eivor.logs.channel_map import shipped_maps
+from eivor.logs.formats import readable_formats
+from eivor.logs.ulog.csv_names import TOPIC_TABLE, ULOG_ENDINGS
 from eivor.motions import motion_by_name, motion_names
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
 from eivor.planning.written.formats import WRITTEN
+from eivor.serve.sent_files import MOST_FILES
 
 
-def choices() -> dict[str, list[dict[str, object]]]:
-    """Models, methods, maps, vehicles, targets of exports and kinds of plans."""
+def choices() -> dict[str, object]:
+    """Models, methods, maps, vehicles, targets of exports, kinds of plans, and what logs are in folders."""
     return {
         "models": [_named(name, motion_by_name(name).words.title) for name in motion_names()],
         "methods": [_named(name, _first_line(made)) for name, made in TABLE.items()],
@@ -30,6 +36,20 @@ def choices() -> dict[str, list[dict[str, object]]]:
             }
             for name, one in WRITTEN.items()
         ],
+        "folders": _folders(),
+    }
+
+
+def _folders() -> dict[str, object]:
+    """By which names files of a folder are told to be logs, or one log together."""
+    endings = {end for one in readable_formats() for end in one.endings}
+    return {
+        "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
+        "bags": BAG_ENDINGS,
+        "metadata": METADATA,
+        "tables": TOPIC_TABLE,
+        "beside": ULOG_ENDINGS,
+        "most": MOST_FILES,
     }
 
 

@@ -6,10 +6,11 @@ import json
 import re
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, quote
 
@@ -18,6 +19,7 @@ from eivor.serve.asked_json import asked_job
 from eivor.serve.gate import TOKEN
 from eivor.serve.kept_logs import shown_name
 from eivor.serve.refusals import RefusedError, status_of, told
+from eivor.serve.sent_files import sent_files
 from eivor.serve.tasks import RESULT, Export, File, ListExports, Outcome, Plan, Refused, Supply, Task
 
 if TYPE_CHECKING:
@@ -31,6 +33,8 @@ CHUNK = 1 << 20
 BODY_S, BODY_RATE = 30.0, 100_000.0
 #: A refused request is read for so long [s] before its connection is closed: else the answer is lost.
 LINGER_S = 1.0
+#: The flight that comes with Eivor, for who has no log at hand.
+EXAMPLE = "example_flight.parquet"
 #: Fields of a query, and its letters.
 MOST_FIELDS, LONGEST_QUERY = 20, 200_000
 JSON, NDJSON, HTML, TEXT = (
@@ -141,7 +145,16 @@ class Handler(BaseHTTPRequestHandler):
     def _keep_log(self, _fields: dict[str, str]) -> None:
         size = self._length(self._own.options.largest)
         name = shown_name(self.headers.get("X-Eivor-Name", ""))
-        log = self._own.logs.keep(name, size, self._body(size), self._own.jobs.in_use)
+        end = time.monotonic() + BODY_S + size / BODY_RATE
+        files = [(one.name, one.size) for one in sent_files(self.headers.get("X-Eivor-Files", ""), size)]
+        self._kept(name, size, ((one, self._body(part, end)) for one, part in files or [("", size)]))
+
+    def _keep_example(self, _fields: dict[str, str]) -> None:
+        content = resources.files("eivor.data").joinpath(EXAMPLE).read_bytes()
+        self._kept(EXAMPLE, len(content), [("", iter([content]))])
+
+    def _kept(self, name: str, size: int, files: Iterable[tuple[str, Iterator[bytes]]]) -> None:
+        log = self._own.logs.keep(name, size, files, self._own.jobs.in_use)
         self._json({"log": log, "name": name, "bytes": size})
 
     def _forget_log(self, log: str, _fields: dict[str, str]) -> None:
@@ -153,7 +166,8 @@ class Handler(BaseHTTPRequestHandler):
         self._json({})
 
     def _begin_job(self, _fields: dict[str, str]) -> None:
-        asked = asked_job(b"".join(self._body(self._length(MOST_JSON))))
+        size = self._length(MOST_JSON)
+        asked = asked_job(b"".join(self._body(size, time.monotonic() + BODY_S + size / BODY_RATE)))
         logs = {log: self._own.logs.get(log) for log, _ in asked.logs}
         self._json({"job": self._own.jobs.begin(asked, logs)})
 
@@ -234,8 +248,8 @@ class Handler(BaseHTTPRequestHandler):
             )
         return int(text)
 
-    def _body(self, size: int) -> Iterator[bytes]:
-        """The body in parts, as it comes.
+    def _body(self, size: int, end: float) -> Iterator[bytes]:
+        """The body, or the next bytes of it, in parts as they come until a time.
 
         Raises
         ------
@@ -244,7 +258,6 @@ class Handler(BaseHTTPRequestHandler):
         ConnectionError
             When it ends before it should.
         """
-        end = time.monotonic() + BODY_S + size / BODY_RATE
         while size:
             part = self.rfile.read1(min(CHUNK, size))
             if not part:
@@ -309,6 +322,7 @@ _ROUTES = tuple(
         ("GET", "/", "_page"),
         ("GET", "/choices", "_choices"),
         ("POST", "/logs", "_keep_log"),
+        ("POST", "/example", "_keep_example"),
         ("DELETE", f"/logs/{_ID}", "_forget_log"),
         ("POST", "/jobs", "_begin_job"),
         ("DELETE", f"/jobs/{_ID}", "_end_job"),

@@ -1,11 +1,14 @@
-"""Logs that were dropped: on the disk under names of the server's own, until they are an hour old."""
+"""Logs that were dropped: on the disk under names of the server's own, until they are an hour old.
+
+A log that is a folder of files is a folder here, too, and its files keep their names, made plain.
+"""
 
 from __future__ import annotations
 
 import secrets
 import shutil
 import threading
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
@@ -52,7 +55,11 @@ class KeptLogs:
         folder.mkdir(mode=0o700)
 
     def keep(
-        self, name: str, size: int, chunks: Iterator[bytes], in_use: Callable[[], Collection[str]]
+        self,
+        name: str,
+        size: int,
+        files: Iterable[tuple[str, Iterator[bytes]]],
+        in_use: Callable[[], Collection[str]],
     ) -> str:
         """Keep a log; its identifier.
 
@@ -62,8 +69,8 @@ class KeptLogs:
             As its user calls it; shown, and its ending kept.
         size : int
             Bytes that come.
-        chunks : iterator of bytes
-            The bytes.
+        files : iterable of (str, iterator of bytes)
+            Those of a folder, by plain names; one without a name is the log itself.
         in_use : callable
             Logs that may not be forgotten to make room.
 
@@ -76,9 +83,7 @@ class KeptLogs:
         try:
             log = secrets.token_hex(16)
             path = self._folder / f"{log}{_ending(name)}"
-            with whole_file(path) as file:
-                for chunk in chunks:
-                    file.write(chunk)
+            _write(path, files)
             with self._lock:
                 self._entries[log] = _Entry(KeptLog(path, name, size), self._clock())
         finally:
@@ -143,8 +148,29 @@ class KeptLogs:
 
     def _forget(self, log: str) -> int:
         entry = self._entries.pop(log)
-        entry.log.path.unlink(missing_ok=True)
+        _delete(entry.log.path)
         return entry.log.size
+
+
+def _write(path: Path, files: Iterable[tuple[str, Iterator[bytes]]]) -> None:
+    """Write a log, all of it or nothing."""
+    try:
+        for name, chunks in files:
+            if name:
+                path.mkdir(mode=0o700, exist_ok=True)
+            with whole_file(path / name if name else path) as file:
+                for chunk in chunks:
+                    file.write(chunk)
+    except BaseException:
+        _delete(path)
+        raise
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def shown_name(header: str) -> str:

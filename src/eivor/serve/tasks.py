@@ -44,11 +44,11 @@ class Choices:
 
     Parameters
     ----------
-    known : mapping of str to list
+    known : mapping of str to object
         See `eivor.serve`.
     """
 
-    known: Mapping[str, list[dict[str, object]]]
+    known: Mapping[str, object]
 
 
 @dataclass(frozen=True, slots=True)

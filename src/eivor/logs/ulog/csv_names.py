@@ -9,9 +9,9 @@ from pathlib import Path
 from eivor.logs.log_format import FolderParts
 from eivor.logs.ulog.topics import NEEDED_TOPICS
 
-_NAME = re.compile(rf"(.*)_({'|'.join(sorted(NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv")
-
-
+#: A table of a topic that is needed: its log, its topic and the number of the instance.
+TOPIC_TABLE = rf"(.*)_({'|'.join(sorted(NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv"
+_NAME = re.compile(TOPIC_TABLE)
 #: How names of ULogs end.
 ULOG_ENDINGS = (".ulg", ".ulog")
 #: Any table of a topic, needed or not.

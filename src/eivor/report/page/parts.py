@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 
 from eivor.inference.verdict import Status
@@ -26,6 +27,8 @@ SHAPES = {
     Status.PROVISIONAL: "M10 5.2v5.4M10 14.2v.8",
     Status.REFUSED: "M6 6l8 8M14 6l-8 8",
 }
+#: Numbers with a power of ten, which a browser would break after their hyphen.
+_POWERS = re.compile(r"(\[?-?[\d.]{1,20}e-\d{1,3}[\],]?)")
 
 
 def section_html(section: Section, name: str, figures: Mapping[str, Markup]) -> Markup:
@@ -99,8 +102,8 @@ def _head(column: TableColumn) -> Markup:
 def _cell(cell: Cell, column: TableColumn, *, first: bool) -> Markup:
     words = {"right": column.right, "strong": column.strong, "whole": column.whole, column.below.value: True}
     look = {"class": " ".join(word for word, wanted in words.items() if wanted), "data-title": column.title}
-    first_line: Markup | str = cell.text
-    below = [element("span", {"class": "below"}, cell.below)] if cell.below else []
+    first_line: Markup | str = _unbroken(cell.text)
+    below = [element("span", {"class": "below"}, _unbroken(cell.below))] if cell.below else []
     if cell.status is not None and below:
         below = [badge(cell.status, cell.below)]
     elif cell.status is not None:
@@ -109,3 +112,9 @@ def _cell(cell: Cell, column: TableColumn, *, first: bool) -> Markup:
         first_line = element("a", {"href": cell.link}, cell.text)
     name, extra = ("th", {"scope": "row"}) if first and cell.text else ("td", {})
     return element(name, {**look, **extra}, element("span", {"class": "text"}, first_line), *below)
+
+
+def _unbroken(text: str) -> Markup:
+    """Text whose numbers stay in one line each."""
+    pieces = enumerate(_POWERS.split(text))
+    return joined(element("span", {"class": "one"}, one) if place % 2 else one for place, one in pieces)

@@ -33,16 +33,22 @@ function cardOf(flight) {
 }
 
 // -- from a file to a result -------------------------------------------------------------------------------
-function dropped(files) {
-  for (const file of files) {
-    const flight = flightOf(file.name, []);
-    if (flights.length === 1) chosen = flight;
-    flight.begin = async () => {
-      const log = await sent(file);
-      flight.logs = [log.log];
-    };
-    queued(flight, {});
-  }
+async function dropped(found) {
+  if (found.length > 1 || found[0]?.[0]) await known;
+  if (!found.length) return;
+  const logs = logsAmong(found);
+  for (const log of logs.slice(0, MOST_LOGS)) begun(log.name, () => sent(log));
+  if (logs.length > MOST_LOGS) begun(`${logs.length - MOST_LOGS} logs more`, () => Promise.reject(new Refusal(TOO_MANY)));
+}
+
+// A flight that waits for its turn to be sent.
+function begun(name, sending) {
+  const flight = flightOf(name, []);
+  if (flights.length === 1) chosen = flight;
+  flight.begin = async () => {
+    flight.logs = [(await sending()).log];
+  };
+  queued(flight, {});
 }
 
 function queued(flight, options) {

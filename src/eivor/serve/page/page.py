@@ -10,7 +10,18 @@ from eivor.report.page.shell import Sources, report_sources, whole_page
 from eivor.report.page.vendored import own
 
 #: Parts of the script, in the order in which they stand in it.
-PARTS = ("base", "talk", "flights", "course", "choices", "downloads", "result", "compare", "start")
+PARTS = (
+    "base",
+    "talk",
+    "folders",
+    "flights",
+    "course",
+    "choices",
+    "downloads",
+    "result",
+    "compare",
+    "start",
+)
 #: Shapes of stages, drawn as those of verdicts are: gone by, at it, to come.
 STAGES = {"over": "M6 10.4l2.8 2.9 5.4-6.4", "now": "M6 10h7.6M10.4 6.6l3.4 3.4-3.4 3.4", "ahead": ""}
 #: What the script may ask: its own server, and reports within the page, which it makes itself.
@@ -70,11 +81,21 @@ def _drop() -> Markup:
     """Where logs are dropped, or chosen with a button."""
     box = {"viewBox": "0 0 48 48", "class": "arrow", "aria-hidden": "true"}
     arrow = element("svg", box, element("path", {"d": "M24 6v24M14 21l10 10 10-10M7 35v6h34v-6"}))
-    files = {"type": "file", "id": "files", "multiple": "", "class": "unseen"}
-    choose = element("label", {"class": "button"}, "Choose files", element("input", files))
-    words = element("p", {"class": "call"}, "Drop flight logs here, or ", choose)
+    one_or_more = {"type": "file", "multiple": "", "class": "unseen"}
+    files = element("input", {**one_or_more, "id": "files"})
+    folder = element("input", {**one_or_more, "id": "folder", "webkitdirectory": ""})
+    words = element(
+        "p",
+        {"class": "call"},
+        "Drop flight logs here, or ",
+        element("label", {"class": "button"}, "Choose files", files),
+        " ",
+        element("label", {"class": "button second"}, "Choose a folder", folder),
+    )
     notes = element("div", {"class": "notes"}, element("p", None, PRIVACY), element("p", None, FORMATS))
-    return element("div", {"id": "drop", "class": "drop"}, arrow, words, notes)
+    example = element("button", {"type": "button", "id": "example"}, "Try the example flight")
+    none_at_hand = element("p", {"class": "example"}, "No log at hand? ", example)
+    return element("div", {"id": "drop", "class": "drop"}, arrow, words, notes, none_at_hand)
 
 
 def _promise(title: str, words: str) -> Markup:

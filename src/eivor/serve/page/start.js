@@ -16,10 +16,13 @@ theme.addEventListener("click", () => {
 dark.addEventListener("change", themed);
 themed();
 
-found("files").addEventListener("change", (event) => {
-  dropped(event.target.files);
-  event.target.value = "";
-});
+for (const name of ["files", "folder"]) {
+  found(name).addEventListener("change", (event) => {
+    dropped(filesOfInput(event.target.files));
+    event.target.value = "";
+  });
+}
+found("example").addEventListener("click", () => begun("example_flight.parquet", example));
 for (const kind of ["dragenter", "dragover"]) {
   addEventListener(kind, (event) => {
     event.preventDefault();
@@ -32,7 +35,7 @@ addEventListener("dragleave", (event) => {
 addEventListener("drop", (event) => {
   event.preventDefault();
   delete root.dataset.dragging;
-  dropped(event.dataTransfer.files);
+  filesOfDrop(event.dataTransfer).then(dropped);
 });
 found("compare").addEventListener("click", () => picking("compared"));
 found("pool").addEventListener("click", pooled);
@@ -43,7 +46,8 @@ addEventListener("pagehide", (event) => {
   for (const log of new Set(flights.flatMap((one) => one.logs))) forgotten(`/logs/${log}`);
 });
 
-jsonOf("/choices")
+// What may be chosen, and which files of folders are logs.
+const known = jsonOf("/choices")
   .then((told) => {
     choices = { ...choices, ...told };
     if (resulting) {

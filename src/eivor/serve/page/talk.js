@@ -6,7 +6,9 @@ class Refusal extends Error {
   }
 }
 const GONE = { sentence: "Eivor's server does not answer.", advice: "Start it again with `eivor serve` and open the address that it prints." };
-const UNREADABLE = { sentence: "The browser cannot read this file.", advice: "Drop a log itself, not its folder." };
+const UNREADABLE = { sentence: "The browser cannot read this file.", advice: "Look whether it is still there, and may be read." };
+const NO_LOG = { sentence: "No log is in this folder." };
+const TOO_MANY = { sentence: "A hundred logs are the most that are taken at once.", advice: "Of many logs, `eivor fleet run` makes one table." };
 const STOPPED = { sentence: "The server stopped before it had finished this.", advice: "Try again; where it happens again, take a shorter window." };
 
 // The token is in the address, where loading the page again finds it.
@@ -34,17 +36,33 @@ async function received(read) {
 const jsonOf = (path) => received(async () => (await ask("GET", path)).json());
 const textOf = (path) => received(async () => (await ask("GET", path)).text());
 const posted = (path, value) => received(async () => (await ask("POST", path, { body: JSON.stringify(value), headers: { "Content-Type": "application/json" } })).json());
-async function sent(file) {
-  await file.slice(0, 1).arrayBuffer().catch(() => {
-    throw new Refusal(UNREADABLE);
-  });
-  if (file.size > (choices.largest_bytes ?? Infinity)) {
-    const most = `${Math.round(choices.largest_bytes / 1e6)} MB`;
-    throw new Refusal({ sentence: `This file has ${Math.round(file.size / 1e6)} MB; ${most} is the most that is taken.`, advice: "Cut the log to the manoeuvre, or use `eivor identify`." });
+
+// Letters of a header that the server takes.
+const LONGEST_HEADER = 60000;
+const encoded = (name) => encodeURIComponent(name.toWellFormed());
+
+async function sent({ name, files, isFolder, advice }) {
+  if (!files.length) throw new Refusal({ ...NO_LOG, advice });
+  for (const file of files) {
+    await file.slice(0, 1).arrayBuffer().catch(() => {
+      throw new Refusal(UNREADABLE);
+    });
   }
-  const headers = { "X-Eivor-Name": encodeURIComponent(file.name.toWellFormed()), "Content-Type": "application/octet-stream" };
-  return received(async () => (await ask("POST", "/logs", { body: file, headers })).json());
+  const body = isFolder ? new Blob(files) : files[0];
+  if (body.size > (choices.largest_bytes ?? Infinity)) {
+    const most = `${Math.round(choices.largest_bytes / 1e6)} MB`;
+    throw new Refusal({ sentence: `This log has ${Math.round(body.size / 1e6)} MB; ${most} is the most that is taken.`, advice: "Cut the log to the manoeuvre, or use `eivor identify`." });
+  }
+  const headers = { "X-Eivor-Name": encoded(name), "Content-Type": "application/octet-stream" };
+  if (isFolder) {
+    headers["X-Eivor-Files"] = files.map((file) => `${encoded(file.name)}/${file.size}`).join(" ");
+    if (files.length > choices.folders.most || headers["X-Eivor-Files"].length > LONGEST_HEADER) {
+      throw new Refusal({ sentence: `This folder has ${files.length} files; ${choices.folders.most} are the most that are taken.`, advice: "Use `eivor identify`." });
+    }
+  }
+  return received(async () => (await ask("POST", "/logs", { body, headers })).json());
 }
+const example = () => posted("/example", {});
 const forgotten = (path) => ask("DELETE", path, { keepalive: true }).catch(() => null);
 
 // Lines of JSON as they come.
