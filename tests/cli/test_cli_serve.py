@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-CTRL_C = [signal.SIGINT, signal.SIGTERM]
+STOPS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
-@pytest.mark.parametrize("stop", CTRL_C)
+@pytest.mark.parametrize("stop", STOPS)
 def test_it_opens_the_page_and_stops(eivor, monkeypatch, tmp_path, stop):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     opened = []
@@ -34,6 +34,23 @@ def test_it_opens_the_page_and_stops(eivor, monkeypatch, tmp_path, stop):
     assert [name.startswith("eivor-serve-") for name in folders] == [True]
     assert list(tmp_path.iterdir()) == []
     assert signal.getsignal(stop) is before
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals here that can be closed")
+def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    found = []
+
+    def browser(_url: str) -> None:
+        found.append(signal.getsignal(signal.SIGHUP))
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("webbrowser.open", browser)
+    try:
+        assert eivor("serve", "--workers", 1).code == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    assert found == [signal.SIG_IGN]
 
 
 @pytest.mark.parametrize(
@@ -62,7 +79,7 @@ def test_a_port_that_is_taken_is_told(eivor):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("stop", CTRL_C)
+@pytest.mark.parametrize("stop", STOPS)
 def test_its_process_ends_with_its_workers(tmp_path, stop):
     process = subprocess.Popen(
         [sys.executable, "-c", "from eivor.cli.main import run; run()", "serve", "--no-browser"],

@@ -21,6 +21,8 @@ from eivor.errors import InputError, UsageError
 if TYPE_CHECKING:
     from eivor.serve.server import ServeOptions
 
+#: Ctrl-C, the system's polite end, and a terminal or a console that is closed.
+STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 #: How often it is looked whether to stop [s].
 LOOK_S = 0.1
 
@@ -94,12 +96,14 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
 
 @contextmanager
 def _stop_asked_for() -> Iterator[list[int]]:
-    """A list that Ctrl-C and the system's polite end add to, while the block lasts.
+    """A list that whatever asks to stop adds to, while the block lasts.
 
-    Neither may set a `threading.Event`: the thread that they interrupt may hold its lock.
+    It may not set a `threading.Event`: the thread that it interrupts may hold its lock. `nohup` is obeyed: a
+    terminal that may be closed is ignored already.
     """
     came: list[int] = []
-    signals = (signal.SIGINT, signal.SIGTERM)
+    known = [getattr(signal, name) for name in STOPS if hasattr(signal, name)]
+    signals = [one for one in known if one == signal.SIGINT or signal.getsignal(one) != signal.SIG_IGN]
     before = [signal.signal(one, lambda number, _frame: came.append(number)) for one in signals]
     try:
         yield came
