@@ -8,8 +8,9 @@ import pytest
 from eivor.planning.limits import FlightLimits
 from eivor.planning.setpoints import candidates
 from eivor.simulation.flights.trajectories import Trajectory
-from validation.plan.flights import OTHER_CONTROLLER, OWN, ROTORPY
-from validation.plan.study import Outcome, outcomes, table
+from validation.plan.flights import OTHER_CONTROLLER, OWN, VEHICLES
+from validation.plan.study import GRID, answer, requirements_of, table
+from validation.plan.trials import PLANNED_FOR, Outcome, outcomes
 
 SHORT = FlightLimits(duration_s=20.0)
 
@@ -28,24 +29,49 @@ def test_vehicles_follow_a_plan_under_both_controllers():
 
 
 def test_six_vehicles_are_flown():
-    assert len({vehicle.name for vehicle in (*OWN, *ROTORPY)}) == 6
+    assert len(VEHICLES) == 6
 
 
 def test_the_table_has_medians_and_shares():
     own = [
-        Outcome("a", "lag", "steps", 2.0, reached, True, kept)
+        Outcome("a", "lag", 0, "steps", 2.0, reached, True, kept)
         for reached, kept in ((2.0, True), (4.0, False))
     ]
-    other = Outcome("b", "friction", "steps", 0.1, 0.05, False, True)
+    other = Outcome("b", "friction", 0, "steps", 0.1, 0.05, False, True)
     lines = table([*own, other]).splitlines()
     assert "| a | effective lag | 2 | 2 ms | 3 ms | 1.50 | 2 of 2 | 1 of 2 |" in lines
     assert "| **all** | viscous friction | 1 | 0.1 1/s | 0.05 1/s | 0.50 | 0 of 1 | 1 of 1 |" in lines
 
 
+def test_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch):
+    def flown(vehicle, asked, seed):
+        asked_of.append((vehicle.name, *asked))
+        return (Outcome(vehicle.name, *each, "steps", 1.0, 1.2, True, True) for each in asked)
+
+    monkeypatch.setattr("validation.plan.study.outcomes", flown)
+    asked_of: list[tuple[object, ...]] = []
+    kept = tmp_path / "kept.jsonl"
+    first, _ = answer(GRID, "small", kept)
+    assert [one for one in asked_of if one[1:]] == [
+        (vehicle.name, *((target, number) for target in PLANNED_FOR for number in (0, 1))) for vehicle in OWN
+    ]
+    kept.write_text("".join(kept.read_text().splitlines(keepends=True)[:-1]))
+    asked_of.clear()
+    assert answer(GRID, "small", kept)[0] == first
+    assert [one for one in asked_of if one[1:]] == [("heavy, slow", ("lag", 1))]
+
+
+def test_what_is_asked_of_planned_flights():
+    told = [Outcome("a", target, 0, "steps", 1.0, 1.5, True, True) for target in PLANNED_FOR]
+    assert [one.met for one in requirements_of(told)] == [False, True, True, True]
+    left = [*told, Outcome("a", "lag", 1, "steps", 1.0, 2.6, False, False)]
+    assert [one.met for one in requirements_of(left)] == [False, False, False, False]
+
+
 @pytest.mark.calibration
 def test_planned_flights_reach_what_was_predicted():
     """Bounds of the study, with room for four flights."""
-    found = list(outcomes(OWN[1], 2, 1))
+    found = list(outcomes(OWN[1], [(target, number) for target in PLANNED_FOR for number in (0, 1)], 1))
     ratios = {target: [one.ratio for one in found if one.target == target] for target in ("friction", "lag")}
     assert 0.6 < np.median(ratios["friction"]) < 1.6
     assert 0.5 < np.median(ratios["lag"]) < 2.0

@@ -14,7 +14,7 @@ from validation.flight_recipe.trials import QUANTITIES
 from validation.real_logs import study
 from validation.real_logs.grid import grid_from, published_grid
 from validation.real_logs.named import NAMES, SENTENCES
-from validation.real_logs.page import PART
+from validation.real_logs.page import PART, hover_sentence
 from validation.real_logs.requirements import far_off, requirements
 from validation.real_logs.table import folder_of
 from validation.real_logs.trials import family_tasks, interleaved, rows_of
@@ -159,6 +159,24 @@ def test_pools_are_judged_by_their_lag():
     narrow = {"recipe.effective_lag.low": 0.98, "recipe.effective_lag.high": 1.015}
     assert f"{name}: half-width of the lag in the median" not in unmet(rows(12, name, **narrow))
     assert f"{name}: half-width of the lag in the median" in unmet(rows(12, name))
+
+
+def test_pools_with_two_frequencies_are_judged_together_too():
+    first, second = "pools with two reference frequencies", "pools with two quicker reference frequencies"
+    wide = rows(12, first)
+    narrow = rows(24, second, **{"recipe.effective_lag.low": 0.98, "recipe.effective_lag.high": 1.015})
+    together = "all pools with two reference frequencies: half-width of the lag in the median"
+    (found,) = [item for item in requirements(pl.concat([wide, narrow]), GRID) if item.what == together]
+    assert (found.measured, found.met) == ("17.5 ms of 6 pools", True)
+    assert together not in [item.what for item in requirements(wide, GRID)]
+    assert together in unmet(pl.concat([wide, narrow.head(6)]))
+
+
+def test_the_hover_inputs_errors_stand_beside_the_floor():
+    table = rows(20, "30 s", **{"truth.hover_input": [1.0] * 19 + [1.001]})
+    (said,) = hover_sentence(table, GRID)
+    assert "by 0.100% at most" in said
+    assert not hover_sentence(rows(3, "voltage sags by 10 %, logged"), GRID)
 
 
 def test_rows_are_kept_and_a_run_goes_on(tmp_path):

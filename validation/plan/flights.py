@@ -5,6 +5,7 @@ The controller of a planned flight is another one than that of the first flight,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -164,3 +165,6 @@ OWN = (
     OwnVehicle("heavy, slow", 0.2, 0.6, 0.09),
 )
 ROTORPY = tuple(RotorpyVehicle(vehicle) for vehicle in Vehicle)
+#: Every vehicle by its name.
+_ALL: tuple[Flyer, ...] = (*OWN, *ROTORPY)
+VEHICLES: Mapping[str, Flyer] = {vehicle.name: vehicle for vehicle in _ALL}

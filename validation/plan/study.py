@@ -1,122 +1,121 @@
-"""Planned flights against flights: `python -m validation.plan.study --size small` (or full).
+"""Planned flights against flights, and the command that flies them.
 
-Each vehicle flies a first flight that tells too little, along small steps about a hover. A plan is made after
-its result, for friction and for lag in turn, and flown with another controller, in other gusts and with other
-noise. The flight's half-widths are held against those that the plan printed.
+    python -m validation.plan.study --kept FILE.jsonl [--size small|full] [--page docs/studies/plan.md]
+
+Each vehicle of the grid beside this file flies a first flight that tells too little, along small steps about
+a hover. A plan is made after its result, for friction and for lag in turn, and flown with another controller,
+in other gusts and with other noise. The flight's half-widths are held against those that the plan printed.
+Every flight is kept in the file, and a run that was interrupted goes on. The exit code is 0 when every
+requirement is met, 3 when one is not, 2 for an input of no use.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
-from eivor.inference.verdict import Status
-from eivor.motions.identify import identify_flight
-from eivor.planning.limits import FlightLimits
-from eivor.planning.plan import FlightPlan
+from eivor.errors import InputError
 from eivor.planning.targets import TARGETS
-from eivor.report.planned import plan
-from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind, altitude_reference
-from validation.plan.flights import OTHER_CONTROLLER, OWN, ROTORPY, STEP_S, Flyer
+from eivor.studies.generated_page import markdown
+from eivor.toml_table import read_toml
+from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
+from validation.plan.flights import VEHICLES
+from validation.plan.trials import PLANNED_FOR, Outcome, outcomes
+from validation.requirement import Requirement
+from validation.suites import versions
 
-#: Flights of each plan, and seeds of first flights, by size; the small size has the own vehicles only.
-SIZES = {"small": (2, (1,)), "full": (3, (1,))}
-PLANNED_FOR = ("friction", "lag")
-FIRST_S = 40.0
-LIMITS = FlightLimits()
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One planned flight.
-
-    Parameters
-    ----------
-    vehicle, target : str
-        Who flew, and what for.
-    shape : str
-        Kind of the setpoint.
-    predicted, reached : float
-        Half-width of the target in its unit: as the plan printed it, and as the flight has it.
-    identified : bool
-        The target is.
-    kept : bool
-        The vehicle stayed within the limits.
-    """
-
-    vehicle: str
-    target: str
-    shape: str
-    predicted: float
-    reached: float
-    identified: bool
-    kept: bool
-
-    @property
-    def ratio(self) -> float:
-        """Reached over predicted."""
-        return self.reached / self.predicted
+PART = "planned flights"
+GRID = Path(__file__).with_name("grid.toml")
+#: Asked of the median ratio of reached to predicted: within these of one, by what is planned for.
+RATIOS = {"friction": (0.6, 1.4), "lag": (0.5, 2.0)}
+#: Asked: the share of flights in which what was planned for is identified.
+IDENTIFIED = 0.9
+HEADER = (
+    "vehicle",
+    "planned for",
+    "flights",
+    "predicted",
+    "reached",
+    "ratio",
+    "identified",
+    "within limits",
+)
 
 
-def outcomes(vehicle: Flyer, flights: int, seed: int) -> Iterator[Outcome]:
-    """Plans after one first flight, each flown so often."""
-    rng = np.random.default_rng(seed)
-    first = altitude_reference(
-        TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
+def answer(grid: Path, size: str, kept: Path) -> Answer:
+    """Fly what the file does not have yet, and judge all of it."""
+    told = {(one.vehicle, one.target, one.number): one for one in kept_lines(kept, Outcome)}
+    seed, vehicles = _asked(grid, size)
+    found = []
+    for name, flights in vehicles.items():
+        asked = [(target, number) for target in PLANNED_FOR for number in range(flights)]
+        missing = [each for each in asked if (name, *each) not in told]
+        for one in outcomes(VEHICLES[name], missing, seed):
+            told[name, one.target, one.number] = one
+            keep(kept, [one])
+        found += [told[name, target, number] for target, number in asked]
+    requirements = tuple(requirements_of(found))
+    return _tables(found, requirements), requirements
+
+
+def _asked(grid: Path, size: str) -> tuple[int, dict[str, int]]:
+    """Seed of the study, and how often each vehicle flies each of its plans."""
+    root = read_toml(grid, "grid of planned flights")
+    seed = root.whole("seed")
+    vehicles = {}
+    for one in root.sections("vehicle"):
+        name = one.text("name")
+        if name not in VEHICLES:
+            raise InputError(f"one of {', '.join(VEHICLES)}", f"{name!r}", "Name a vehicle of the study.")
+        vehicles[name] = {word: one.whole(word) for word in ("small", "full")}[size]
+        one.finish()
+    root.finish()
+    return seed, vehicles
+
+
+def requirements_of(found: Sequence[Outcome]) -> Iterator[Requirement]:
+    """What is asked of all flights together."""
+    for target, (low, high) in RATIOS.items():
+        median = float(np.median([one.ratio for one in found if one.target == target]))
+        what = f"median of reached over predicted, {TARGETS[target].words}"
+        yield Requirement(what, f"{low:g} to {high:g}", f"{median:.2f}", low <= median <= high)
+    told, kept = sum(one.identified for one in found), sum(one.kept for one in found)
+    yield Requirement(
+        "what was planned for is identified",
+        f"at least {IDENTIFIED:g}",
+        f"{told} of {len(found)}",
+        told >= IDENTIFIED * len(found),
     )
-    told = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
-    for target in PLANNED_FOR:
-        made = plan(told, target=target, limits=LIMITS, seed=seed)
-        for number in range(flights):
-            yield flown_outcome(vehicle, made, 2000 + 100 * seed + number)
-
-
-def flown_outcome(vehicle: Flyer, made: FlightPlan, seed: int) -> Outcome:
-    """The plan, flown once with the other controller."""
-    reference = Trajectory(made.shape.offset, made.velocity, made.acceleration)
-    flown = vehicle.fly(reference, seed, gains=OTHER_CONTROLLER)
-    result = identify_flight(flown.recording)
-    asked = TARGETS[made.target]
-    quantity = result.quantities[asked.quantity]
-    width = quantity.half_width / (abs(quantity.value) if asked.relative else 1.0)
-    half_height = 0.5 * (made.limits.height_m[1] - made.limits.height_m[0])
-    kept = np.abs(flown.height).max() <= half_height and np.abs(flown.velocity).max() <= made.limits.speed
-    return Outcome(
-        vehicle.name,
-        made.target,
-        made.shape.kind,
-        made.predicted[made.target].half_width,
-        asked.scale * width,
-        quantity.verdict is Status.IDENTIFIED,
-        bool(kept),
-    )
+    yield Requirement("no limit is left", "every flight", f"{kept} of {len(found)}", kept == len(found))
 
 
 def table(found: Sequence[Outcome]) -> str:
     """Markdown: for each vehicle and target medians of both half-widths, their ratio, and shares."""
-    rows = ["| vehicle | planned for | flights | predicted | reached | ratio | identified | within limits |"]
-    rows.append("|---|---|---|---|---|---|---|---|")
-    for vehicle, target in dict.fromkeys((one.vehicle, one.target) for one in found):
-        own = [one for one in found if (one.vehicle, one.target) == (vehicle, target)]
-        rows.append(_row(vehicle, target, own))
+    rows = [
+        _row(vehicle, target, [one for one in found if (one.vehicle, one.target) == (vehicle, target)])
+        for vehicle, target in dict.fromkeys((one.vehicle, one.target) for one in found)
+    ]
     rows += [
         _row("**all**", target, [one for one in found if one.target == target]) for target in PLANNED_FOR
     ]
-    return "\n".join(rows) + "\n"
+    return markdown(HEADER, rows)
 
 
-def _row(vehicle: str, target: str, own: Sequence[Outcome]) -> str:
+def _tables(found: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
+    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
+    made = f"Made by `python -m validation.plan.study` with {versions()}: {len(found)} planned flights."
+    return "\n\n".join((made, markdown(("what", "asked", "measured", "met"), asked), table(found)))
+
+
+def _row(vehicle: str, target: str, own: Sequence[Outcome]) -> tuple[str, ...]:
     unit = TARGETS[target].unit
     predicted, reached, ratio = (
         float(np.median([getattr(one, name) for one in own])) for name in ("predicted", "reached", "ratio")
     )
-    cells = (
+    return (
         vehicle,
         TARGETS[target].words,
         str(len(own)),
@@ -126,27 +125,10 @@ def _row(vehicle: str, target: str, own: Sequence[Outcome]) -> str:
         f"{sum(one.identified for one in own)} of {len(own)}",
         f"{sum(one.kept for one in own)} of {len(own)}",
     )
-    return f"| {' | '.join(cells)} |"
 
 
-def main() -> int:
-    """Run the study, print its table, and keep its flights."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--size", choices=tuple(SIZES), default="small")
-    arguments.add_argument("--json", type=Path, help="keep every flight here")
-    given = arguments.parse_args()
-    flights, seeds = SIZES[given.size]
-    vehicles: tuple[Flyer, ...] = OWN if given.size == "small" else (*OWN, *ROTORPY)
-    found: list[Outcome] = []
-    for seed in seeds:
-        for vehicle in vehicles:
-            for one in outcomes(vehicle, flights, seed):
-                found.append(one)
-                print(f"{one.vehicle}, {one.target}: {one.ratio:.2f}", file=sys.stderr, flush=True)
-                if given.json:
-                    given.json.write_text(json.dumps([asdict(each) for each in found], indent=1) + "\n")
-    print(table(found), end="")
-    return 0
+COMMAND = KeptStudyCommand("validation.plan.study", __doc__, GRID, PART, answer)
+main = COMMAND.main
 
 
 if __name__ == "__main__":

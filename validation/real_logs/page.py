@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import polars as pl
 
+from eivor.motions.vertical.allowances import HOVER_FLOOR
 from eivor.studies.generated_page import markdown
 from eivor.studies.share import Share
 from validation.flight_recipe.metrics import accepted_share, flown, score
 from validation.flight_recipe.page import verdict_table
-from validation.flight_recipe.trials import QUANTITIES
+from validation.flight_recipe.trials import QUANTITIES, RECIPE
 from validation.real_logs.grid import Grid
 from validation.real_logs.named import NAMES
 from validation.real_logs.requirements import LAG, far_off, judged, requirements, said
@@ -16,6 +18,7 @@ from validation.study_folder import StudyTable
 
 #: Name of the generated part of the page.
 PART = "real logs"
+HOVER = "hover_input"
 COMMAND = "python -m validation.real_logs.study"
 
 
@@ -39,6 +42,7 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
             verdict_table(rows),
             "## What is asked, and what came out",
             requirement_table(rows, grid),
+            *hover_sentence(rows, grid),
         ]
     )
 
@@ -73,6 +77,21 @@ def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
         for item in requirements(rows, grid)
     ]
     return markdown(("what", "asked", "measured", "met"), lines)
+
+
+def hover_sentence(rows: pl.DataFrame, grid: Grid) -> list[str]:
+    """Errors of hover inputs beside the floor of their interval; nothing where none is identified."""
+    held = [family.name for family in grid.families if family.holds == "yes"]
+    told = judged(rows.filter(pl.col("class").is_in(held)), HOVER)
+    if not told.height:
+        return []
+    true = told[f"truth.{HOVER}"]
+    off = ((told[f"{RECIPE}.{HOVER}.value"] - true) / true).abs().to_numpy()
+    return [
+        "The hover inputs of all families that the model holds are off by less than "
+        f"{np.quantile(off, 0.95):.3%} in 95 % of {off.size} flights, and by {off.max():.3%} at most; the "
+        f"floor of their interval is {HOVER_FLOOR:.1%} either way."
+    ]
 
 
 def _families(rows: pl.DataFrame, grid: Grid) -> list[tuple[str, pl.DataFrame]]:

@@ -51,6 +51,7 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
     held = [family.name for family in grid.families if family.holds == "yes"]
     together = rows.filter(pl.col("class").is_in(held))
     found.extend(_pooled(together, quantity) for quantity in COVERED)
+    found.extend(_of_two_frequencies(grid, rows))
     return tuple(found)
 
 
@@ -113,11 +114,23 @@ def _of_pools(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
         share = said(_one_each(family, rows), family.named)
         yield _at_least(family, f"named: {family.named}", share, family.share)
         return
-    pools = _one_each(family, rows)
+    yield _narrow(family.name, _one_each(family, rows))
+
+
+def _of_two_frequencies(grid: Grid, rows: pl.DataFrame) -> Iterator[Requirement]:
+    """Half-widths of the lag in all pools with two reference frequencies, whichever these are."""
+    families = [family for family in grid.families if len(family.frequencies) == 2]
+    flown = [_one_each(family, rows.filter(pl.col("class") == family.name)) for family in families]
+    if all(pools.height for pools in flown) and len(flown) > 1:
+        yield _narrow("all pools with two reference frequencies", pl.concat(flown))
+
+
+def _narrow(what: str, pools: pl.DataFrame) -> Requirement:
+    """Half-width of the lag in the median of pools, of each of which there is one row."""
     widths = 0.5 * (pools[f"{RECIPE}.{LAG}.high"] - pools[f"{RECIPE}.{LAG}.low"]).to_numpy()
     median = float(np.median(widths))
-    yield Requirement(
-        f"{family.name}: half-width of the lag in the median",
+    return Requirement(
+        f"{what}: half-width of the lag in the median",
         f"at most {POOL_LAG_HALF_WIDTH * 1e3:.0f} ms",
         f"{median * 1e3:.1f} ms of {widths.size} pools",
         median <= POOL_LAG_HALF_WIDTH,
