@@ -29,6 +29,7 @@ from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, 
 from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
 from eivor.inference.covariances.by_row import FEW_ROWS_DEFAULT
 from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
 from eivor.linalg.system import Solution, Solver
 from eivor.models.linearisable import LinearisableProblem
 from eivor.models.regression import LinearProblem, Regression
@@ -207,7 +208,7 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     def made(fixed: dict[str, float], beside: Candidate | None) -> Candidate:
         return _candidate(method, problem, fixed, beside)
 
-    candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion)
+    candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion, _rejected)
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
     joint = candidates[0].rows.parameters + refined
     best = (
@@ -215,6 +216,11 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     )
     reasons = pulled(best.solution, best.rows.parameters)
     return Estimate(method.name, joint, candidates, reasons, bounded_sums(problem.nuisances))
+
+
+def _rejected(candidate: Candidate) -> bool:
+    """Whether the instruments disagree beyond doubt."""
+    return candidate.inference.over_identification[1] < BEYOND_DOUBT
 
 
 def _candidate(

@@ -2,7 +2,9 @@
 
 A grid whose steps are as fine as the data can tell apart would have many candidates that are far from
 fitting. Coarse steps are tried first; beside the best of the candidates that compete they are halved, as
-often as a nuisance says.
+often as a nuisance says. Where the last value of a grid alone fits, the truth lies beyond: a grid that may be
+longer goes on first. Far from the truth every value fits as badly as every other, and nothing shows the way:
+where the data reject all of them, all that may be tried are.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from eivor.estimation.competing import bounded_sums, least_of_competitors
+from eivor.estimation.long_grids import long_enough
 from eivor.models.separable import Nuisance, Values, combinations
 
 Made = TypeVar("Made")
@@ -26,6 +29,7 @@ def on_nested_grids(
     nuisances: tuple[Nuisance, ...],
     made: Callable[[dict[str, float], Made | None], Made],
     criterion: Callable[[Made], float],
+    rejected: Callable[[Made], bool] = lambda _: False,
 ) -> tuple[Made, ...]:
     """Candidates in the order of the finest grids.
 
@@ -38,8 +42,10 @@ def on_nested_grids(
         candidate there; None where none has been made yet.
     criterion : callable
         How well a candidate fits.
+    rejected : callable
+        Whether the data reject a candidate. Default: they never do.
     """
-    found = [(at, made(at, None)) for at in combinations(nuisances)]
+    nuisances, found = long_enough(nuisances, made, criterion, rejected)
     for _ in range(max((one.halvings for one in nuisances if one.discrete), default=0)):
         finer = tuple(one.halved for one in nuisances)
         best = list(_best(nuisances, found, criterion))
@@ -66,7 +72,7 @@ def with_values_tried(nuisances: tuple[Nuisance, ...], tried: Iterable[Values]) 
     """
     points = list(tried)
     return tuple(
-        replace(one, grid=np.unique([at[one.name] for at in points]), halvings=0)
+        replace(one, grid=np.unique([at[one.name] for at in points]), halvings=0, furthest=None)
         if one.discrete and one.halvings
         else one
         for one in nuisances

@@ -34,6 +34,8 @@ BAND_HZ = (0.04, 5.0)
 #: Grid of lags [s] and delays [s] that are searched.
 LAG_GRID_S = np.geomspace(0.002, 0.3, 40)
 DELAYS_S = (0.0, 0.010, 0.020, 0.030, 0.040)
+#: Delays go on up to this one [s] where the last of them alone fits.
+FURTHEST_DELAY_S = 0.2
 #: How often the steps between delays are halved beside the best.
 DELAY_HALVINGS = 2
 #: Grid of delays [s] of a state that was measured.
@@ -55,10 +57,14 @@ def lag_and_delay(
     step_s : float
         Between samples [s], which do not tell shorter lags apart.
     """
-    return (
-        Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s),
-        Nuisance(DELAY, np.asarray(delays_s, dtype=np.float64), discrete=True, halvings=DELAY_HALVINGS),
+    delay = Nuisance(
+        DELAY,
+        np.asarray(delays_s, dtype=np.float64),
+        discrete=True,
+        halvings=DELAY_HALVINGS,
+        furthest=FURTHEST_DELAY_S,
     )
+    return Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s), delay
 
 
 def measured_state() -> tuple[Nuisance, Nuisance]:

@@ -124,6 +124,9 @@ class Nuisance:
         Accuracy of the refinement, in the parameter's unit.
     halvings : int
         How often the steps of a discrete one are halved beside the value that fits best.
+    furthest : float, optional
+        Largest value of a discrete one: where the last of its grid alone fits, the grid goes on by its last
+        step, up to here. Default: it ends where it ends.
     resolution : float
         Of a positive one: columns hardly move with values below it, as samples do not with a lag that is
         much shorter than their step. A derivative there says nothing of larger values; a difference does.
@@ -142,6 +145,7 @@ class Nuisance:
     known_with: tuple[str, ...] = ()
     tolerance: float = 1e-6
     halvings: int = 0
+    furthest: float | None = None
     resolution: float = 0.0
 
     def __post_init__(self) -> None:
@@ -202,6 +206,21 @@ class Nuisance:
             return self
         middles = 0.5 * (self.grid[:-1] + self.grid[1:])
         return replace(self, grid=np.sort(np.append(self.grid, middles)), halvings=self.halvings - 1)
+
+    @property
+    def longest(self) -> Nuisance:
+        """The same nuisance with a grid that goes on by its last step to the furthest value."""
+        if self.furthest is None or not (self.discrete and self.searched):
+            return self
+        last, step = float(self.grid[-1]), float(self.grid[-1] - self.grid[-2])
+        more = last + step * np.arange(1, np.floor((self.furthest - last) / step + ROUNDING) + 1)
+        return replace(self, grid=np.append(self.grid, more)) if more.size else self
+
+    @property
+    def longer(self) -> Nuisance:
+        """The same nuisance with the next of these values, if there is one."""
+        longest = self.longest
+        return self if longest is self else replace(self, grid=longest.grid[: self.grid.size + 1])
 
     def known_at(self, value: float) -> Nuisance:
         """Return the same nuisance with one value, which is not searched for."""

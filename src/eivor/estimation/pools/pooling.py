@@ -9,6 +9,7 @@ import numpy as np
 
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.long_grids import reaching
 from eivor.estimation.nested_grids import on_nested_grids
 from eivor.estimation.pools.candidate import pool_candidate
 from eivor.estimation.pools.criterion import PoolCriterion
@@ -46,6 +47,7 @@ def pooled(
     separate : bool
         Never take flights as agreeing in what is their own.
     """
+    nuisances = reaching(nuisances, [estimate.best.at for estimate in estimates])
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
     places = tuple(parameters.index(name) for name in own)

@@ -11,7 +11,7 @@ from eivor.flights.grounds import longest_lag_reasons, weakly_told, wide_lag_rea
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, FURTHEST_DELAY_S
 from eivor.motions.vertical.remedies import LOG_REFERENCE, QUICKER
 
 LAG_HALF_WIDTH_S = 0.1
@@ -59,7 +59,16 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
     return [
         *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuator's", remedy=QUICKER),
         *longest_lag_reasons(strength, remedy=remedy),
+        *_longest_delay_reasons(quantities["delay"], remedy=remedy),
     ]
+
+
+def _longest_delay_reasons(delay: Unjudged, *, remedy: str) -> list[Reason]:
+    """Ground of a delay that ended at the longest that is tried."""
+    if delay.choice is None or not delay.value >= 0.999 * FURTHEST_DELAY_S:
+        return []
+    sentence = f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s)."
+    return [Reason(Status.WEAK, sentence, remedy)]
 
 
 def delay_reasons(delay: Unjudged) -> list[Reason]:
