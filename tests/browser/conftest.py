@@ -17,6 +17,9 @@ WATCH = (
     "addEventListener('securitypolicyviolation', (event) => broken.push(event.violatedDirective));"
 )
 
+#: How long anything is waited for [ms]: a machine that has much else to do makes no page wrong.
+PATIENCE_MS = 120_000.0
+
 Opener = Callable[..., Any]
 
 
@@ -48,6 +51,7 @@ def watched(chromium: Any) -> Iterator[Opener]:
         context = chromium.new_context(
             offline=offline, viewport={"width": width, "height": 900}, color_scheme=scheme
         )
+        context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         page = context.new_page()
         page.asked, page.said = [], []

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from browser.conftest import PATIENCE_MS
+
 SITE = os.environ.get("EIVOR_SITE", "")
 pytestmark = [
     pytest.mark.thorough,
@@ -50,6 +52,7 @@ def watched(chromium):
 
     def opening(*, offline):
         context = chromium.new_context(offline=offline, viewport={"width": 1440, "height": 900})
+        context.set_default_timeout(PATIENCE_MS)
         contexts.append(context)
         page = context.new_page()
         page.asked, page.said = [], []
