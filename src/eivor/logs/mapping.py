@@ -14,6 +14,7 @@ from eivor.logs.columns import Columns
 from eivor.logs.expressions import Expression
 from eivor.logs.extrapolation import without_extrapolation
 from eivor.logs.findings import channel_findings
+from eivor.logs.own_clocks import on_own_clock, own_clock_findings
 from eivor.logs.units import TIME_UNITS
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import canonical_channel, canonical_channels, held_by_default, unit_of
@@ -238,7 +239,8 @@ def mapped_channels(
             channels[rule.name] = channel
         else:
             found.append(Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text})."))
-    return channels, found
+    own = {name: on_own_clock(channel) for name, channel in channels.items()}
+    return own, [*found, *own_clock_findings(channels, own)]
 
 
 def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding]:
