@@ -7,21 +7,48 @@ quaternion. The vertical model needs no particular heading of the horizontal axe
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from eivor.signals.canonical import canonical_channel
-from eivor.signals.recording import Frame, Recording
+from eivor.signals.made_channels import MadeChannels
+from eivor.signals.recording import Channel, Frame, Recording
 
 
 def upward(recording: Recording) -> Recording:
     """Return the same recording with z up."""
     if recording.frame is Frame.Z_UP:
         return recording
-    channels = {
-        name: replace(channel, values=-channel.values) if _flipped(name) else channel
-        for name, channel in recording.channels.items()
-    }
+    logged = recording.channels
+    channels: Mapping[str, Channel]
+    if isinstance(logged, MadeChannels):
+        channels = _TurnedChannels(logged)
+    else:
+        channels = {name: _turned(channel) for name, channel in logged.items()}
     return replace(recording, channels=channels, frame=Frame.Z_UP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TurnedChannels(MadeChannels):
+    """Channels that are made, and then turned."""
+
+    logged: MadeChannels
+
+    def __getitem__(self, name: str) -> Channel:
+        return _turned(self.logged[name])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.logged
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.logged)
+
+    def __len__(self) -> int:
+        return len(self.logged)
+
+
+def _turned(channel: Channel) -> Channel:
+    return replace(channel, values=-channel.values) if _flipped(channel.name) else channel
 
 
 def _flipped(name: str) -> bool:

@@ -15,6 +15,15 @@ from eivor.shapes import Float
 from eivor.signals.recording import Channel, ChannelQuality, Finding
 
 _GRAVITY = 9.80665
+#: So many values of a long channel have the median of all: no more are looked at.
+ENOUGH = 1 << 17
+_FORCES, _PARTS, _RATES = (
+    tuple(f"{family}_{member}" for member in members)
+    for family, members in (("specific_force_body", "xyz"), ("attitude", "wxyz"), ("angular_rate", "xyz"))
+)
+#: Channels whose size is doubted.
+_SIZED = frozenset({*_FORCES, *_PARTS, *_RATES, "specific_force_z", "cos_tilt"})
+_Values = Mapping[str, Float[np.ndarray, " n"]]
 
 
 def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
@@ -44,16 +53,22 @@ class Look:
         What was set right.
     step_s : float
         Median step of a sampled channel, NaN where there is none [s].
+    values : ndarray
+        Its values where sizes are doubted, of a long channel so many that their median is that of all.
     """
 
     quality: ChannelQuality
     step_s: float
+    values: Float[np.ndarray, " n"]
 
 
 def look(channel: Channel) -> Look:
     """Look at a channel."""
+    every = -(-channel.time_s.size // ENOUGH) or 1
+    steps = channel.time_s[1::every] - channel.time_s[:-1:every]
     sampled = channel.time_s.size > 2 and not channel.held
-    return Look(channel.quality, float(np.median(np.diff(channel.time_s))) if sampled else np.nan)
+    values = np.array(channel.values[::every]) if channel.name in _SIZED else np.empty(0)
+    return Look(channel.quality, float(np.median(steps)) if sampled else np.nan, values)
 
 
 def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
@@ -68,7 +83,7 @@ def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> t
     """
     qualities = {name: one.quality for name, one in looks.items()}
     steps = [one.step_s for one in looks.values() if np.isfinite(one.step_s)]
-    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(channels))
+    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(looks, channels))
 
 
 _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
@@ -117,11 +132,12 @@ def _time_findings(steps: Sequence[float]) -> list[Finding]:
     ]
 
 
-def _unit_findings(channels: Mapping[str, Channel]) -> list[Finding]:
+def _unit_findings(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> list[Finding]:
+    values = {name: one.values for name, one in looks.items() if name in _SIZED}
     doubts = [
-        *_force_doubts(channels),
-        *_attitude_doubts(channels),
-        *_rate_doubts(channels),
+        *_force_doubts(values),
+        *_attitude_doubts(values),
+        *_rate_doubts(values),
         *_velocity_doubts(channels),
     ]
     return [Finding("mixed_units", doubt) for doubt in doubts]
@@ -132,32 +148,26 @@ def _median(values: Float[np.ndarray, " n"]) -> float:
     return float(np.median(finite)) if finite.size else float("nan")
 
 
-def _norm(channels: Mapping[str, Channel], names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+def _norm(values: _Values, names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
     """Norm of channels that share one clock; None when one is absent or the lengths differ."""
-    if any(name not in channels for name in names):
+    parts = [values[name] for name in names if name in values]
+    if len(parts) < len(names) or len({part.size for part in parts}) > 1 or not parts[0].size:
         return None
-    total = np.square(channels[names[0]].values)
-    for name in names[1:]:  # one at a time: long ones are not kept in memory
-        part = channels[name].values
-        if part.size != total.size:
-            return None
-        total += np.square(part)
-    return np.sqrt(total) if total.size else None
+    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
 
 
-def _force_doubts(channels: Mapping[str, Channel]) -> list[str]:
+def _force_doubts(values: _Values) -> list[str]:
     """Doubt a median specific force other than one g: that of rest, of hover and of most flights."""
     doubts = []
-    body = _norm(channels, [f"specific_force_body_{axis}" for axis in "xyz"])
-    vertical = channels.get("specific_force_z")
+    body = _norm(values, _FORCES)
     candidates = [
         ("The norm of specific_force_body", body),
-        ("specific_force_z", vertical.values if vertical is not None else None),
+        ("specific_force_z", values.get("specific_force_z")),
     ]
-    for label, values in candidates:
-        if values is None:
+    for label, force in candidates:
+        if force is None:
             continue
-        median = abs(_median(values))
+        median = abs(_median(force))
         if 0.8 < median < 1.25:
             doubts.append(f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g.")
         elif 800.0 < median < 1250.0:
@@ -167,24 +177,20 @@ def _force_doubts(channels: Mapping[str, Channel]) -> list[str]:
     return doubts
 
 
-def _attitude_doubts(channels: Mapping[str, Channel]) -> list[str]:
+def _attitude_doubts(values: _Values) -> list[str]:
     doubts = []
-    norm = _norm(channels, [f"attitude_{part}" for part in "wxyz"])
+    norm = _norm(values, _PARTS)
     if norm is not None and abs(_median(norm) - 1.0) > 0.05:
         doubts.append(f"The attitude quaternion has a median norm of {_median(norm):.3g} instead of 1.")
-    tilt = channels.get("cos_tilt")
-    if tilt is not None and np.any(np.abs(tilt.values) > 1.0 + 1e-6):
+    tilt = values.get("cos_tilt")
+    if tilt is not None and np.any(np.abs(tilt) > 1.0 + 1e-6):
         doubts.append("cos_tilt leaves [-1, 1]; is it an angle?")
     return doubts
 
 
-def _rate_doubts(channels: Mapping[str, Channel]) -> list[str]:
+def _rate_doubts(values: _Values) -> list[str]:
     """No gyro of a drone measures 35 rad/s (2000 deg/s) for more than a moment."""
-    fast = [
-        name
-        for name in (f"angular_rate_{axis}" for axis in "xyz")
-        if name in channels and _median(np.abs(channels[name].values)) > 10.0
-    ]
+    fast = [name for name in _RATES if name in values and _median(np.abs(values[name])) > 10.0]
     return [f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"] if fast else []
 
 

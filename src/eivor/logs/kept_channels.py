@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from eivor.signals.made_channels import MadeChannels
 from eivor.signals.recording import Channel
 
 #: What stays in memory: all channels of most logs [bytes].
@@ -12,7 +13,7 @@ KEPT_BYTES = 48 << 20
 
 
 @dataclass(slots=True)
-class KeptChannels(Mapping[str, Channel]):
+class KeptChannels(MadeChannels):
     """Channels by name, the first of which are kept.
 
     Parameters
@@ -53,6 +54,9 @@ class KeptChannels(Mapping[str, Channel]):
     def __getitem__(self, name: str) -> Channel:
         kept = self._kept.get(name)
         return self._makers[name]() if kept is None else kept
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._makers
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._makers)

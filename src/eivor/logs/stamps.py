@@ -20,6 +20,9 @@ def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     time_s : ndarray, shape (n,)
         Stamps, of which those of a sound log are near zero [s].
     """
+    within = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
+    if within and np.all(time_s[1:] >= time_s[:-1]):
+        return np.ones(time_s.size, dtype=np.bool_)
     usable = np.abs(time_s) <= MAX_SPAN_S
     usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= AHEAD_S
     before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]

@@ -16,7 +16,7 @@ Conventions, settled here once:
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -25,10 +25,11 @@ import numpy as np
 from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
-from eivor.shapes import Float
+from eivor.shapes import Bool, Float
 from eivor.signals.data_sheet import DataSheet
 from eivor.signals.families import family_members
 from eivor.signals.log_origin import LogOrigin
+from eivor.signals.made_channels import MadeChannels
 from eivor.signals.stamps import evened
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ class Channel:
                 f"stamps of shape {self.time_s.shape} and values of shape {self.values.shape}",
                 "Give both as one-dimensional arrays of the same length.",
             )
-        if not np.all(np.isfinite(self.time_s)) or np.any(np.diff(self.time_s) <= 0.0):
+        if not _rise(self.time_s):
             raise NonFiniteError(
                 f"finite, strictly increasing time stamps in channel '{self.name}'",
                 "stamps that are not finite, repeat, or go backward",
@@ -191,24 +192,37 @@ def clean_channel(
     finite = np.isfinite(time)
     if not finite.all():
         time, series = time[finite], series[finite]
-    series[~(np.abs(series) <= LARGEST_VALUE)] = np.nan
-    logged, time = time, evened(time)
-    latest = np.maximum.accumulate(time) if time.size else time
-    first = np.ones(time.size, dtype=bool)
-    first[1:] = time[1:] > latest[:-1]
-    duplicated = np.zeros(time.size, dtype=bool)
-    duplicated[1:] = time[1:] == latest[:-1]
-    quality = ChannelQuality(
-        duplicated_stamps=int(duplicated.sum()),
-        evened_stamps=0 if time is logged else int(time.size),
-        backward_stamps=int((~first & ~duplicated).sum()) + int((~finite).sum()),
-        missing_values=int((np.isnan(series) & first).sum()),
-        overflowed=overflowed,
-        saturated=saturated,
-    )
-    if not first.all():
-        time, series = time[first], series[first]
+    series[~((series >= -LARGEST_VALUE) & (series <= LARGEST_VALUE))] = np.nan
+    quality = ChannelQuality(backward_stamps=int((~finite).sum()), overflowed=overflowed, saturated=saturated)
+    if not _rise(time):
+        time, first, quality = _rising(time, quality)
+        series = series[first]
+    quality = replace(quality, missing_values=int(np.isnan(series).sum()))
     return Channel(name, time, series, unit, source, held, quality, estimated, delay_s, noise)
+
+
+def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
+    """Whether stamps are finite and strictly increase."""
+    ends = np.isfinite(time_s[:1]).all() and np.isfinite(time_s[-1:]).all()
+    return bool(ends and (time_s[1:] > time_s[:-1]).all())
+
+
+def _rising(
+    time_s: Float[np.ndarray, " n"], quality: ChannelQuality
+) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " n"], ChannelQuality]:
+    """Those of finite stamps that rise, evened where they err, which they are, and what was found wrong."""
+    time = evened(time_s)
+    latest = np.maximum.accumulate(time)
+    first = np.ones(time.size, dtype=np.bool_)
+    first[1:] = time[1:] > latest[:-1]
+    duplicated = int((time[1:] == latest[:-1]).sum())
+    found = replace(
+        quality,
+        duplicated_stamps=duplicated,
+        evened_stamps=0 if time is time_s else int(time.size),
+        backward_stamps=quality.backward_stamps + int((~first).sum()) - duplicated,
+    )
+    return time[first], first, found
 
 
 @dataclass(frozen=True, slots=True)
@@ -256,7 +270,8 @@ class Recording:
     def __post_init__(self) -> None:
         for name in ("name", "format", "sha256", "input_map", "vehicle"):
             checks.text(name, getattr(self, name))
-        checks.mapping("channels", self.channels, Channel, "channels")
+        if not isinstance(self.channels, MadeChannels):
+            checks.mapping("channels", self.channels, Channel, "channels")
         checks.kind("frame", self.frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")
         checks.mapping("parameters", self.parameters, checks.NUMBERS, "numbers")
         checks.mapping("looked_for", self.looked_for, tuple, "tuples of names")
@@ -282,10 +297,10 @@ class Recording:
     @property
     def span_s(self) -> tuple[float, float]:
         """First and last stamp over all channels [s]."""
-        stamps = [c.time_s for c in self.channels.values() if c.time_s.size]
-        if not stamps:
-            return (0.0, 0.0)
-        return min(float(t[0]) for t in stamps), max(float(t[-1]) for t in stamps)
+        ends = [
+            (float(c.time_s[0]), float(c.time_s[-1])) for c in self.channels.values() if c.time_s.size
+        ] or [(0.0, 0.0)]
+        return min(first for first, _ in ends), max(last for _, last in ends)
 
     def family(self, name: str) -> list[Channel]:
         """Channels called `name`, or `name` and a rotor's number or an axis, see `family_members`."""

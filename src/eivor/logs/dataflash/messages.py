@@ -7,13 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
+from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
 from eivor.logs.dataflash.layouts import Layout
 from eivor.shapes import Bool, Float
 
 #: Clocks, and the seconds in one tick of each; firmware up to 3.3 counts milliseconds.
 CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
-#: Messages that are together no larger are taken out of the file once, others column by column [bytes].
+#: Messages that are together no larger are taken out of a file once, others column by column [bytes] ...
 KEPT_BYTES = 1 << 24
+#: ... and all of them column by column, where the file is larger than this [bytes].
+LONG_FILE_BYTES = 1 << 27
 
 
 @dataclass(frozen=True)
@@ -58,7 +61,7 @@ class Messages:
         field = self.layout.fields[column]
         if not self.count:
             return np.empty(0, field.kind)
-        if self.count * self.layout.length > KEPT_BYTES:
+        if self.count * self.layout.length > KEPT_BYTES or self.data.size > LONG_FILE_BYTES:
             return self._taken(field.kind, field.offset)
         kept = np.ndarray((self.count,), field.kind, self._whole, field.offset, (self.layout.length,))
         return np.array(kept)
@@ -71,7 +74,10 @@ class Messages:
     def _taken(self, kind: np.dtype[np.generic], offset: int) -> np.ndarray:
         """What is in each message from a byte on."""
         anywhere = np.ndarray((self.data.size - self.layout.length + 1,), kind, self.data, offset, (1,))
-        return np.asarray(anywhere[self.places])
+        taken = np.empty((self.count, *kind.shape), kind.base)
+        for start, stop in row_blocks(0, self.count, COPIED_ROWS):
+            taken[start:stop] = anywhere[self.places[start:stop]]
+        return taken
 
     def values(self, column: str) -> Float[np.ndarray, " n"]:
         """Return a column as numbers, in its unit."""

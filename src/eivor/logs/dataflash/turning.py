@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
 from eivor.logs.dataflash.messages import Messages
 from eivor.logs.dataflash.reading import Reading
 from eivor.logs.dataflash.sources import (
@@ -63,15 +64,21 @@ def add_attitude(reading: Reading) -> None:
 
 def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
     """Part w, x, y or z of the quaternion from body to world."""
-    first, second = np.ones((2, table.count))
-    for name, functions in zip(ATTITUDE, _FACTORS[part], strict=True):
-        half = table.values(name)
-        half *= _DEG
-        # a yaw without jumps makes a quaternion without jumps of sign
-        half = 0.5 * (_unwrapped(half) if name == "Yaw" else half)
-        first *= functions[0](half)
-        second *= functions[1](half)
-    return np.asarray(first + second if part in "wy" else first - second)
+    # a yaw without jumps makes a quaternion without jumps of sign
+    yaw = table.values("Yaw")
+    yaw *= _DEG
+    made = _unwrapped(yaw)
+    del yaw
+    others = [(table.stored(name), table.layout.fields[name].factor * _DEG) for name in ("Roll", "Pitch")]
+    for start, stop in row_blocks(0, table.count, PASSED_ROWS):
+        angles = [factor * stored[start:stop].astype(np.float64) for stored, factor in others]
+        halves = [0.5 * angle for angle in (*angles, made[start:stop])]
+        first, second = (
+            np.prod([of(half) for of, half in zip(functions, halves, strict=True)], axis=0)
+            for functions in zip(*_FACTORS[part], strict=True)
+        )
+        made[start:stop] = first + second if part in "wy" else first - second
+    return made
 
 
 def add_setpoints(reading: Reading) -> None:
