@@ -8,6 +8,7 @@ are linear: slopes by rho stand beside those by theta, so that the covariance is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from eivor.estimation.method import Method, Problem
 from eivor.estimation.refusals import check_freedom
 from eivor.estimation.solved import Solved
 from eivor.estimation.unknown_noise.choices import EquationChoice, GeneralizedEquations
+from eivor.estimation.unknown_noise.long_memory import long_memory_covariance
 from eivor.estimation.unknown_noise.shared_moments import FIRST_ORDER, SharedMoments, UnknownNoise
 from eivor.estimation.weighting.equations import weighted
 from eivor.inference.covariances.bandwidth import newey_west_bandwidth
@@ -228,8 +230,10 @@ class _Search:
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
         alone = Candidate({}, self._solved(beta))
-        both = JointCovariance((*alone.covariance.parts, self._of_normal_series(beta)))
-        estimate = Estimate(name, self.shared.parameters, (replace(alone, streamed_covariance=both),))
+        parts = (*alone.covariance.parts, self._of_normal_series(beta), *self._of_long_memory(beta))
+        estimate = Estimate(
+            name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
+        )
         return replace(estimate, reasons=tuple(self._grounds(estimate, beta)))
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
@@ -237,6 +241,17 @@ class _Search:
         root = np.linalg.qr(self._divided(self._slopes(beta)), mode="r")
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
         return CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
+
+    def _of_long_memory(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
+        """The same with the autocovariances of long lags, where a noise is fractional."""
+        if not any(noise.fractional for noise in self.shared.unknown):
+            return
+        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
+        answers = scipy.linalg.solve_triangular(root, Q.T)
+        answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
+        error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
+        matrix = long_memory_covariance(self.rows.instruments @ answers, error)
+        yield CovariancePart("of_long_memory", matrix / self._count**2)
 
     def _solved(self, beta: Float[np.ndarray, " k"]) -> Solved:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
