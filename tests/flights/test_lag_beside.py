@@ -138,13 +138,22 @@ def answering(log: Recording) -> Recording:
     ],
 )
 def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch):
-    def not_to_be_made(*_: object) -> None:
-        raise AssertionError("estimated")
-
-    monkeypatch.setattr(lag_beside, "estimated", not_to_be_made)
+    unmade(monkeypatch)
     assert lags_beside((Rates(),), spoilt(turning), None) == ()
     with pytest.raises(AssertionError, match="estimated"):
         lags_beside((Rates(),), turning, None)
+
+
+def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
+    unmade(monkeypatch)
+    assert lags_beside((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
+
+
+def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
+    def not_to_be_made(*_: object, **__: object) -> None:
+        raise AssertionError("estimated")
+
+    monkeypatch.setattr(lag_beside, "estimated", not_to_be_made)
 
 
 @pytest.mark.thorough

@@ -10,24 +10,35 @@ reference that does not answer the vehicle moves it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from eivor.errors import InputError
+from eivor.errors import EstimationError, InputError
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import by_name
 from eivor.flights.estimated import EFFECTIVE_LAG
 from eivor.flights.frames import upward
+from eivor.flights.instruments import instruments
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.recipe import estimated
 from eivor.flights.told_lag import ToldLag
+from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
+from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.separable import Nuisance
 from eivor.signals.recording import Recording
 
 #: Standard deviation of the difference between the delays of the sensors of two motions [s].
 SENSORS_APART_S = 0.005
 #: Slower states and commands of the other motion tell no lag that is worth an estimate [Hz].
 LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
+#: Instruments weaker than this share of strong ones are not looked at closely. Their F at coarse lags and
+#: delays was within a third of that at the best.
+LEAST_SHARE = 0.5
 #: Role of the commands among the rates of a selection.
 COMMAND = "command"
 
@@ -75,4 +86,30 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> Told
         return None
     if not flight.runs or not any(one.usable and one.exogenous for one in flight.references):
         return None
-    return lag_told_by(motion, estimated(motion, (flight,), options).quantities[EFFECTIVE_LAG])
+    if not _may_be_told(motion, flight, options):
+        return None
+    result = estimated(motion, (flight,), options, with_sets=False)
+    return lag_told_by(motion, result.quantities[EFFECTIVE_LAG])
+
+
+def _may_be_told(motion: Motion[Any], flight: PreparedFlight, options: FlightOptions) -> bool:
+    """Whether instruments tell anything of the lag, by a coarse search: most flights end here."""
+    method = by_name(options.method)
+    chosen = instruments((flight,), options, method)
+    if chosen.absent:
+        return False
+    try:
+        problem = motion.problem((flight.shortened,), chosen.rule)
+        coarse = problem.with_nuisances(tuple(map(_coarse, problem.nuisances)))
+        found = identify(coarse, motion.weighted(method))
+    except EstimationError:
+        return False
+    first_stage = dict(zip(found.names, found.best.inference.first_stage, strict=True))
+    return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
+
+
+def _coarse(one: Nuisance) -> Nuisance:
+    """A nuisance with some of its grid."""
+    if not one.searched:
+        return one
+    return replace(one, grid=one.grid[:: 2 if one.discrete else 4], halvings=0, furthest=None)

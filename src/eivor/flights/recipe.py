@@ -52,6 +52,8 @@ def estimated(
     agreement: OverIdentification | None = None,
     beside: LagsBeside = tuple,
     progress: Progress = silent,
+    *,
+    with_sets: bool = True,
 ) -> FlightEstimate:
     """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
 
@@ -69,6 +71,8 @@ def estimated(
         What other motions of the same flight say of the lag, if there are any; called where that serves.
     progress : callable
         See `Progress`.
+    with_sets : bool
+        Whether the headline has its confidence sets; who asks for the lag alone needs none.
     """
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
@@ -109,7 +113,7 @@ def estimated(
             checks = replace(checks, agreement=diagnose(alone).over_identification)
         if agreement is not None and checks.agreement is not None:
             checks = replace(checks, agreement=agreement)
-        sets = headline_sets(problem, estimate, motion.headline)
+        sets = headline_sets(problem, estimate, motion.headline if with_sets else ())
         unaided = None if given is None else Unaided(whole, alone)
         fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, unaided)
         shortened = tuple(flight.shortened for flight in flying)
