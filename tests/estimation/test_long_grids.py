@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,24 @@ def test_where_all_are_rejected_every_value_is_tried_and_kept_only_if_it_explain
         [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0] if kept else DELAY.grid.tolist()
     )
     assert delays(criterion) == DELAY.grid.tolist()
+
+
+def test_values_that_explain_more_and_are_rejected_too_are_not_taken():
+    # columns that have little to do with the instruments
+    def criterion(delay: float) -> float:
+        return 100.0 - 2.0 * max(delay - 20.0, 0.0)
+
+    assert delays(criterion, lambda _: True) == DELAY.grid.tolist()
+    assert len(delays(criterion, lambda delay: criterion(delay) > 50.0)) > len(DELAY.grid)
+
+
+def test_between_the_values_of_a_grid_one_may_fit():
+    halved = replace(DELAY, halvings=1)
+
+    def criterion(delay: float) -> float:
+        return 60.0 if delay == 5.0 else 100.0 + delay - 100.0 * (delay > 20.0)
+
+    assert delays(criterion, lambda delay: criterion(delay) > 70.0, halved) == [0.0, 5.0, 10.0, 20.0]
 
 
 def test_what_lies_behind_values_that_fit_worse_is_not_taken():

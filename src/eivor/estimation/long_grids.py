@@ -3,8 +3,10 @@
 A grid that holds what nearly every vehicle has is short, and wrong for the others: a lag cannot make up for a
 delay that none of the values reaches. Two things tell it. Where the last value alone fits, the next one is
 tried. Far from the truth every value fits as badly as every other, and nothing shows the way: where the data
-reject the best, all values that the grid may have are tried. They are kept if one of them explains clearly
-more and none on the way to it clearly less: behind such a hump the next period of a periodic motion may lie.
+reject the best, also between its values, all values that the grid may have are tried. They serve if one of
+them explains clearly more and none on the way to it clearly less: behind such a hump the next period of a
+periodic motion may lie. And the data must not reject that one, too: where nothing fits, columns that are far
+too late have little to do with the instruments, which hardly contradict them for that.
 """
 
 from __future__ import annotations
@@ -26,17 +28,16 @@ Made = TypeVar("Made")
 Found = list[tuple[dict[str, float], Made]]
 
 
-def long_enough(
+def while_the_last_alone_fits(
     nuisances: tuple[Nuisance, ...],
     made: Callable[[dict[str, float], Made | None], Made],
     criterion: Callable[[Made], float],
-    rejected: Callable[[Made], bool],
 ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-    """Nuisances whose grids are as long as it takes, and a candidate for every combination of their values.
+    """Nuisances whose grids go on while that shows the way, and candidates at all of their values.
 
     Parameters
     ----------
-    nuisances, made, criterion, rejected
+    nuisances, made, criterion
         See `nested_grids.on_nested_grids`.
     """
     found = [(at, made(at, None)) for at in combinations(nuisances)]
@@ -44,12 +45,31 @@ def long_enough(
         while one.longer is not one and _last_alone_fits(one, found, criterion):
             found += _added(nuisances, one := one.longer, found, made, criterion)
             nuisances = _with(nuisances, one)
-        best = _best(found, criterion)
-        if one.longest is not one and rejected(best):
-            new = _added(nuisances, one.longest, found, made, criterion)
-            if _explain_more(_profile(one, new, criterion), _profile(one, found, criterion)):
-                found, nuisances = found + new, _with(nuisances, one.longest)
     return nuisances, found
+
+
+def where_more_is_explained(
+    nuisances: tuple[Nuisance, ...],
+    found: Found[Made],
+    made: Callable[[dict[str, float], Made | None], Made],
+    criterion: Callable[[Made], float],
+) -> tuple[tuple[Nuisance, ...], Found[Made]]:
+    """Nuisances with all values that they may have, where these explain more, and what is found there.
+
+    Parameters
+    ----------
+    nuisances, made, criterion
+        See `nested_grids.on_nested_grids`.
+    found : list
+        Candidates so far, those between the values of the grids among them.
+    """
+    further: Found[Made] = []
+    for one in nuisances:
+        if one.longest is not one:
+            new = _added(nuisances, one.longest, found + further, made, criterion)
+            if _explain_more(_profile(one, new, criterion), _profile(one, found + further, criterion)):
+                further, nuisances = further + new, _with(nuisances, one.longest)
+    return nuisances, further
 
 
 def reaching(nuisances: tuple[Nuisance, ...], points: Sequence[Values]) -> tuple[Nuisance, ...]:

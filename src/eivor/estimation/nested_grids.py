@@ -4,7 +4,7 @@ A grid whose steps are as fine as the data can tell apart would have many candid
 fitting. Coarse steps are tried first; beside the best of the candidates that compete they are halved, as
 often as a nuisance says. Where the last value of a grid alone fits, the truth lies beyond: a grid that may be
 longer goes on first. Far from the truth every value fits as badly as every other, and nothing shows the way:
-where the data reject all of them, all that may be tried are.
+where the data reject all of them, all that may be tried are, and kept if one of them is not rejected.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from eivor.estimation.competing import bounded_sums, least_of_competitors
-from eivor.estimation.long_grids import long_enough
+from eivor.estimation.long_grids import Found, where_more_is_explained, while_the_last_alone_fits
 from eivor.models.separable import Nuisance, Values, combinations
 
 Made = TypeVar("Made")
@@ -45,7 +45,30 @@ def on_nested_grids(
     rejected : callable
         Whether the data reject a candidate. Default: they never do.
     """
-    nuisances, found = long_enough(nuisances, made, criterion, rejected)
+    nuisances, found = while_the_last_alone_fits(nuisances, made, criterion)
+    finest, found = _halved(nuisances, found, made, criterion)
+    if rejected(_least(found, criterion)):
+        nuisances, further = where_more_is_explained(nuisances, found, made, criterion)
+        longest, together = (
+            _halved(nuisances, found + further, made, criterion) if further else (finest, found)
+        )
+        if not rejected(_least(together, criterion)):
+            finest, found = longest, together
+    return tuple(candidate for _, candidate in sorted(found, key=lambda one: _place(finest, one[0])))
+
+
+def _least(found: Found[Made], criterion: Callable[[Made], float]) -> Made:
+    return min((candidate for _, candidate in found), key=criterion)
+
+
+def _halved(
+    nuisances: tuple[Nuisance, ...],
+    found: Found[Made],
+    made: Callable[[dict[str, float], Made | None], Made],
+    criterion: Callable[[Made], float],
+) -> tuple[tuple[Nuisance, ...], Found[Made]]:
+    """The finest grids, and candidates there beside the best."""
+    found = list(found)
     for _ in range(max((one.halvings for one in nuisances if one.discrete), default=0)):
         finer = tuple(one.halved for one in nuisances)
         best = list(_best(nuisances, found, criterion))
@@ -57,7 +80,7 @@ def on_nested_grids(
             if beside and place not in known:
                 found.append((at, made(at, min(beside, key=criterion))))
         nuisances = finer
-    return tuple(candidate for _, candidate in sorted(found, key=lambda one: _place(nuisances, one[0])))
+    return nuisances, found
 
 
 def with_values_tried(nuisances: tuple[Nuisance, ...], tried: Iterable[Values]) -> tuple[Nuisance, ...]:
