@@ -128,10 +128,13 @@ def _quick(run: slice) -> slice:
 
 def _refuse_empty(log: Recording, channel: Channel) -> None:
     if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
+        quality = channel.quality
+        dropped = quality.duplicated_stamps + quality.backward_stamps
         raise MissingChannelError(
             f"values in the channel '{channel.name}' of {log.name}",
-            f"{channel.time_s.size} samples, {int(np.isfinite(channel.values).sum())} of them numbers",
-            "Log it, or use another channel.",
+            f"{channel.time_s.size} samples, {int(np.isfinite(channel.values).sum())} of them numbers"
+            f"{f'; {dropped} were dropped, because their stamp repeats or goes backward' if dropped else ''}",
+            "Check the clock: stamps increase." if dropped else "Log it, or use another channel.",
         )
 
 

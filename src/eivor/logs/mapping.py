@@ -185,7 +185,7 @@ def mapped_recording(
         frame=chosen.frame,
         sha256=sha256,
         input_map=chosen.input_map,
-        looked_for=looked_for(chosen),
+        looked_for={**looked_for(chosen), **without_a_number(rules, channels)},
         findings=(*findings, *found, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
         origin=LogOrigin(airframe=chosen.airframe, start=_start(chosen, columns)),
     )
@@ -195,6 +195,17 @@ def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
     """Which column each channel was looked for in, by a map: one of its own name where it has no rule."""
     looked: dict[str, tuple[str, ...]] = {key: (f"column {key}",) for key in canonical_channels()}
     return looked | {rule.name: (rule.expression.text,) for rule in chosen.rules}
+
+
+def without_a_number(
+    rules: Sequence[ChannelRule], channels: Mapping[str, Channel]
+) -> dict[str, tuple[str, ...]]:
+    """Return what to say of the columns that are there, and hold no number."""
+    return {
+        rule.name: (f"{rule.expression.text}, which is there and holds no number",)
+        for rule in rules
+        if rule.name not in channels
+    }
 
 
 def mapped_channels(

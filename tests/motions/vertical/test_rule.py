@@ -19,6 +19,7 @@ from eivor.motions.vertical.friction_rule import friction_reasons
 from eivor.motions.vertical.gain_rule import gain_reasons, hover_reasons
 from eivor.motions.vertical.lag_rule import lag_reasons
 from eivor.motions.vertical.rule import all_grounds
+from eivor.motions.vertical.sensors import Difference, SensorAgreement
 
 NAMES = ("viscous_friction", "input_gain", "actuator_lag")
 
@@ -285,7 +286,7 @@ def test_a_lag_wider_than_itself_and_than_the_friction_can_bear_is_not_told():
     found = quantities(effective_lag=quantity(0.11, 0.12))
     reasons = lag_reasons(found, numbers(), circumstances())
     assert verdict(reasons).status is Status.REFUSED
-    assert any("anything from -10 to 230 ms" in reason.sentence for reason in reasons)
+    assert any("anything from 0 to 230 ms" in reason.sentence for reason in reasons)
 
 
 def test_a_delay_of_which_every_value_fits_is_not_told():
@@ -427,6 +428,21 @@ def test_what_the_bend_of_the_thrust_curve_says_beside_the_intercept(bend, half,
         "input_gain"
     ]
     assert reason.sentence.endswith(said)
+
+
+@pytest.mark.parametrize(("times", "refused"), [(100.0, True), (-1.01, True), (1.2, False)])
+def test_a_velocity_in_another_unit_or_of_another_sign_refuses_everything(times, refused):
+    scale = Difference(2.0 * (times - 1.0) / (times + 1.0), 1e-3)
+    at = circumstances(sensors=SensorAgreement({"scale": scale}, 0.5))
+    found = all_grounds(quantities(), numbers(), at)
+    for name in ("viscous_friction", "input_gain", "hover_input", "effective_lag"):
+        assert (verdict(list(found[name])).status is Status.REFUSED) is refused
+
+
+def test_a_gain_that_cannot_be_told_from_zero_is_refused():
+    (reason,) = gain_reasons(quantity(3.0, 15.0), numbers(), circumstances())
+    assert reason.status is Status.REFUSED
+    assert "cannot be told from zero: its interval is [-12, 18] m/s^2." in reason.sentence
 
 
 @pytest.mark.parametrize(

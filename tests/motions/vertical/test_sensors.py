@@ -155,7 +155,7 @@ def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_
     both = replace(found, either={"tilt_x": tilt, "scale": Difference(-0.09, 0.01)})
     said = either_sentence(both)
     assert re.search(
-        r"along x\. Or: The velocity reads 9\.0% \(± 2\.1%\) less than .* This flight does", said
+        r"along x\. Or: The velocity reads 8\.6% \(± 1\.9%\) less than .* This flight does", said
     )
     (reason,) = sensor_reasons(replace(at(), sensors=both), SCALE)
     assert reason.sentence == said
@@ -187,6 +187,22 @@ def test_small_differences_matter_to_nothing():
     assert not Difference(0.0005, 1e-5, least=0.001).told
     assert Difference(0.0015, 1e-4, least=0.001).told
     assert Difference(0.0, 0.0).p_value == 1.0
+
+
+@pytest.mark.parametrize(
+    ("times", "said"),
+    [
+        (1.05, "The velocity reads 5.0% (± 0.4%) more than the accelerometer."),
+        (0.8, "The velocity reads 20.0% (± 0.3%) less than the accelerometer."),
+        (100.0, "The velocity reads 100 times what the accelerometer does."),
+        (0.01, "The velocity reads 0.01 times what the accelerometer does."),
+        (-1.01, "The velocity goes down where the accelerometer goes up."),
+    ],
+)
+def test_a_scale_is_told_as_what_one_reads_over_the_other(times, said):
+    # what is estimated is their difference over the mean of both
+    scale = Difference(2.0 * (times - 1.0) / (times + 1.0), 0.002)
+    assert sentence("scale", scale) == said
 
 
 FOUND = {

@@ -16,6 +16,7 @@ from eivor.motions.vertical.terms import GROUND, SUPPLY
 GAIN_SHARE = 0.1
 HOVER_SHARE = 0.05
 GAIN_RATE_HZ = 20.0
+LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 #: Terms that harm the gain when they are missed, and what to do.
 LEFT_OUT = {
     SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
@@ -27,6 +28,10 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
     """Grounds against the input gain."""
     if gain.value <= 0.0:
         return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
+    if np.inf > gain.half_width and gain.interval[0] <= 0.0:
+        low, high = (f"{end:.3g}" for end in gain.interval)
+        sentence = f"The input gain cannot be told from zero: its interval is [{low}, {high}] m/s^2."
+        return [Reason(Status.REFUSED, f"{sentence}{moved(at)}", LARGER_STEPS)]
     reasons = []
     if at.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
@@ -42,7 +47,7 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
             Reason(
                 Status.WEAK,
                 f"{sentence}{moved(at)}",
-                "Fly quicker and larger steps, which change the thrust more.",
+                LARGER_STEPS,
             )
         )
     if at.response_rate_hz < GAIN_RATE_HZ:

@@ -24,7 +24,7 @@ def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circ
     reasons = rough_lag_reasons(quantities, strength)
     lag = quantities["effective_lag"]
     if np.inf > lag.half_width > max(lag.value, LAG_HALF_WIDTH_S):
-        low, high = (1e3 * end for end in lag.interval)
+        low, high = (1e3 * max(end, 0.0) for end in lag.interval)
         sentence = f"The lag may be anything from {low:.0f} to {high:.0f} ms."
         reasons.append(Reason(Status.REFUSED, sentence, QUICKER))
     elif np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):

@@ -36,7 +36,7 @@ from eivor.motions.vertical.gain_rule import gain_reasons, hover_reasons, left_o
 from eivor.motions.vertical.height import near_ground_reasons
 from eivor.motions.vertical.lag_rule import delay_reasons, lag_reasons
 from eivor.motions.vertical.map_rule import intercept_reasons, thrust_curve_reasons
-from eivor.motions.vertical.sensor_rule import sensor_reasons, unit_of_force_reasons
+from eivor.motions.vertical.sensor_rule import sensor_reasons, unit_reasons
 from eivor.motions.vertical.sensors import OFFSET, SCALE, TILTS
 from eivor.motions.vertical.sideways import fast_sideways_reasons, sideways_reasons
 from eivor.motions.vertical.term_rule import term_reasons
@@ -47,7 +47,7 @@ def all_grounds(
     quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
 ) -> dict[str, tuple[Reason, ...]]:
     """Grounds against every quantity; those that one parameter decides share its grounds."""
-    shared = (*given_lag_reasons(at), *unit_of_force_reasons(at))
+    shared = (*given_lag_reasons(at), *unit_reasons(at))
     friction = (
         *friction_reasons(quantities, strength, at),
         *sensor_reasons(at, SCALE, *TILTS.values()),
@@ -74,7 +74,7 @@ def all_grounds(
             *hover_reasons(quantities["hover_input"], at),
             *intercept_reasons(quantities, at),
             *near_ground_reasons(at),
-            *unit_of_force_reasons(at),
+            *unit_reasons(at),
         ),
         "actuator_lag": lag,
         "delay": (*lag, *delay_reasons(quantities["delay"])),

@@ -117,9 +117,12 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
         if rotated is not None and (force is None or rotated.rate_hz > force.rate_hz):
             force = rotated
     if force is None:
-        findings.append(
-            Finding("no_accelerometer", "No accelerometer is logged: only the velocity's derivative is used.")
+        why = (
+            "Without an attitude the accelerometer cannot be turned to the world's axes"
+            if row is None and any(body)
+            else "No accelerometer is logged"
         )
+        findings.append(Finding("no_accelerometer", f"{why}: only the velocity's derivative is used."))
     return force, tilt, findings
 
 

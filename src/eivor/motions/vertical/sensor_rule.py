@@ -8,7 +8,14 @@ from eivor.flights.circumstances import Circumstances
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.sensors import OFFSET, SCALE, either_sentence, sentence
+from eivor.motions.vertical.sensors import (
+    OFFSET,
+    OTHER_UNIT_TIMES,
+    SCALE,
+    either_sentence,
+    sentence,
+    velocity_over_accelerometer,
+)
 
 #: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
 OTHER_UNIT = 3.0
@@ -22,8 +29,29 @@ LEVEL = (
 )
 
 
-def unit_of_force_reasons(at: Circumstances) -> list[Reason]:
-    """Ground against everything: an accelerometer that feels another gravity is in another unit."""
+def unit_reasons(at: Circumstances) -> list[Reason]:
+    """Grounds against everything: sensors in another unit, or of another sign."""
+    return [*_unit_of_force_reasons(at), *_unit_of_velocity_reasons(at)]
+
+
+def _unit_of_velocity_reasons(at: Circumstances) -> list[Reason]:
+    """Ground of a velocity that reads many times what the accelerometer does, or goes the other way."""
+    scale = None if at.sensors is None else at.sensors.told.get(SCALE.name)
+    if scale is None:
+        return []
+    times = velocity_over_accelerometer(scale.value)
+    if 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        return []
+    remedy = (
+        "Turn one of them: z points up, in a channel map with sign = -1."
+        if times < 0.0
+        else "Correct the unit of one of them, in a channel map with unit = ..."
+    )
+    return [Reason(Status.REFUSED, sentence(SCALE.name, scale), remedy)]
+
+
+def _unit_of_force_reasons(at: Circumstances) -> list[Reason]:
+    """Ground of an accelerometer that feels another gravity: it is in another unit."""
     felt = at.numbers.get(APPARENT_GRAVITY, np.nan)
     if not abs(felt - GRAVITY) > OTHER_UNIT:
         return []

@@ -41,6 +41,8 @@ TILTS = {name: Parameter(f"tilt_{name}", "rad") for name in ("forward", "left", 
 LEAST = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
     tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
 }
+#: One sensor that reads so many times what the other does is in another unit.
+OTHER_UNIT_TIMES = 2.0
 #: No sensor is mounted so far off [degrees].
 LARGEST_TILT_DEG = 20.0
 #: The vehicle moved sideways when its horizontal speed varied by so much [m/s].
@@ -153,8 +155,7 @@ def sentence(name: str, found: Difference) -> str:
         late, early = ("accelerometer", "velocity") if value > 0.0 else ("velocity", "accelerometer")
         return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
     if name == SCALE.name:
-        more = "more" if value > 0.0 else "less"
-        return f"The velocity reads {abs(value):.1%} (± {half:.1%}) {more} than the accelerometer."
+        return _scale_sentence(value, half)
     along = {
         "tilt_forward": ("forward", "backward"),
         "tilt_left": ("to the left", "to the right"),
@@ -168,6 +169,22 @@ def sentence(name: str, found: Difference) -> str:
             f"{width:.0f} degrees {along}. Check their axes and signs."
         )
     return f"Attitude and accelerometer differ by {degrees:.1f} ± {width:.1f} degrees {along}."
+
+
+def velocity_over_accelerometer(scale: float) -> float:
+    """What the velocity reads over what the accelerometer does, of their difference over both's mean."""
+    return (1.0 + scale / 2.0) / (1.0 - scale / 2.0) if scale != 2.0 else np.inf
+
+
+def _scale_sentence(scale: float, half: float) -> str:
+    times = velocity_over_accelerometer(scale)
+    if times < 0.0:
+        return "The velocity goes down where the accelerometer goes up."
+    if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        return f"The velocity reads {times:.3g} times what the accelerometer does."
+    more = "more" if scale > 0.0 else "less"
+    width = half / (1.0 - scale / 2.0) ** 2
+    return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
 
 
 def either_sentence(agreement: SensorAgreement) -> str:

@@ -11,7 +11,7 @@ from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.motions.vertical.remedies import FLY, LOG_REFERENCE
-from eivor.motions.vertical.sensor_rule import unit_of_force_reasons
+from eivor.motions.vertical.sensor_rule import unit_reasons
 
 
 def term_reasons(
@@ -35,4 +35,4 @@ def term_reasons(
                 "Leave the term out, and what remains is told more closely; or fly so that it shows.",
             )
         )
-    return [*reasons, *given_lag_reasons(at), *unit_of_force_reasons(at)]
+    return [*reasons, *given_lag_reasons(at), *unit_reasons(at)]
