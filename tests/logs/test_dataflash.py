@@ -160,8 +160,19 @@ def test_sweeps_of_system_identification(tmp_path, flight, axis, name, factor):
     assert channel.source == "SIDD.Targ"
     within = (channel.time_s > 4.99) & (channel.time_s < 9.995)
     np.testing.assert_allclose(channel.values[within], wave * factor, atol=1e-6)
-    outside = channel.values[~within]
-    assert np.all(outside == 0.0) if axis > 10 else np.all(np.isnan(outside))
+    assert np.all(channel.values[~within] == 0.0)
+
+
+def test_sticks_ask_beside_a_sweep_of_the_attitude(tmp_path, flight):
+    """Sticks set the attitude before the sweep, a loop after it: what the loop asks for is no reference."""
+    writer = flight_log(flight, "4.6", modes={0.0: 0, 5.0: 25, 7.0: 5})
+    writer.add("SIDS", 5.0, "Bf", Ax=3, Mag=1.0).add("SIDD", np.arange(5.0, 7.0, 0.01), "f", Targ=1.0)
+    asked = read(tmp_path, writer).channels["reference_yaw"]
+    before, sweep = asked.time_s < 4.99, (asked.time_s > 5.02) & (asked.time_s < 6.98)
+    np.testing.assert_allclose(asked.values[before], np.radians(350.0), atol=1e-6)
+    np.testing.assert_allclose(asked.values[sweep], np.radians(1.0), atol=1e-6)
+    assert np.all(asked.values[asked.time_s > 7.02] == 0.0)
+    assert asked.quality.duplicated_stamps == 0
 
 
 @pytest.mark.parametrize(("axis", "by_sticks"), [(7, True), (13, True), (14, False), (0, False)])

@@ -79,3 +79,26 @@ def test_sweeps_into_the_mixer_are_the_instruments(tmp_path):
         writer.add("SIDD", time[within], "ff", Time=time[within] - start, Targ=sample)
     fit = identified(tmp_path, writer)
     assert fit.prepared[0].usable_references == ("injected_torque_x", "injected_torque_y")
+
+
+@pytest.mark.thorough
+def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
+    """Half a minute with resting sticks, 15 s of a sweep of roll: pitch, which did not move, is refused."""
+    time = np.arange(round(30.0 / STEP_S)) * STEP_S
+    within = (time >= 10.0) & (time < 25.0)
+    since = time[within] - 10.0
+    swept = np.zeros((time.size, 3))
+    swept[within, 0] = 0.12 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 15.0 * since**2))
+    flown = turned(0, command_hz=400.0, rate_hz=400.0, seconds=30.0, size=0.0, swept=swept)
+    writer = turning_log(flown, SYSTEM_IDENTIFICATION)
+    writer.add("SIDS", 10.0, "Bf", Ax=1, Mag=7.0)
+    writer.add("SIDD", time[within], "ff", Time=since, Targ=swept[within, 0] * DEG)
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer.bytes())
+    fit = identify_flight(read_log(path), model="rates")
+    assert fit.prepared[0].usable_references == ("reference_roll",)
+    assert fit.verdict.status is Status.REFUSED
+    assert fit.quantities["pitch_effectiveness"].verdict is Status.REFUSED
+    roll = fit.quantities["roll_effectiveness"]
+    assert roll.verdict is Status.IDENTIFIED
+    assert roll.interval[0] <= Vehicle().effectiveness[0] <= roll.interval[1]

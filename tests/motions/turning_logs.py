@@ -49,11 +49,16 @@ def turned(
     disturbance: float = 3.0,
     noise: float = 0.1,
     injected: np.ndarray | None = None,
+    swept: np.ndarray | None = None,
 ) -> Recording:
-    """A log of attitude steps of some size [rad] about each axis; `injected` is added to the torques."""
+    """A log of attitude steps of some size [rad] about each axis.
+
+    `injected` is added to the torques, and `swept` to the attitude that is asked for.
+    """
     flown, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
     effect = np.array(flown.effectiveness)
     reference = np.stack([steps(rng, count, size) for _ in AXES], axis=1)
+    reference += 0.0 if swept is None else swept
     kept = np.exp(-STEP_S / 0.3)
     torque = disturbance * lfilter(
         [np.sqrt(1.0 - kept**2)], [1.0, -kept], rng.standard_normal((count, 3)), axis=0

@@ -26,7 +26,7 @@ from eivor.logs.dataflash.sources import (
 from eivor.logs.silences import SILENCE_S
 from eivor.logs.units import UNITS
 from eivor.shapes import Bool, Float
-from eivor.signals.recording import Finding
+from eivor.signals.recording import Channel, Finding, clean_channel
 
 _DEG = UNITS["deg"][1]
 #: Of which functions of half of roll, pitch and yaw the two products are that each part is the sum of, or the
@@ -131,18 +131,14 @@ def add_sweeps(reading: Reading) -> None:
     if sweep is None or not sweep.has("Targ") or not sweep.clock:
         return
     axes = _axes(sweep, settings, reading.parameters.get("SID_AXIS", 0.0))
-    for axis in np.unique(axes).tolist():
+    present = np.unique(axes).tolist()
+    for axis in present:
         if axis not in SWEPT:
-            reading.findings.append(
-                Finding("sweep_unused", f"Sweeps of system identification on axis {axis:g} are not used.")
-            )
-            continue
-        name, factor = SWEPT[int(axis)]
-        values = np.where(axes == axis, sweep.values("Targ") * factor, np.nan)
-        if name.startswith("injected"):
-            _add_injection(reading, name, sweep, np.nan_to_num(values))
-        else:
-            reading.add_made(name, sweep, partial(np.copy, values), "SIDD.Targ", is_setpoint=True)
+            sentence = f"Sweeps of system identification on axis {axis:g} are not used."
+            reading.findings.append(Finding("sweep_unused", sentence))
+    for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
+        swept = np.isin(axes, [axis for axis, (of, _) in SWEPT.items() if of == name])
+        _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
 
 
 def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.ndarray, " n"]:
@@ -155,9 +151,10 @@ def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.n
     return np.asarray(np.append(told, settings.values("Ax")[order])[place])
 
 
-def _add_injection(reading: Reading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
-    """Add a sweep into mixer or throttle: nothing is injected before, between and after its samples."""
-    reading.add(name, sweep, values, "SIDD.Targ")
+def _add_sweep(reading: Reading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
+    """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
+    asked = reading.channels.get(name)
+    reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
     channel = reading.channels.get(name)
     if channel is None:
         return
@@ -168,4 +165,18 @@ def _add_injection(reading: Reading, name: str, sweep: Messages, values: Float[n
     injected = np.insert(channel.values, last + 1, 0.0)
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
-    reading.keep(replace(channel, time_s=time, values=injected))
+    channel = replace(channel, time_s=time, values=injected)
+    reading.keep(channel if asked is None else _beside(asked, channel))
+
+
+def _beside(asked: Channel, sweep: Channel) -> Channel:
+    """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
+    place = np.searchsorted(sweep.time_s, asked.time_s, side="right") - 1
+    rests = (place < 0) | (sweep.values[np.maximum(place, 0)] == 0.0)
+    moves = np.flatnonzero(sweep.values != 0.0)
+    time = np.concatenate([asked.time_s[rests], sweep.time_s[moves]])
+    values = np.concatenate([np.nan_to_num(asked.values[rests]), sweep.values[moves]])
+    order = np.argsort(time, kind="stable")
+    return clean_channel(
+        sweep.name, time[order], values[order], sweep.unit, source=sweep.source, held=sweep.held
+    )
