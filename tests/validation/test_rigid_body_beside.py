@@ -1,0 +1,68 @@
+"""The tables of docs/rigid-body.md that flights make: what they show of rows, and that the page has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from eivor.studies.generated_page import page_text
+from validation.rigid_body import beside
+from validation.study_folder import Row, StudyTable
+
+pytest.importorskip("rotorpy")
+
+PAGE = Path(__file__).parents[2] / "docs/rigid-body.md"
+
+
+def rows(kind: str, errors: dict[int, float], method: str, half_width: float = 0.02) -> list[Row]:
+    """Every quantity of flights, each off by its flight's error, relative to a truth of 2."""
+    return [
+        {
+            "kind": kind,
+            "case": 1,
+            "number": number,
+            "method": method,
+            "quantity": name,
+            "truth": 2.0,
+            "value": 2.0 * (1.0 + error),
+            "low": 2.0 * (1.0 + error - half_width),
+            "high": 2.0 * (1.0 + error + half_width),
+            "verdict": "weak",
+            "agreement": 1e-5,
+        }
+        for number, error in errors.items()
+        for name in (beside.LAG, *beside.SHOWN)
+    ]
+
+
+def test_tables_say_what_the_rows_are_off_by_and_how_many_intervals_held():
+    made = [
+        *rows(beside.LAGS, {0: -0.01}, beside.INSTRUMENTS),
+        *rows(beside.LAGS, {0: 0.03}, beside.LEAST_SQUARES),
+        *rows(beside.SPEEDS, {0: 0.01, 1: 0.03}, beside.TOTAL),
+    ]
+    found = beside.tables(StudyTable(pl.DataFrame(made), {}))
+    assert found[beside.LAGS].splitlines()[2:] == [
+        "| 60, 72 ms | `reference_iv` | -1.0 % | -1.0 %, -1.0 %, -1.0 % | -1.0 % | -1.0 % "
+        "| weak, p = 1e-05 |",
+        "| 60, 72 ms | `whitened_least_squares` | (+3.0 %) | (+3.0 %), (+3.0 %), (+3.0 %) | (+3.0 %) "
+        "| (+3.0 %) | weak |",
+    ]
+    (line,) = found[beside.SPEEDS].splitlines()[2:]
+    assert line.startswith("| 3 % | `total_least_squares` | 2 | +2.0, 2.2 % [0.50] |")
+
+
+def test_the_page_has_both_tables_and_every_lag_of_them():
+    for kind in (beside.LAGS, beside.SPEEDS):
+        text = page_text(PAGE, kind)
+    for up, down in beside.LAGS_S:
+        assert text.count(f"| {1e3 * up:.0f}, {1e3 * down:.0f} ms |") == 2
+
+
+def test_noise_is_declared_of_all_that_is_measured():
+    spec = beside.flight_of(beside.VEHICLE, beside.published_grid().scenario("nominal noise"), 1.0, 0)
+    noisy, known = beside._noisy(spec, 0)
+    assert noisy.sensors.rotor_speed.noise.std == known["rotor_speed"] == 0.01 * spec.vehicle.hover_speed
+    assert {f"angular_rate_{axis}" for axis in "xyz"} < set(known)

@@ -1,0 +1,237 @@
+"""Two tables of docs/rigid-body.md beside the grid: rotors with two lags, and noisy tachometers.
+
+    python -m validation.rigid_body.beside [--folder FOLDER] [--kinds WORD] [--page docs/rigid-body.md]
+
+flies them, RotorPy's Crazyflie with the grid's nominal noise, and prints the tables. Finished flights are
+kept in the folder, and a run that was interrupted goes on there; `--tables` makes the tables of what is done.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from eivor.errors import EivorError
+from eivor.flights.result import FlightEstimate
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.parameters import DRAG, GAIN, THRUST
+from eivor.signals.noise import WhiteNoise
+from eivor.signals.recording import Recording
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.rigid_body.sensors import Sensor
+from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
+from eivor.studies.generated_page import markdown, page_text, page_with
+from eivor.whole_file import write_whole
+from validation.flight_recipe.rotorpy_vehicles import Vehicle
+from validation.rigid_body.flights import NOISE, flight_of, known_vehicle
+from validation.rigid_body.grid import published_grid
+from validation.rigid_body.quantities import LAG, truth_of
+from validation.rigid_body.requirements import scores
+from validation.study_folder import Row, StudyFolder, StudyTable
+
+VEHICLE = Vehicle.CRAZYFLIE
+LEAST_SQUARES, TOTAL, INSTRUMENTS = "whitened_least_squares", "total_least_squares", "reference_iv"
+#: Lags of rotors that speed up and slow down [s].
+LAGS_S = ((0.072, 0.072), (0.060, 0.072), (0.060, 0.090))
+#: Noise of a tachometer, as a share of the speed at hover, and flights of each.
+SPEED_NOISES, SPEED_FLIGHTS = (0.01, 0.03), 12
+#: First seed of both, see `Scenario`.
+LAGS_SEED, SPEED_SEED = 80000, 81000
+LAGS, SPEEDS = "two lags", "measured speeds"
+#: What both tables show, in order.
+SHOWN = (*(one.name for one in GAIN), THRUST.name, DRAG[2].name)
+
+
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """One flight.
+
+    Parameters
+    ----------
+    kind : str
+        Which table it is of.
+    case, number : int
+        Which of its lags or noises, and which flight with these.
+    """
+
+    kind: str
+    case: int
+    number: int
+
+    @property
+    def file_name(self) -> str:
+        """Name of the file that its rows are kept in, without its ending."""
+        return f"{self.kind.replace(' ', '-')}-{self.case}-{self.number:02d}"
+
+    @property
+    def facts(self) -> Mapping[str, str]:
+        """What that file is sealed with."""
+        return {"flight": self.file_name}
+
+    @property
+    def flights(self) -> int:
+        """One."""
+        return 1
+
+
+def all_flights() -> list[Flown]:
+    """Flights of both tables, those of low numbers first."""
+    lags = [Flown(LAGS, case, 0) for case in range(len(LAGS_S))]
+    speeds = [Flown(SPEEDS, case, n) for n in range(SPEED_FLIGHTS) for case in range(len(SPEED_NOISES))]
+    return [*lags, *speeds]
+
+
+def rows_of(one: Flown) -> tuple[Row, ...]:
+    """Rows of a flight: one for each method and quantity."""
+    scenario = replace(
+        published_grid().scenario("nominal noise"), seed=LAGS_SEED if one.kind == LAGS else SPEED_SEED
+    )
+    spec = flight_of(VEHICLE, scenario, published_grid().seconds, one.number)
+    spec, noise = (_two_lags(spec, one.case), None) if one.kind == LAGS else _noisy(spec, one.case)
+    (flight,) = simulate_rigid_body_flights([spec])
+    truth = truth_of(flight.truth.parameters)
+    truth[LAG] = float(np.mean(LAGS_S[one.case])) if one.kind == LAGS else 0.0
+    methods = (LEAST_SQUARES, INSTRUMENTS) if one.kind == LAGS else (LEAST_SQUARES, TOTAL, INSTRUMENTS)
+    motion = RigidBody(known_vehicle(VEHICLE, scenario))
+    return tuple(
+        row
+        for method in methods
+        for row in _rows(one, method, truth, identified(flight.recording, motion, method, noise))
+    )
+
+
+def identified(
+    log: Recording, motion: RigidBody, method: str, noise: Mapping[str, float] | None
+) -> FlightEstimate:
+    """What a method tells of a flight; of measured speeds where their noise is declared."""
+    if noise is None:
+        return identify_flight(log, model=motion, method=method)
+    declared = noise if method == TOTAL else None
+    return identify_flight(log, model=motion, method=method, input="rotor_speed", noise=declared)
+
+
+def _two_lags(spec: RigidBodyFlightSpec, case: int) -> RigidBodyFlightSpec:
+    up, down = LAGS_S[case]
+    rotors = replace(spec.vehicle.rotors, lag_up=up, lag_down=down)
+    return replace(spec, vehicle=replace(spec.vehicle, rotors=rotors))
+
+
+def _noisy(spec: RigidBodyFlightSpec, case: int) -> tuple[RigidBodyFlightSpec, Mapping[str, float]]:
+    """Flight with tachometers, and the noises of all its sensors."""
+    std = SPEED_NOISES[case] * spec.vehicle.hover_speed
+    sensors = replace(spec.sensors, rotor_speed=Sensor(WhiteNoise(std)))
+    gyroscope, accelerometer, velocity, _, _ = NOISE
+    known = {"angular_rate": gyroscope, "specific_force_body": accelerometer, "velocity": velocity}
+    by_axis = {f"{name}_{axis}": level for name, level in known.items() for axis in "xyz"}
+    return replace(spec, sensors=sensors), {"rotor_speed": std, **by_axis}
+
+
+def _rows(one: Flown, method: str, truth: Mapping[str, float], found: FlightEstimate) -> Iterator[Row]:
+    agreement = found.diagnostics.get("over_identification_p_value", np.nan)
+    for name, true in truth.items():
+        quantity = found.quantities.get(name)
+        told = (np.nan, np.nan, np.nan) if quantity is None else (quantity.value, *quantity.interval)
+        yield {
+            "kind": one.kind,
+            "case": one.case,
+            "number": one.number,
+            "method": method,
+            "quantity": name,
+            "truth": true,
+            **dict(zip(("value", "low", "high"), told, strict=True)),
+            "verdict": found.verdict.status.value,
+            "agreement": agreement,
+        }
+
+
+# -- tables -----------------------------------------------------------------------------------------------
+
+
+def tables(table: StudyTable) -> dict[str, str]:
+    """Both tables as Markdown, by the names of their parts of the page; of what was flown."""
+    made = {LAGS: _table_of_lags, SPEEDS: _table_of_speeds}
+    rows = table.rows
+    return {kind: make(rows.filter(pl.col("kind") == kind)) for kind, make in made.items()}
+
+
+def _table_of_lags(rows: pl.DataFrame) -> str:
+    header = (
+        "up, down",
+        "by",
+        "lag, against the mean of both",
+        "roll, pitch, yaw gain",
+        "thrust gain",
+        "drag along z",
+        "verdict, agreement of references",
+    )
+    lines = []
+    for (case, method), own in rows.group_by(["case", "method"], maintain_order=True):
+        rows_by_name = {str(one["quantity"]): one for one in own.iter_rows(named=True)}
+        lag, *gains, thrust, drag = (_error(rows_by_name[name]) for name in (LAG, *SHOWN))
+        verdict = f"{own['verdict'][0]}"
+        if method == INSTRUMENTS:
+            verdict += f", p = {own['agreement'][0]:.1g}"
+        up, down = (f"{1e3 * lag_s:.0f}" for lag_s in LAGS_S[int(str(case))])
+        lines.append((f"{up}, {down} ms", f"`{method}`", lag, ", ".join(gains), thrust, drag, verdict))
+    return markdown(header, lines)
+
+
+def _error(row: Mapping[str, float]) -> str:
+    """Error relative to the truth; in brackets where the interval misses it."""
+    told = f"{100.0 * (row['value'] / row['truth'] - 1.0):+.1f} %"
+    return told if row["low"] <= row["truth"] <= row["high"] else f"({told})"
+
+
+def _table_of_speeds(rows: pl.DataFrame) -> str:
+    header = ("noise of speeds", "by", "flights", "roll", "pitch", "yaw gain", "thrust gain", "drag along z")
+    lines = []
+    for (case, method), own in rows.group_by(["case", "method"], maintain_order=True):
+        found = scores(own)
+        cells = [
+            f"{100.0 * one.bias:+.1f}, {100.0 * one.rmse:.1f} % [{one.covered.value:.2f}]"
+            for one in (found[name] for name in SHOWN)
+        ]
+        share = f"{100.0 * SPEED_NOISES[int(str(case))]:.2g} %"
+        lines.append((share, f"`{method}`", f"{own['number'].n_unique()}", *cells))
+    return markdown(header, lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.beside", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--folder", type=Path, default=Path("rigid-body-beside"), help="keeps finished parts")
+    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
+    parser.add_argument("--kinds", default="", metavar="WORD", help="those with this in their name")
+    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between their marks")
+    chosen = parser.parse_args(arguments)
+    try:
+        return _run(chosen)
+    except EivorError as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+
+
+def _run(chosen: argparse.Namespace) -> int:
+    page = page_text(chosen.page, LAGS) if chosen.page else ""
+    flights = [one for one in all_flights() if chosen.kinds in one.kind]
+    folder = StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
+    if not chosen.tables:
+        folder.run(rows_of, chosen.workers)
+    found = tables(folder.gathered())
+    if chosen.page:
+        write_whole(chosen.page, page_with(page, found))
+    sys.stdout.write("\n\n".join(found.values()) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
