@@ -74,7 +74,14 @@ class SuiteCommand:
         parser.add_argument("--workers", type=int, help="processes; default: one for each core")
         parser.add_argument("--out", type=Path, metavar="FILE.parquet", help=f"write the {self.kind}")
         parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-        parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
+        parser.add_argument(
+            "--from",
+            dest="sources",
+            type=Path,
+            action="append",
+            metavar="FILE.parquet",
+            help="a finished run; given again, another one of other scenarios or lengths",
+        )
         chosen = parser.parse_args(arguments)
         try:
             return self._run(chosen)
@@ -88,8 +95,8 @@ class SuiteCommand:
             check_workers(chosen.workers)
         if chosen.out and not chosen.out.parent.is_dir():
             raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
-        if chosen.source:
-            rows = read_rows(chosen.source, self.columns, self.kind)
+        if chosen.sources:
+            rows = pl.concat(read_rows(one, self.columns, self.kind) for one in chosen.sources)
         else:
             suite = read_suite(chosen.suite) if chosen.suite else self.suite()
             if chosen.runs is not None:

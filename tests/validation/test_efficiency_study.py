@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
+import eivor as ev
 from eivor.studies.generated_page import marks, page_with
+from eivor.studies.suite_file import read_suite
+from validation.efficiency.known_spectra import main as known_spectra
+from validation.efficiency.known_spectra import rows_of, trial
 from validation.efficiency.page import PART, efficiency_tables
-from validation.efficiency.requirements import requirements
+from validation.efficiency.requirements import HELD, KNOWN, OVER_BOUND, requirements
 from validation.efficiency.study import efficiency_suite, main
 from validation.efficiency.table import COLUMNS
-from validation.suites import WRONG, read_rows
+from validation.suites import WRONG, read_rows, write_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
+HELD_SUITE = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"
 SUITE = """
 name = "small"
 runs = 2
@@ -43,7 +49,63 @@ def test_published_page_is_made_of_the_published_table(published: pl.DataFrame) 
     assert page_with(page, {PART: efficiency_tables(published)}) == page
     suite = efficiency_suite()
     assert set(published["scenario"]) == {one.scenario for one in suite.studies}
-    assert set(published["method"]) == {choice.label for choice in suite.studies[0].study.methods}
+    assert set(published["method"]) == {KNOWN, *(each.label for each in suite.studies[0].study.methods)}
+
+
+def test_the_held_scenarios_are_those_that_are_judged() -> None:
+    held = read_suite(HELD_SUITE)
+    assert {(one.scenario, one.samples) for one in held.studies} == {(a, b) for a in HELD for b in OVER_BOUND}
+    whole = {(one.scenario, one.samples): one.study for one in efficiency_suite().studies}
+    assert all(one.study == whole[one.scenario, one.samples] for one in held.studies)
+
+
+def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Path) -> None:
+    one = next(
+        one for one in read_suite(HELD_SUITE).studies if (one.scenario, one.samples) == ("rich-high", 500)
+    )
+    found = [trial(one, run) for run in range(3)]
+    plain = [
+        ev.identify(
+            one.study.experiment.problem(one.study.experiment.record(one.study.rng(run)), ()),
+            ev.methods.spectral_giv(),
+        )
+        for run in range(3)
+    ]
+    rows = list(rows_of(one, found))
+    assert [row["parameter"] for row in rows] == ["viscous_friction", "input_gain"]
+    for each, other in zip(found, plain, strict=True):
+        apart = np.abs(np.array(each.values) - other.best.values[:2])
+        assert (apart < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
+    assert all(row["rmse"] < 2.5 * row["bound"] for row in rows)
+
+
+@pytest.mark.thorough
+def test_known_spectra_go_on_from_what_is_kept(tmp_path: Path) -> None:
+    (tmp_path / "suite.toml").write_text(SUITE.replace("runs = 2", "runs = 3"), encoding="utf-8")
+    kept, out = tmp_path / "kept.jsonl", tmp_path / "rows.parquet"
+    arguments = [str(tmp_path / "suite.toml"), "--kept", str(kept), "--out", str(out)]
+    assert known_spectra([*arguments, "--runs", "2"]) == 0
+    first = kept.read_text(encoding="utf-8")
+    assert known_spectra(arguments) == 0
+    assert kept.read_text(encoding="utf-8").startswith(first)
+    assert len(kept.read_text(encoding="utf-8").splitlines()) == 3
+    assert read_rows(out, COLUMNS, "efficiency")["method"].to_list() == [KNOWN, KNOWN]
+    assert known_spectra([str(tmp_path / "none.toml"), *arguments[1:]]) == WRONG
+
+
+def test_runs_of_other_lengths_make_one_page(
+    published: pl.DataFrame, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    longest = pl.col("samples") == 4000
+    parts = [published.filter(longest), published.filter(~longest).with_columns(runs=pl.lit(7, pl.Int64))]
+    files = [tmp_path / "long.parquet", tmp_path / "short.parquet"]
+    for rows, file in zip(parts, files, strict=True):
+        write_rows(rows, file)
+    main([word for file in files for word in ("--from", str(file))])
+    told = capsys.readouterr().out
+    assert told == efficiency_tables(pl.concat(parts)) + "\n"
+    assert "7 to" in told
+    assert "| v | 7 |" in told
 
 
 def test_requirements_can_fail(published: pl.DataFrame) -> None:

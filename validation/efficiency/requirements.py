@@ -20,9 +20,9 @@ OVER_PLAIN = {"v": 0.75, "p": 0.75, "rich": 0.75, "rich-high": 0.75, "white": 0.
 COMBINED_OVER_PLAIN = 1.12
 #: Largest bias over the scatter, and bounds of the coverage of each interval and of their mean.
 BIAS, COVERAGE, MEAN_COVERAGE = 0.25, (0.91, 0.99), (0.94, 0.98)
-#: Largest error of maximum likelihood with known noises over the bound, and of spectral_giv over it at the
+#: Largest error of maximum likelihood with known spectra over the bound, and of spectral_giv over it at the
 #: longest records.
-KNOWN, LIKELIHOOD, OVER_LIKELIHOOD = "whittle_ml, noises known", 1.2, 1.06
+KNOWN, LIKELIHOOD, OVER_LIKELIHOOD = "likelihood, spectra known", 1.2, 1.06
 #: Under control: largest bias over the scatter, and error over the bound of the open loop.
 CONTROLLED, CONTROLLED_BIAS, CONTROLLED_BOUND = "closed-loop", 0.35, 1.3
 #: Largest bias of an input that is linear between samples, over the parameter's size.
@@ -118,7 +118,7 @@ def _largest(what: str, here: pl.DataFrame, over: str, most: float) -> Requireme
     missed: list[str] = []
     for row in here.iter_rows(named=True):
         ratio = row["rmse"] / row[over]
-        chance = normal_quantile(CHANCE_LEVEL) / math.sqrt(2.0 * row["count"])
+        chance = normal_quantile(CHANCE_LEVEL) / math.sqrt(2.0 * row["runs"])
         label = f"{row['scenario']}, N = {row['samples']}, {row['parameter']} {ratio:.2f}"
         if ratio > most * (1.0 + chance):
             missed.append(label)

@@ -109,22 +109,53 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
 
 def _information(scenario: Scenario, record: SimulatedRecord) -> Float[np.ndarray, "2 2"]:
     """Information of one record about friction and gain."""
-    signals, truth = record.signals, record.truth
-    U = unitary_bins(truth.channel("input"))
+    signals = record.signals
+    U = unitary_bins(record.truth.channel("input"))
     bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)
     blend = 0.5 if scenario.intersample is Intersample.LINEAR else 0.0
     motion = SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
-    noise = _known_noise(signals.noise, float(truth.channel("disturbance").var()))
-    moves = scenario.route is Route.DYNAMICS
-    C = noise.spectrum(motion) if moves else _static_spectrum(noise, motion)
+    known = noise_of_record(scenario, record)
+    C = known.spectrum(motion)
     d = motion.directions[:2]
     weighted = C.solved(d)
     information: Float[np.ndarray, "2 2"] = (
         2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
     )
-    if moves and noise.disturbance_variance > 0.0:
-        information[0, 0] += _shaped_noise_information(noise, motion)
+    if known.moves and known.noise.disturbance_variance > 0.0:
+        information[0, 0] += _shaped_noise_information(known.noise, motion)
     return information
+
+
+@dataclass(frozen=True)
+class KnownNoise:
+    """Noises of a simulated record as they really are.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        Strengths and orders.
+    moves : bool
+        Whether the disturbance moves the vehicle; else it shifts the response and nothing else.
+    """
+
+    noise: NoiseModel
+    moves: bool
+
+    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
+        """C of the residuals."""
+        return self.noise.spectrum(motion) if self.moves else _static_spectrum(self.noise, motion)
+
+
+def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
+    """Noises of one record of a scenario; its disturbance counts as white.
+
+    Raises
+    ------
+    ParameterError
+        For noises that are neither white nor fractional, and of a strength above zero.
+    """
+    noise = _known_noise(record.signals.noise, float(record.truth.channel("disturbance").var()))
+    return KnownNoise(noise, scenario.route is Route.DYNAMICS)
 
 
 def _known_noise(noises: Mapping[str, MeasurementNoise], disturbance_variance: float) -> NoiseModel:

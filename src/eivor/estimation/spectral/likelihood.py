@@ -10,14 +10,16 @@ everything at once: log det C pulls the parameters, by several per cent even whe
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from eivor.estimation.fitted_noise import FittedNoise
 from eivor.estimation.spectral.noise_fit import MEASURE, fitted_noise, told_noises
 from eivor.estimation.spectral.noise_model import NoiseModel
-from eivor.estimation.spectral.pair_spectrum import Pair
+from eivor.estimation.spectral.pair_spectrum import Pair, PairSpectrum
 from eivor.estimation.spectral.pilot import Pilot
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.shapes import Float
@@ -53,13 +55,22 @@ class Likelihood:
     noises: tuple[FittedNoise, ...]
 
 
+@runtime_checkable
+class KnownSpectra(Protocol):
+    """Spectra of the residuals at any parameters of the motion."""
+
+    @abstractmethod
+    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
+        """C."""
+
+
 def maximum_likelihood(pilot: Pilot) -> Likelihood:
     """Search from a pilot, with the noises that are not declared fitted anew."""
     motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
     settled = False
     for _ in range(PASSES):
         before = np.array([motion.friction, motion.gain])
-        motion, transient, found = _least_quadratic(motion, transient, noise)
+        motion, transient, found = least_quadratic(motion, transient, noise)
         moved = np.abs(np.array([motion.friction, motion.gain]) - before)
         settled = found and bool((moved <= STILL * np.abs(before)).all())
         if settled:
@@ -73,10 +84,10 @@ def _residual(motion: SampledMotion, transient: float) -> Pair:
     return motion.whole(np.array([transient]), motion.nuisance_shapes(False))
 
 
-def _least_quadratic(
-    motion: SampledMotion, transient: float, noise: NoiseModel
+def least_quadratic(
+    motion: SampledMotion, transient: float, noise: KnownSpectra
 ) -> tuple[SampledMotion, float, bool]:
-    """Minimum of Q at given noises, by least squares of the whitened residuals."""
+    """Minimum of Q at given noises, by least squares of the whitened residuals; and whether it is one."""
     from scipy.optimize import least_squares
 
     units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])

@@ -1,0 +1,138 @@
+"""Maximum likelihood that is told every spectrum: rows for the tables of efficiency, and their command.
+
+    python -m validation.efficiency.known_spectra SUITE.toml --kept FILE.jsonl --out FILE.parquet [--runs N]
+
+runs the scenarios and lengths of a suite, on the same records as the other methods. Strengths and orders of
+all noises are those that were simulated, and so is the way the disturbance takes: Q is minimised once, from
+generalized IV's numbers. Of a real record nobody has that: it is what other methods are measured by. Every
+trial is kept in the file; a run that was interrupted goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from eivor.errors import EivorError, EstimationError, UsageError
+from eivor.estimation.spectral.answers import start_of
+from eivor.estimation.spectral.likelihood import least_quadratic
+from eivor.estimation.spectral.pilot import consistent_estimate, first_transient
+from eivor.estimation.spectral.sampled_problem import sampled_problem
+from eivor.inference.verdict import Reason
+from eivor.simulation.records.scenario import Scenario
+from eivor.simulation.records.simulate import simulate
+from eivor.studies.bounds import cramer_rao, noise_of_record
+from eivor.studies.experiment import VerticalExperiment
+from eivor.studies.suite_file import SuiteStudy, read_suite
+from validation.efficiency.requirements import KNOWN
+from validation.kept_study import keep, kept_lines
+from validation.suites import WRONG, Row, versions, write_rows
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One record.
+
+    Parameters
+    ----------
+    scenario : str
+        Name of a shipped one.
+    samples, run : int
+        Length, and number of the record.
+    values : list of float
+        K and K_u.
+    """
+
+    scenario: str
+    samples: int
+    run: int
+    values: list[float]
+
+
+def trial(one: SuiteStudy, run: int) -> Found:
+    """Estimate from one record, the same as the suite's own."""
+    scenario, experiment = _scenario(one), one.study.experiment
+    record = simulate(scenario, one.study.rng(run))
+    problem = experiment.problem(record.signals, one.study.methods[0].instruments)
+    sampled = sampled_problem(problem, KNOWN)
+    start = start_of(sampled, consistent_estimate(sampled.problem))
+    if isinstance(start, Reason):
+        raise EstimationError("a start near generalized IV's", start.sentence, "Look at the record.")
+    motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record))
+    return Found(one.scenario, one.samples, run, [motion.friction, motion.gain])
+
+
+def _scenario(one: SuiteStudy) -> Scenario:
+    experiment = one.study.experiment
+    if not isinstance(experiment, VerticalExperiment):
+        raise UsageError("vertical motion", type(experiment).__name__, "Choose other scenarios.")
+    return experiment.scenario
+
+
+def rows_of(one: SuiteStudy, found: Sequence[Found]) -> Iterator[Row]:
+    """Rows of one scenario and length; there are no intervals."""
+    scenario = _scenario(one)
+    bounds, truth = cramer_rao(scenario).relative, one.study.experiment.truth
+    values = np.array([each.values for each in found])
+    for name, own in zip(truth, values.T, strict=True):
+        errors = own - truth[name]
+        yield {
+            "scenario": one.scenario,
+            "samples": one.samples,
+            "method": KNOWN,
+            "parameter": name,
+            "bound": bounds[name],
+            "rmse": float(np.sqrt(np.mean(errors**2))) / abs(truth[name]),
+            "bias": float(errors.mean() / errors.std(ddof=1)),
+            "hits": 0,
+            "count": 0,
+            "failed": 0,
+            "weak": 0,
+            "runs": len(found),
+            "seed": one.study.seed,
+            "level": one.study.level,
+            "versions": versions(),
+        }
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="python -m validation.efficiency.known_spectra", description=__doc__
+    )
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("suite", type=Path, help="a suite file")
+    parser.add_argument("--runs", type=int, help="instead of the suite's")
+    parser.add_argument(
+        "--kept", type=Path, required=True, metavar="FILE.jsonl", help="keep every trial here"
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE.parquet", help="write the rows")
+    chosen = parser.parse_args(arguments)
+    try:
+        suite = read_suite(chosen.suite)
+        if chosen.runs is not None:
+            suite = suite.reduced(chosen.runs)
+        done = {(each.scenario, each.samples, each.run): each for each in kept_lines(chosen.kept, Found)}
+        rows: list[Row] = []
+        for one in suite.studies:
+            keys = [(one.scenario, one.samples, run) for run in range(one.study.runs)]
+            for key in keys:
+                if key not in done:
+                    done[key] = trial(one, key[2])
+                    keep(chosen.kept, [done[key]])
+            rows.extend(rows_of(one, [done[key] for key in keys]))
+        write_rows(pl.DataFrame(rows), chosen.out)
+    except EivorError as error:
+        sys.stderr.write(f"{error}\n")
+        return WRONG
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
