@@ -271,6 +271,12 @@ def test_contradictions_are_said():
     assert "% off that by" in _contradictions(torque_ratio=KnownNumber(1.2 * RATIO))
 
 
+@pytest.mark.parametrize("times", [500.0, 0.001])
+def test_a_mass_in_another_unit_is_noticed(times):
+    mass = KnownNumber(times * QUADROTOR.mass)
+    assert "the weight over the square of an arm would be" in _contradictions(mass=mass)
+
+
 def test_lengths_in_another_unit_are_told():
     """Positions in millimetres, which a caller of Python can give."""
     known = known_of(QUADROTOR)

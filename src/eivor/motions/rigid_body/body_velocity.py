@@ -16,7 +16,7 @@ def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     """Velocity forward, left and up of the body [m/s]; None where velocity or attitude are not known."""
     if not set(NEEDED) <= set(signals.channels):
         return None
-    return _on_body_axes(signals, *(signals.channel(f"velocity_{axis}") for axis in "xyz"))
+    return on_body_axes(signals, *(signals.channel(f"velocity_{axis}") for axis in "xyz"))
 
 
 def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
@@ -30,10 +30,10 @@ def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
     forward, left, up = (
         time_derivative(signals.channel(f"velocity_{axis}"), signals.step_s) for axis in "xyz"
     )
-    return _on_body_axes(signals, forward, left, up + GRAVITY)
+    return on_body_axes(signals, forward, left, up + GRAVITY)
 
 
-def _on_body_axes(
+def on_body_axes(
     signals: Signals, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
     """A vector of the world, turned into the body's axes."""

@@ -10,6 +10,7 @@ from eivor.motions.rigid_body.combinations import Combinations, Formula, told_fr
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.parameter_ranges import NO_BODY_ALLOWANCE
 from eivor.motions.rigid_body.yaw_inertia import Route, YawInertia
+from eivor.motions.vertical.model import GRAVITY
 
 COUPLINGS = {
     "roll_coupling": "(Iyy - Izz) / Ixx",
@@ -21,6 +22,8 @@ AXES = ("Ixx", "Iyy", "Izz")
 ROUNDING = 1e-9
 #: There are several ways to contradict, and most flights do in none.
 SURE = 0.999
+#: Weight over the square of the arms' length: what vehicles have [N/m^2].
+WEIGHT_OVER_ARMS = (2.0, 20_000.0)
 #: Squared radius of gyration in roll or pitch, over that of the rotors: what vehicles have.
 GYRATION = (0.02, 1.5)
 
@@ -44,6 +47,7 @@ def contradictions(
     level = max(level, SURE)
     return (
         *_of_couplings(found, level),
+        *_of_mass(known),
         *_of_lengths(found, known, level),
         *_of_inertias(found, known, yaw, level),
         *_of_routes(found, known, yaw, level),
@@ -73,6 +77,20 @@ def _of_couplings(found: Combinations, level: float) -> list[str]:
 def _identity(v: Mapping[str, float]) -> float:
     first, second, third = (v[name] for name in COUPLINGS)
     return first + second + third + first * second * third
+
+
+def _of_mass(known: KnownVehicle) -> list[str]:
+    """A mass that rotors at these distances do not lift: another unit, most likely."""
+    if known.mass is None or known.arm_scale is None:
+        return []
+    loading = known.mass.value * GRAVITY / (known.arm_scale.value * known.arm) ** 2
+    low, high = WEIGHT_OVER_ARMS
+    if low <= loading <= high:
+        return []
+    return [
+        f"With mass and arms as supplied, the weight over the square of an arm would be {loading:.2g} N/m^2, "
+        f"where vehicles have {low:g} to {high:g}: check the units of both."
+    ]
 
 
 def _of_lengths(found: Combinations, known: KnownVehicle, level: float) -> list[str]:

@@ -49,6 +49,7 @@ from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
 from eivor.motions.rigid_body.surrogate import noises_known, noisier
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
+from eivor.motions.rigid_body.wind_shown import steady_wind
 from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
 from eivor.shapes import Float
 from eivor.signals.recording import Recording
@@ -174,14 +175,16 @@ class RigidBody(Motion[LaggedRuns]):
     def diagnostics(
         self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
-        """In what a flight contradicts the vehicle file: `rotor_order`, else `filters_shown`."""
+        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`, or `wind_shown`."""
         shown = order_shown(flights, self.layout)
         if shown is not None:
             return shown.numbers
+        wind = steady_wind(problem, estimate.best.at, flights)
+        found = {} if wind is None else wind.numbers
         if self.pooled and len(flights) == 1:
-            return {}  # the whole pool is asked about filters
+            return found  # the whole pool is asked about filters
         filters = filters_not_passed(problem, estimate, flights, self.layout)
-        return {} if filters is None else filters.numbers
+        return found if filters is None else found | filters.numbers
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""

@@ -7,7 +7,7 @@ Each quantity is judged by the instruments of its own equation, and by its own i
 * provisional: a direct method, for want of references;
 * identified: a half-width of at most a tenth of a gain, a half of a drag or a damping, .1 of a coupling, 10
   ms of the lag;
-* weak otherwise.
+* weak otherwise, and drags across where a steady wind blew.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.filters_shown import FiltersNotPassed
 from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, FRICTION, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.rotor_order import Order
+from eivor.motions.rigid_body.wind_shown import ACROSS, SteadyWind
 
 GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
 SHORT_FLIGHT_S = 10.0
@@ -47,6 +48,7 @@ LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a s
 _GAINS = {one.name for one in (*GAIN, THRUST)}
 _SLOW = {one.name for one in (*DAMPING, *DRAG, FRICTION, LIFT)}
 _COUPLINGS = {one.name for one in COUPLING}
+_ACROSS = {one.name for one in ACROSS}
 
 
 def all_grounds(
@@ -55,6 +57,7 @@ def all_grounds(
     """Grounds against every quantity that there is."""
     lag = (*_shared(told_of(strength), at), *_lag_reasons(quantities))
     found = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    wind = SteadyWind.of_numbers(at.numbers)
     for name, quantity in quantities.items():
         if name in found:
             continue
@@ -62,6 +65,8 @@ def all_grounds(
         reasons = [*_shared(told_of(strength, moved_by), at), *_lag_reasons(quantities)]
         if not untold(name, strength):
             reasons += _interval_reasons(name, quantity, at)
+        if wind is not None and name in _ACROSS:
+            reasons.append(Reason(Status.WEAK, wind.sentence, wind.remedy))
         found[name] = tuple(reasons)
     return found
 
