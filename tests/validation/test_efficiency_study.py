@@ -76,7 +76,7 @@ def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Pa
     for each, other in zip(found, plain, strict=True):
         apart = np.abs(np.array(each.values) - other.best.values[:2])
         assert (apart < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
-    assert all(row["rmse"] < 2.5 * row["bound"] for row in rows)
+    assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
 
 
 @pytest.mark.thorough
