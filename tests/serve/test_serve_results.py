@@ -138,8 +138,10 @@ def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
 def test_choices_are_those_that_there_are():
     found = Work()(Begin(), nobody)
     assert isinstance(found, Choices)
-    assert set(found.known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
-    for entries in found.known.values():
+    known = dict(found.known)
+    assert all(isinstance(name, str) and name for name in known.pop("folders"))
+    assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
+    for entries in known.values():
         assert all(one["name"] and one["words"] for one in entries)
     assert [one["needs"] for one in found.known["plans"] if one["name"] == "qgc"] == [["home"]]
 

@@ -13,6 +13,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -183,7 +184,7 @@ def _table_of_lags(rows: pl.DataFrame) -> str:
     return markdown(header, lines)
 
 
-def _error(row: Mapping[str, float]) -> str:
+def _error(row: Mapping[str, Any]) -> str:
     """Error relative to the truth; in brackets where the interval misses it."""
     told = f"{100.0 * (row['value'] / row['truth'] - 1.0):+.1f} %"
     return told if row["low"] <= row["truth"] <= row["high"] else f"({told})"

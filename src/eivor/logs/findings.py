@@ -23,7 +23,7 @@ _FORCES, _PARTS, _RATES = (
 )
 #: Channels whose size is doubted.
 _SIZED = frozenset({*_FORCES, *_PARTS, *_RATES, "specific_force_z", "cos_tilt"})
-_Values = Mapping[str, Float[np.ndarray, " n"]]
+_Values = Mapping[str, Float[np.ndarray, " _"]]
 
 
 def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
