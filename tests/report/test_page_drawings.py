@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -147,3 +148,11 @@ def test_a_spectrum_of_many_bins_is_drawn_in_few_points_of_the_same_power():
     assert banded.size < 350
     assert (np.diff(banded) > 0.0).all()
     np.testing.assert_allclose(amplitude, 3.0)
+
+
+def test_an_axis_that_no_input_moves_has_no_spectrum(fit, monkeypatch):
+    (trace,) = fit.fit.traces(fit.motion)
+    still = replace(trace, axis="side", driven=np.zeros_like(trace.driven))
+    monkeypatch.setattr(type(fit.fit), "traces", lambda *_: (trace, still))
+    titles = [picture.title for picture in of_fit.pictures_of_fit(fit, fit.fit).pictures]
+    assert [one for one in titles if "excites" in one] == [f"What excites the {trace.axis}"]

@@ -102,8 +102,8 @@ def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> 
 
 
 def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]) -> None:
-    """Amplitude of what the input does to each axis of one unit, and of what the model leaves."""
-    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit)
+    """Amplitude of what the input does to each axis that it moves, of one unit, and of what is left."""
+    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
         for values, colour, label in (

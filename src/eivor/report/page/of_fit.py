@@ -49,7 +49,7 @@ def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
         (
             _autocorrelation(fit.estimate, runs),
             *_profiles(result, fit.estimate),
-            *(_spectra(trace, runs) for trace in traces),
+            *(_spectra(trace, runs) for trace in traces if trace.driven.any()),
             *_sets(result, fit),
             *_ellipse(result, fit.estimate),
         ),
