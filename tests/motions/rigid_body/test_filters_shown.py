@@ -83,7 +83,8 @@ def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypat
         return stub(100.0 if len(asked) == 1 else 10.0)
 
     monkeypatch.setattr("eivor.motions.rigid_body.filters_shown.identify", identified)
-    monkeypatch.setattr("eivor.motions.rigid_body.motion.order_shown", lambda *_: None)
+    for other in ("order_shown", "steady_wind"):
+        monkeypatch.setattr(f"eivor.motions.rigid_body.motion.{other}", lambda *_: None)
     shown = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))
     assert shown == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
     assert asked == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone

@@ -36,6 +36,8 @@ WHAT = ("velocity", "acceleration", "disturbance")
 #: Most steps of a search, the decrease that one promises when it has come to rest, and the least share of
 #: what it promises that it must keep.
 STEPS, AT_REST, LEAST_OF_IT = 200, 1e-8, 1e-4
+#: Largest change in a step, of logarithms of variances and of what gives the orders.
+LONGEST = 3.0
 #: Bands are a twentieth of their frequency wide, and a bin at least.
 BAND_SHARE = 20
 #: Shares of the residuals' power over the upper half of the band that noises start from.
@@ -121,20 +123,26 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
         return value, unit @ gradient[fitted]
 
     with np.errstate(all="ignore"):  # a step that goes too far is tried again, shorter
-        return fit.model(at(_lowest(from_origin, unit.shape[0])))
+        return fit.model(at(_lowest(from_origin, unit.T)))
 
 
-def _lowest(function: ValueAndGradient, size: int) -> Float[np.ndarray, " n"]:
-    """Minimum of a function from the origin, where its curvature is near the identity."""
+def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+    """Minimum of a function from the origin, where its curvature is near the identity.
+
+    No step moves anything by more than `LONGEST`: far out, where one noise is all that counts, determinants
+    are differences of numbers that agree in every digit.
+    """
+    size = moves.shape[1]
     x, inverse = np.zeros(size), np.eye(size)
     value, gradient = function(x)
     for _ in range(STEPS):
         step = -inverse @ gradient
+        step *= min(1.0, LONGEST / float(np.abs(moves @ step).max(initial=LONGEST)))
         promised = -float(gradient @ step)
         if not promised > AT_REST:
             break
         there = function(x + step)
-        while not there[0] <= value - LEAST_OF_IT * promised:
+        while not -np.inf < there[0] <= value - LEAST_OF_IT * promised:
             step, promised = 0.5 * step, 0.5 * promised
             if promised < AT_REST:
                 return x
