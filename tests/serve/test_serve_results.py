@@ -139,7 +139,9 @@ def test_choices_are_those_that_there_are():
     found = Work()(Begin(), nobody)
     assert isinstance(found, Choices)
     known = dict(found.known)
-    assert all(isinstance(name, str) and name for name in known.pop("folders"))
+    folders = known.pop("folders")
+    assert {".ulg", ".bin", ".csv", ".mcap"} <= set(folders["endings"])
+    assert folders["metadata"] == "metadata.yaml"
     assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
     for entries in known.values():
         assert all(one["name"] and one["words"] for one in entries)

@@ -121,7 +121,7 @@ def _added(
     criterion: Callable[[Made], float],
 ) -> Found[Made]:
     """Candidates at the values that a longer grid has more."""
-    known, beside = {at[longer.name] for at, _ in found}, _best(found, criterion)
+    known, beside = {at[longer.name] for at, _ in found}, best_of(found, criterion)
     new = [at for at in combinations(_with(nuisances, longer)) if at[longer.name] not in known]
     return [(at, made(at, beside)) for at in new]
 
@@ -130,5 +130,6 @@ def _with(nuisances: tuple[Nuisance, ...], changed: Nuisance) -> tuple[Nuisance,
     return tuple(changed if one.name == changed.name else one for one in nuisances)
 
 
-def _best(found: Found[Made], criterion: Callable[[Made], float]) -> Made:
+def best_of(found: Found[Made], criterion: Callable[[Made], float]) -> Made:
+    """Candidate that fits best."""
     return min((candidate for _, candidate in found), key=criterion)

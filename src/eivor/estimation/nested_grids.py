@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from eivor.estimation.competing import bounded_sums, least_of_competitors
-from eivor.estimation.long_grids import Found, where_more_is_explained, while_the_last_alone_fits
+from eivor.estimation.long_grids import Found, best_of, where_more_is_explained, while_the_last_alone_fits
 from eivor.models.separable import Nuisance, Values, combinations
 
 Made = TypeVar("Made")
@@ -47,18 +47,14 @@ def on_nested_grids(
     """
     nuisances, found = while_the_last_alone_fits(nuisances, made, criterion)
     finest, found = _halved(nuisances, found, made, criterion)
-    if rejected(_least(found, criterion)):
+    if rejected(best_of(found, criterion)):
         nuisances, further = where_more_is_explained(nuisances, found, made, criterion)
         longest, together = (
             _halved(nuisances, found + further, made, criterion) if further else (finest, found)
         )
-        if not rejected(_least(together, criterion)):
+        if not rejected(best_of(together, criterion)):
             finest, found = longest, together
     return tuple(candidate for _, candidate in sorted(found, key=lambda one: _place(finest, one[0])))
-
-
-def _least(found: Found[Made], criterion: Callable[[Made], float]) -> Made:
-    return min((candidate for _, candidate in found), key=criterion)
 
 
 def _halved(
