@@ -70,6 +70,28 @@ def test_one_ulog_loads_no_pools_and_no_tables():
 
 
 @pytest.mark.thorough
+def test_the_command_loads_no_solver_that_it_does_not_use(recordings):
+    """Half of `eivor identify` on a log of 3 MB was loading; each class of these is half a millisecond."""
+    loaded = modules_after(
+        f"sys.argv = ['eivor', 'identify', {str(recordings / 'px4' / 'battery_brownout.ulg')!r}]\n"
+        "from eivor.cli.entry import run\n"
+        "try:\n    run()\nexcept SystemExit as end:\n    assert end.code == 3, end.code"
+    )
+    assert "eivor.linalg.least_squares" in loaded
+    assert set(heavy(loaded)) <= {"pyulog"}
+    unwanted = ("simulation", "studies", "planning", "fleets", "exports", "serve", "flights.pooled")
+    assert not [name for name in loaded if name.startswith(tuple(f"eivor.{room}" for room in unwanted))]
+    assert not loaded & {
+        *(f"eivor.linalg.{name}" for name in ("fuller", "parameter_choice", "regularisation", "regularised")),
+        *(f"eivor.linalg.{name}" for name in ("total_least_squares", "weighted_total_least_squares")),
+        *(f"eivor.inference.covariances.{name}" for name in ("bandwidth", "fixed_b", "kernel")),
+        "eivor.estimation.regularised",
+        "eivor.estimation.weighting.limited_information",
+        "scipy.fft",
+    }
+
+
+@pytest.mark.thorough
 def test_a_saved_result_loads_no_estimator():
     """An export reads a document: most of its second was loading what had estimated it."""
     loaded = modules_after("import eivor.report.read_fit")

@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from eivor.late import late_names
+
 if TYPE_CHECKING:
     from eivor.errors import WeakInstrumentsWarning
     from eivor.estimation import methods
@@ -210,6 +212,9 @@ __all__ = [
 ]
 
 
+_late = late_names(__name__, _HOMES)
+
+
 def __getattr__(name: str) -> object:
     value = globals()[name] = _version() if name == "__version__" else _public(name)
     return value
@@ -222,11 +227,7 @@ def _version() -> str:
 
 
 def _public(name: str) -> object:
-    if name not in _HOMES:
-        raise AttributeError(f"module 'eivor' has no attribute '{name}'")
-    home = import_module(_HOMES[name])
-    value: object = home if name in _MODULES else getattr(home, name)
-    return value
+    return import_module(_HOMES[name]) if name in _MODULES else _late(name)
 
 
 def __dir__() -> list[str]:

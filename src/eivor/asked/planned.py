@@ -62,7 +62,8 @@ def flight_limits(
     """
     from eivor.planning.limits import FlightLimits
 
-    low, high = words.window(height)
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise UsageError("--height LOW:HIGH with both ends", f"'{height}'", "Such as 3:8, in metres.")
+    low, high = words.ends(height)
+    if not -math.inf < low < high < math.inf:
+        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
+        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
     return FlightLimits((low, high), speed, acceleration, tilt, time)

@@ -56,19 +56,25 @@ def window(text: str) -> Window:
     UsageError
         When it is not two numbers, or START is not before END.
     """
-    start_text, colon, end_text = text.partition(":")
-    try:
-        start = float(start_text) if start_text.strip() else -math.inf
-        end = float(end_text) if end_text.strip() else math.inf
-    except ValueError:
-        start = end = math.nan
-    if not colon or not start < end:
+    start, end = ends(text)
+    if not start < end:
         raise UsageError(
             "a window START:END with START before END",
             f"'{text}'",
             "Give both in seconds from the log's start, such as 4:67; one of them may be left out.",
         )
     return start, end
+
+
+def ends(text: str) -> Window:
+    """Numbers on both sides of a colon, infinite where one is left out; NaN where there are none."""
+    low_text, colon, high_text = text.partition(":")
+    try:
+        low = float(low_text) if low_text.strip() else -math.inf
+        high = float(high_text) if high_text.strip() else math.inf
+    except ValueError:
+        colon = ""
+    return (low, high) if colon else (math.nan, math.nan)
 
 
 def lag(text: str) -> Prior | Bounds:

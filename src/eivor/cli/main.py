@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eivor.cli import plain_text
+from eivor.cli.empty_options import refuse_empty_options
 from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.interruptible import InterruptibleGroup
 from eivor.cli.readable_help import ReadableCommand
@@ -46,6 +47,7 @@ class _Commands(InterruptibleGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that is asked for."""
+        refuse_empty_options(ctx)
         try:
             read_repeated_options(ctx, ctx.params["config"], (*COMMANDS, *GROUPS))
         except InputError as error:

@@ -7,6 +7,7 @@ from typing import Any
 
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
+from eivor.cli.empty_options import refuse_empty_options
 from eivor.cli.repeated_options import tell_repeated_options
 
 
@@ -26,6 +27,7 @@ class ReadableCommand(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         """Run the command, and say first which options it has from a file."""
         tell_repeated_options(ctx)
+        refuse_empty_options(ctx)
         return super().invoke(ctx)
 
 
