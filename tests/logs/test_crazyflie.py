@@ -396,6 +396,13 @@ def test_numbers_that_nothing_measures(tmp_path):
     assert np.isfinite(c["battery_voltage"].values).sum() == 1
 
 
+def test_a_log_that_announces_no_types_of_events(tmp_path):
+    path = tmp_path / "log00"
+    path.write_bytes(flight(2).head()[:3] + b"\0\0" + flight(2).bytes()[5:])
+    with pytest.raises(EmptyLogError):
+        read_log(path)
+
+
 def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
     """Runs of one type are found in blocks."""
     log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 20_000)

@@ -86,6 +86,16 @@ def test_layouts_that_cannot_be(read, sound):
     assert r.channels["input"].values.size == 60
 
 
+def test_bytes_that_look_like_a_layout_by_chance_are_no_damage(read):
+    one = writer()
+    place = next(n for n, pair in enumerate(one.messages) if pair[1][2] == one.numbers["IMU"]) + 20
+    time, row = one.messages[place]
+    one.messages[place] = (time, row[:-4] + b"\xa3\x95\x80\x41")
+    r = read(one.bytes())
+    assert not told(r, "message_formats")
+    assert r.channels["specific_force_body_z"].values.size == 60
+
+
 def test_a_layout_is_said_again(read):
     one = writer()
     number = one.numbers["XKF1"]

@@ -6,11 +6,19 @@ import numpy as np
 import pytest
 from dataflash_writer import flight_log, simulated
 
+from eivor.errors import UsageError
+from eivor.flights import prepare
 from eivor.flights.frames import upward
+from eivor.flights.options import FlightOptions
 from eivor.logs import findings, read_log
 from eivor.logs.dataflash import messages, reading, turning
 from eivor.logs.dataflash import places as places_of_messages
 from eivor.logs.kept_channels import KeptChannels
+from eivor.motions import motion_by_name
+from eivor.motions.identify import identify_flight
+from eivor.report import inspection as inspected
+from eivor.report.inspection_document import inspection_document
+from eivor.report.json_inspection import inspection_json
 from eivor.signals.recording import Channel, Frame, Recording
 
 
@@ -76,6 +84,81 @@ def test_a_log_that_does_not_fit_is_the_same(tmp_path, monkeypatch, dialect):
         np.testing.assert_array_equal(made.channels[name].time_s, one.time_s)
         np.testing.assert_array_equal(made.channels[name].values, one.values)
         assert made.channels[name].quality == one.quality
+
+
+def long_log(tmp_path, monkeypatch, **spec):
+    """A log of a flight of half a minute, read whole and as one that does not fit into memory."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(flight_log(simulated(seed=3, duration=30.0, **spec), "4.6").bytes())
+    whole = read_log(path)
+    monkeypatch.setattr(KeptChannels, "__init__", limited(KeptChannels.__init__, 2000))
+    return whole, read_log(path)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_part_of_a_long_log_is_its_samples_and_what_is_in_force(tmp_path, monkeypatch):
+    whole, made = long_log(tmp_path, monkeypatch)
+    part = made.part(10.0, 12.0)
+    assert whole.part(10.0, 12.0) is whole
+    assert part.span_s == made.span_s == whole.span_s
+    assert list(part.channels) == list(whole.channels)
+    for name, one in whole.channels.items():
+        cut = part.channels[name]
+        inside = (one.time_s >= 10.0) & (one.time_s <= 12.0)
+        if name in ("landed", "pilot_in_control", "input_open_loop", "pilot_sets_attitude"):
+            np.testing.assert_array_equal(cut.values, one.values)
+            continue
+        taken = (cut.time_s >= 10.0) & (cut.time_s <= 12.0)
+        np.testing.assert_array_equal(cut.time_s[taken], one.time_s[inside])
+        assert 9.8 < cut.time_s[0] < 10.0
+        assert 12.0 < cut.time_s[-1] < 13.2
+        if not name.startswith(("attitude", "feedback_reference_yaw")):  # turns are counted from the first
+            np.testing.assert_array_equal(cut.values[taken], one.values[inside])
+    thin = made.part(*made.span_s, 0.05)
+    assert 20.0 <= thin.channels["input"].rate_hz < 30.0
+    assert thin.channels["reference_position_z"].rate_hz == pytest.approx(10.0, rel=0.05)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.thorough
+def test_a_window_of_a_long_log_is_identified_alike(tmp_path, monkeypatch):
+    monkeypatch.setattr(prepare, "BESIDE_S", 9.0)
+    whole, made = long_log(tmp_path, monkeypatch)
+    fits = [identify_flight(log, window=(10.0, 25.0)) for log in (whole, made)]
+    assert fits[1].prepared[0].grid.count < fits[0].prepared[0].grid.count
+    assert [one.name for one in fits[1].findings] == [one.name for one in fits[0].findings]
+    for name, quantity in fits[0].quantities.items():
+        # the grid begins elsewhere, so that a run may have a sample more or less, and an interval, which is a
+        # union over delays, one delay more or less
+        one = fits[1].quantities[name]
+        if np.isfinite(quantity.std_error):
+            assert abs(one.value - quantity.value) <= 0.1 * quantity.std_error, name
+            assert one.interval[0] < quantity.value < one.interval[1]
+    with pytest.raises(UsageError, match=r"spans 0\.00 to 29\.99 s"):
+        identify_flight(made, window=(40.0, 50.0))
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.thorough
+def test_a_long_log_is_inspected_in_its_middle(tmp_path, monkeypatch):
+    monkeypatch.setattr(inspected, "TRIED_WHOLE_S", 20.0)
+    monkeypatch.setattr(inspected, "TRIED_S", 10.0)
+    whole, made = long_log(tmp_path, monkeypatch)
+    motion = motion_by_name("vertical")
+    of_whole, found = (inspected.inspection(log, FlightOptions(), motion) for log in (whole, made))
+    assert of_whole.tried is None
+    assert found.channels == of_whole.channels
+    assert found.tried == pytest.approx((10.0, 20.0), abs=1.0)
+    assert found.flown.active == pytest.approx(np.array(of_whole.flown.active), abs=0.2)
+    assert found.flown.used_s == pytest.approx(10.0, abs=0.2)
+    (verdict,) = (one for one in inspection_document(found).sections if "identify says" in one.heading)
+    start, end = found.tried
+    assert verdict.heading == f"What identify says of {start:.1f} to {end:.1f} s (found by running it)"
+    assert "--window START:END" in str(verdict.parts[-1])
+    assert inspection_json(found)["tried"] == list(found.tried)
+    assert inspection_json(of_whole)["tried"] is None
+    monkeypatch.setattr(inspected, "TRIED_WHOLE_S", 600.0)
+    assert inspected.inspection(made, FlightOptions(), motion).tried is None
 
 
 def limited(begin, limit):

@@ -161,7 +161,7 @@ def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) 
     text = _text(on_terminal(inspection_document(found)), width)
     assert max(map(len, text.splitlines())) <= width
     words = Counter(text.split())
-    rates = Counter(f"{summary.channel.rate_hz:.1f}" for summary in found.channels)
+    rates = Counter(f"{summary.rate_hz:.1f}" for summary in found.channels)
     ends = Counter(f"{end:.4g}" for summary in found.channels for end in (summary.lowest, summary.highest))
     assert rates + ends <= words
 

@@ -3,15 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+import os
+from collections.abc import Iterator
+from heapq import nsmallest
 from pathlib import Path
 
 #: More files than a folder of one log has; the others do not count.
 MAX_FILES = 10_000
 
 
+def file_names(folder: Path) -> Iterator[str]:
+    """Names of the regular files of a folder, in any order, one after the other: it may have very many.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be looked into.
+    """
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_file():
+                yield entry.name
+
+
 def folder_files(folder: Path) -> list[Path]:
     """Return the regular files of a folder, by their names; those of folders in it are not looked at."""
-    return sorted(file for file in folder.iterdir() if file.is_file())[:MAX_FILES]
+    return [folder / name for name in nsmallest(MAX_FILES, file_names(folder))]
 
 
 def folder_size(folder: Path) -> int:

@@ -12,14 +12,18 @@ from eivor.errors import EivorError
 from eivor.flights.grid import Grid
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
+from eivor.flights.overview import overview
 from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.motions.identify import identify_flight
 from eivor.report.card import logging_advice_for, missing_channels
 from eivor.shapes import Bool
-from eivor.signals.recording import Channel, Finding, Recording
+from eivor.signals.made_channels import MadeChannels
+from eivor.signals.recording import Channel, ChannelQuality, Finding, Recording
 from eivor.signals.signals import stretches
 
+#: Of a log that does not fit into memory, in which more was flown, `identify` is tried on so much [s].
+TRIED_WHOLE_S, TRIED_S = 600.0, 180.0
 #: Stretches of time, first and last second of each.
 Stretches = tuple[tuple[float, float], ...]
 
@@ -30,15 +34,33 @@ class ChannelSummary:
 
     Parameters
     ----------
-    channel : Channel
-        The channel.
+    name, source, unit : str
+        The channel's.
+    held, estimated : bool
+        The channel's.
+    delay_s : float
+        The sensor's own delay [s].
+    quality : ChannelQuality
+        What the reader set right.
+    samples : int
+        Number of stamps.
+    rate_hz : float
+        Mean rate [Hz].
     lowest, highest : float
         Range of its values in its unit; NaN when it has none.
     gaps : tuple of (start, end)
         Intervals without a sample [s].
     """
 
-    channel: Channel
+    name: str
+    source: str
+    unit: str
+    held: bool
+    estimated: bool
+    delay_s: float
+    quality: ChannelQuality
+    samples: int
+    rate_hz: float
     lowest: float
     highest: float
     gaps: tuple[tuple[float, float], ...]
@@ -87,6 +109,10 @@ class Inspection:
         Channels without which nothing can be identified, and that the log lacks.
     advice : tuple of str
         How to log them.
+    whole : tuple of str and Stretches, optional
+        Of a log that does not fit into memory: how it is known when the vehicle moved, and when it did.
+    tried : (start, end), optional
+        The part of it that `identify` was tried on [s]; None for all of it.
     """
 
     motion: Motion[Any]
@@ -96,6 +122,8 @@ class Inspection:
     obstacle: EivorError | None
     missing: tuple[str, ...]
     advice: tuple[str, ...]
+    whole: tuple[str, Stretches] | None = None
+    tried: tuple[float, float] | None = None
 
     @property
     def verdict(self) -> str:
@@ -118,9 +146,10 @@ class Inspection:
         if self.result is None:
             return None
         flight = self.result.prepared[0]
+        rule, active = self.whole or (flight.active.rule, _stretches(flight.active.mask, flight.grid))
         return Flown(
-            flight.active.rule,
-            _stretches(flight.active.mask, flight.grid),
+            rule,
+            active,
             _stretches(flight.used, flight.grid),
             float(flight.used.sum()) * flight.signals.step_s,
             flight.references,
@@ -198,7 +227,8 @@ def pooled_inspection(
     if len(logs) == 1:
         return PooledInspection(logs, logs[0].result, logs[0].obstacle)
     try:
-        result = identify_flight(recordings, options, windows=windows, model=motion)
+        parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
+        result = identify_flight(recordings, options, windows=parts, model=motion)
     except EivorError as error:
         return PooledInspection(logs, None, error)
     return PooledInspection(logs, result, None)
@@ -216,9 +246,13 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
     motion : Motion
         What to run it for.
     """
-    result, obstacle = None, None
+    result, obstacle, whole, tried = None, None, None, None
     try:
-        result = identify_flight(recording, options, model=motion)
+        if isinstance(recording.channels, MadeChannels) and options.window is None:
+            whole = overview(recording, motion, options)
+            tried = _part_to_try(whole[1])
+        part = options if tried is None else replace(options, window=tried)
+        result = identify_flight(recording, part, model=motion)
     except EivorError as error:
         obstacle = error
     missing = missing_channels(recording, motion)
@@ -231,15 +265,40 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
         obstacle,
         missing,
         tuple(dict.fromkeys(advice)),
+        whole,
+        tried,
     )
 
 
+def _part_to_try(active: Stretches) -> tuple[float, float] | None:
+    """The middle of the longest stretch in the air; None where so little was flown that all can be tried."""
+    if sum(end - start for start, end in active) <= TRIED_WHOLE_S:
+        return None
+    start, end = max(active, key=lambda one: one[1] - one[0])
+    middle, half = 0.5 * (start + end), 0.5 * min(TRIED_S, end - start)
+    return middle - half, middle + half
+
+
 def _summary(channel: Channel) -> ChannelSummary:
-    finite = channel.values[np.isfinite(channel.values)]
-    low, high = (float(finite.min()), float(finite.max())) if finite.size else (float("nan"), float("nan"))
-    # a held channel may rest: silence is no gap in it
-    gaps = () if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps())
-    return ChannelSummary(channel, low, high, gaps)
+    known = np.isfinite(channel.values)
+    low = float(np.min(channel.values, where=known, initial=np.inf))
+    high = float(np.max(channel.values, where=known, initial=-np.inf))
+    rate_hz = channel.rate_hz
+    return ChannelSummary(
+        channel.name,
+        channel.source,
+        channel.unit,
+        channel.held,
+        channel.estimated,
+        channel.delay_s,
+        channel.quality,
+        channel.time_s.size,
+        rate_hz,
+        low if known.any() else np.nan,
+        high if known.any() else np.nan,
+        # a held channel may rest: silence is no gap in it
+        () if channel.held and rate_hz < 1.0 else tuple(channel.gaps()),
+    )
 
 
 def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:

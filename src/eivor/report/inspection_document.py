@@ -52,7 +52,19 @@ def _sections(found: Inspection) -> Iterator[Section]:
     parameters = (f"{name} = {value:g}" for name, value in found.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
     yield from section("Noticed in the log", Bullets, (finding.message for finding in found.findings))
-    yield _verdict(found)
+    yield _verdict(found, *_part(found))
+
+
+def _part(found: Inspection) -> tuple[str, ...]:
+    """Of which part of a long log the verdict is, and why."""
+    if found.tried is None:
+        return ()
+    start, end = found.tried
+    why = (
+        f"The log does not fit into memory: identify was tried on {start:.1f} to {end:.1f} s. Name another "
+        "part with --window START:END."
+    )
+    return f" of {start:.1f} to {end:.1f} s", why
 
 
 def _channel_table(found: Inspection) -> TableOf:
@@ -65,10 +77,9 @@ def _channel_table(found: Inspection) -> TableOf:
 
 
 def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
-    channel = summary.channel
     return (
-        Cell(channel.name, channel.source),
-        Cell(f"{channel.rate_hz:.1f}"),
+        Cell(summary.name, summary.source),
+        Cell(f"{summary.rate_hz:.1f}"),
         Cell(_range(summary), "; ".join(_remarks(summary))),
     )
 
@@ -76,18 +87,18 @@ def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
 def _range(summary: ChannelSummary) -> str:
     if not math.isfinite(summary.lowest):
         return NO_NUMBER
-    unit = f" {summary.channel.unit}" if summary.channel.unit else ""
+    unit = f" {summary.unit}" if summary.unit else ""
     return f"{summary.lowest:.4g} to {summary.highest:.4g}{unit}"
 
 
 def _remarks(summary: ChannelSummary) -> Iterator[str]:
-    quality = summary.channel.quality
+    quality = summary.quality
     count = len(summary.gaps)
     if count:
         longest = max(end - start for start, end in summary.gaps)
         yield f"{count} {'gap' if count == 1 else 'gaps'} up to {longest:.2g} s"
-    if summary.channel.delay_s:
-        yield f"{1e3 * summary.channel.delay_s:.3g} ms of its own delay taken off its stamps"
+    if summary.delay_s:
+        yield f"{1e3 * summary.delay_s:.3g} ms of its own delay taken off its stamps"
     for number, what in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),
@@ -152,11 +163,11 @@ def _sources(sources: tuple[str, ...], name: str) -> str:
     return ", ".join(sources) or f"a channel or column '{name}'"
 
 
-def _verdict(found: Inspection | PooledInspection, of: str = "") -> Section:
+def _verdict(found: Inspection | PooledInspection, of: str = "", *told: str) -> Section:
     heading = f"What identify says{of} (found by running it)"
     if found.result is None:
         said = Statement("nothing: it cannot begin", Status.REFUSED)
     else:
         status = found.result.verdict.status
         said = Statement(status.value, status, f" (method {found.result.method})")
-    return Section(heading, (said, Bullets(found.reasons)))
+    return Section(heading, (said, Bullets((*found.reasons, *told))))

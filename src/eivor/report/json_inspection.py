@@ -28,6 +28,7 @@ def inspection_json(found: Inspection) -> dict[str, Json]:
         "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
         "advice": list(found.advice),
         "airborne": None if found.flown is None else _airborne(found.flown),
+        "tried": None if found.tried is None else [number(end) for end in found.tried],
         "references": [] if found.flown is None else _references(found.flown),
         "parameters": {name: number(value) for name, value in found.parameters.items()},
         "findings": findings_list(found.findings),
@@ -50,16 +51,16 @@ def pooled_json(found: PooledInspection) -> dict[str, Json]:
 
 
 def _channel(summary: ChannelSummary) -> Json:
-    channel, quality = summary.channel, summary.channel.quality
+    quality = summary.quality
     return {
-        "name": channel.name,
-        "source": channel.source,
-        "unit": channel.unit,
-        "samples": int(channel.values.size),
-        "rate_hz": number(channel.rate_hz),
-        "held": channel.held,
-        "estimated": channel.estimated,
-        "delay_s": number(channel.delay_s),
+        "name": summary.name,
+        "source": summary.source,
+        "unit": summary.unit,
+        "samples": summary.samples,
+        "rate_hz": number(summary.rate_hz),
+        "held": summary.held,
+        "estimated": summary.estimated,
+        "delay_s": number(summary.delay_s),
         "range": [number(summary.lowest), number(summary.highest)],
         "gaps": [[number(start), number(end)] for start, end in summary.gaps],
         "duplicated_stamps": quality.duplicated_stamps,

@@ -147,11 +147,13 @@ class Channel:
 
     def gaps(self, factor: float = 5.0, at_least_s: float = 0.1) -> list[tuple[float, float]]:
         """Intervals [s] without a sample, longer than `factor` median steps and than `at_least_s`."""
-        steps = np.diff(self.time_s)
-        if steps.size == 0:
+        if self.time_s.size < 2:
             return []
-        bound = max(factor * float(np.median(steps)), at_least_s)
-        return [(float(self.time_s[i]), float(self.time_s[i + 1])) for i in np.flatnonzero(steps > bound)]
+        # differences twice: one array of a channel's length at a time
+        usual = float(np.median(np.diff(self.time_s), overwrite_input=True))
+        bound = max(factor * usual, at_least_s)
+        wide = np.flatnonzero(np.diff(self.time_s) > bound)
+        return [(float(self.time_s[i]), float(self.time_s[i + 1])) for i in wide]
 
 
 def clean_channel(
@@ -297,10 +299,26 @@ class Recording:
     @property
     def span_s(self) -> tuple[float, float]:
         """First and last stamp over all channels [s]."""
+        if isinstance(self.channels, MadeChannels):
+            return self.channels.span_s
         ends = [
             (float(c.time_s[0]), float(c.time_s[-1])) for c in self.channels.values() if c.time_s.size
         ] or [(0.0, 0.0)]
         return min(first for first, _ in ends), max(last for _, last in ends)
+
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> Recording:
+        """Return the same log with the channels of a part of it, where they do not fit into memory.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The part [s].
+        step_s : float
+            Samples that are closer are thinned to this distance [s]; zero keeps all.
+        """
+        if not isinstance(self.channels, MadeChannels):
+            return self
+        return replace(self, channels=self.channels.part(start_s, end_s, step_s))
 
     def family(self, name: str) -> list[Channel]:
         """Channels called `name`, or `name` and a rotor's number or an axis, see `family_members`."""

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from heapq import nsmallest
 from pathlib import Path
 
 from eivor.errors import InputError
+from eivor.logs.folders import file_names
 from eivor.logs.log_format import FolderParts
 
 ROS1, SQLITE, MCAP = "ros1", "sqlite", "mcap"
@@ -68,5 +70,5 @@ def bag_files(path: Path) -> list[Path]:
 
 
 def _candidates(folder: Path) -> list[Path]:
-    found = [file for file in folder.iterdir() if file.name.endswith(ENDINGS) and file.is_file()]
-    return sorted(found)[:MAX_PARTS]
+    names = (name for name in file_names(folder) if name.endswith(ENDINGS))
+    return [folder / name for name in nsmallest(MAX_PARTS, names)]

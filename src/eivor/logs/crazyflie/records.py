@@ -151,6 +151,8 @@ def _run_length(data: bytes, position: int, end: int, number: int, size: int) ->
 def _resumed(data: bytes, position: int, end: int, header: Header, walk: _Walk) -> int | None:
     """Where the next records begin that follow each other; None when they are not found."""
     sizes = {one.number: one.record.itemsize for one in header.types}
+    if not sizes:
+        return None
     while walk.searched < MAX_SEARCH_BYTES and position < end:
         walk.searched += SEARCH_BLOCK
         for place in _candidates(data, position, end, header, walk):

@@ -100,11 +100,11 @@ class Described:
     unsound: int = 0
     changed: set[str] = field(default_factory=set)
 
-    def add(self, payload: bytes) -> bool:
-        """Take in the content of a FMT message; say whether it can be one."""
+    def add(self, payload: bytes, *, is_message: bool = True) -> bool:
+        """Take in the content of a FMT message; say whether it can be one, and count it where it cannot."""
         layout = _layout(payload)
         if layout is None:
-            self.unsound += 1
+            self.unsound += is_message
             return False
         if self.layouts.setdefault(layout.number, layout) != layout:
             self.changed.add(self.layouts[layout.number].name)
@@ -137,7 +137,9 @@ def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
     for _ in range(MAX_FORMATS):
         if place < 0 or place + FMT_LENGTH > len(data):
             break
-        sound = described.add(data[place + HEAD_BYTES : place + FMT_LENGTH])
+        # in a long log other messages hold these three bytes by chance: no head stands where they end
+        followed = data[place + FMT_LENGTH : place + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
+        sound = described.add(data[place + HEAD_BYTES : place + FMT_LENGTH], is_message=followed)
         place = data.find(mark, place + (FMT_LENGTH if sound else HEAD_BYTES))
     described.layouts[FMT_TYPE] = Layout(FMT_TYPE, "FMT", FMT_LENGTH, {})
     return described.layouts, described.findings()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,7 @@ from eivor.logs.dataflash.text import read_lines
 from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
 from eivor.logs.dataflash.vehicle import vehicle_of
 from eivor.logs.findings import findings_of
+from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.stamps import believable
 from eivor.shapes import Float
 from eivor.signals.recording import Finding, Frame, Recording
@@ -79,17 +81,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
     parameters = _parameters(tables)
     choose_estimator(tables, parameters, findings)
     reading = Reading.of(tables, parameters, findings)
-    for name, sources in CHANNEL_SOURCES.items():
-        for source in _by_rate(sources, tables) if name in CHOSEN_BY_RATE else sources:
-            if name not in reading.channels:
-                _add(reading, name, source)
-    add_attitude(reading)
-    add_setpoints(reading)
-    add_sweeps(reading)
-    add_states(reading)
-    add_air_density(reading)
-    add_outputs(reading)
-    add_rotor_speeds(reading)
+    _add_all(reading)
     if not reading.channels:
         raise EmptyLogError(
             "a DataFlash log with flight data (XKF1, NKF1, RATE, CTUN, IMU, ATT, ...)",
@@ -116,6 +108,30 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
         vehicle=vehicle_of(tables),
         origin=dataflash_origin(tables, parameters),
     )
+
+
+def _add_all(reading: Reading) -> None:
+    """Add every channel that the messages of a reading hold."""
+    for name, sources in CHANNEL_SOURCES.items():
+        for source in _by_rate(sources, reading.tables) if name in CHOSEN_BY_RATE else sources:
+            if name not in reading.channels:
+                _add(reading, name, source)
+    add_attitude(reading)
+    add_setpoints(reading)
+    add_sweeps(reading)
+    add_states(reading)
+    add_air_density(reading)
+    add_outputs(reading)
+    add_rotor_speeds(reading)
+    reading.forget_clocks()
+    reading.channels.cut = partial(_channels_of_part, reading)
+
+
+def _channels_of_part(reading: Reading, start_s: float, end_s: float, step_s: float) -> KeptChannels:
+    """Channels of the messages from one second to another, so far apart."""
+    part = reading.part(start_s, end_s, step_s)
+    _add_all(part)
+    return part.channels
 
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eivor.logs.dataflash.messages import Messages
-from eivor.logs.dataflash.sources import LANDED_EVENTS, LAST_STICK_AXIS, SWEEP_MODE
+from eivor.logs.dataflash.sources import LANDED_EVENTS, LAST_STICK_AXIS, STATES, SWEEP_MODE
 from eivor.logs.findings import Look, look
 from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.silences import silenced
@@ -66,6 +66,38 @@ class Reading:
         start = min((float(first) for first, _ in ends), default=0.0)
         end = max((float(last) for _, last in ends), default=0.0)
         return cls(tables, parameters, findings, start, end)
+
+    def part(self, start_s: float, end_s: float, step_s: float) -> Reading:
+        """Return a reading of the messages of a part of the log, on the same clock.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The part [s]. Messages of states, and those without a clock, are all in it.
+        step_s : float
+            Messages that are closer are thinned to this distance [s]; zero keeps all.
+        """
+        tables = {}
+        for name, table in self.tables.items():
+            if not table.clock or name in STATES:
+                tables[name] = table
+                continue
+            time_s = self.time_s(table)
+            chosen = (time_s >= start_s) & (time_s <= end_s)
+            inside = np.flatnonzero(chosen) if chosen.any() else np.searchsorted(time_s, [start_s, start_s])
+            # what is in force at the beginning, and what comes next: silence is no end of the log
+            beside = [max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, time_s.size - 1)]
+            if step_s > 0.0 and time_s.size > 1:
+                every = int(step_s * (time_s.size - 1) / max(float(time_s[-1] - time_s[0]), step_s))
+                chosen &= np.arange(time_s.size) % max(every, 1) == 0
+            chosen[beside] = True
+            tables[name] = table.where(chosen)
+        self.forget_clocks()
+        return Reading(tables, self.parameters, [], self.start_s, self.end_s)
+
+    def forget_clocks(self) -> None:
+        """Let go of stamps that may be wanted by other channels of their messages."""
+        self._clocks.clear()
 
     def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
         """Stamps of messages on the recording's clock, less a delay [s]: one array for all in a row."""

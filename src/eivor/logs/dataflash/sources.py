@@ -163,6 +163,8 @@ WITHOUT_HEIGHT_MODES = (0, 1, 11, 14)
 #: Events: disarmed and landed, and what ends either.
 LANDED_EVENTS = {11: 1.0, 18: 1.0, 28: 0.0}
 
+#: Messages that say what holds until the next of them.
+STATES = frozenset({"MODE", "EV", "ARM", "SIDS", "MSG", "VER", "PARM"})
 #: Messages that are looked at.
 NEEDED = frozenset(
     {source.message for sources in CHANNEL_SOURCES.values() for source in sources}

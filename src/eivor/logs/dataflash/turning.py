@@ -116,8 +116,8 @@ def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None
 
 
 def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Angle without the jumps of whole turns [rad]; zero where it cannot be one."""
-    angle = np.where(np.abs(angle) < LARGEST_ANGLE, angle, 0.0)
+    """Take the jumps of whole turns out of an angle [rad], in place; zero where it cannot be one."""
+    angle[~((angle > -LARGEST_ANGLE) & (angle < LARGEST_ANGLE))] = 0.0
     turns = np.diff(angle)
     turns /= 2.0 * np.pi
     np.round(turns, out=turns)

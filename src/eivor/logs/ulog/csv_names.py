@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from eivor.logs.folders import file_names
 from eivor.logs.log_format import FolderParts
 from eivor.logs.ulog.topics import NEEDED_TOPICS
 
@@ -42,12 +43,13 @@ def tables_of(folder: Path) -> list[TopicTable]:
     """Return the tables of topics that are needed, by their names; none of what is no folder."""
     if not folder.is_dir():
         return []
-    named = ((file, _NAME.fullmatch(file.name)) for file in sorted(folder.iterdir()))
-    return [
-        TopicTable(file, match[1], match[2], int(match[3]))
-        for file, match in named
-        if match is not None and file.is_file()
+    named = ((name, _NAME.fullmatch(name)) for name in file_names(folder))
+    found = [
+        TopicTable(folder / name, match[1], match[2], int(match[3]))
+        for name, match in named
+        if match is not None
     ]
+    return sorted(found, key=lambda table: table.file)
 
 
 def csv_parts(folder: Path) -> FolderParts:
@@ -57,7 +59,7 @@ def csv_parts(folder: Path) -> FolderParts:
     """
     logs = {table.log for table in tables_of(folder)}
     beside = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
-    names = [file.name for file in folder.iterdir() if _TABLE.fullmatch(file.name)] if logs else []
+    names = [name for name in file_names(folder) if _TABLE.fullmatch(name)] if logs else []
 
     def of(some: set[str]) -> frozenset[str]:
         begins = tuple(f"{log}_" for log in some)
