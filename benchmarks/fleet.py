@@ -34,6 +34,8 @@ for path in sys.argv[1:]:
     identify_flight(read_log(path))
 print(time.perf_counter() - begun[0], time.process_time() - begun[1])
 """
+#: Logs of fleets whose memory is measured: some minutes for each 100,000 that are not identical.
+MANY = {"damaged": (2_000, 20_000, 200_000), "identical": (2_000, 20_000, 200_000)}
 #: How often the memory of a process is looked at [s].
 LOOK_S = 0.05
 
@@ -50,7 +52,8 @@ class Took:
 def main() -> None:
     small = arguments(__doc__).small
     print(machine())
-    count, duration_s, rounds, many = (2, 4.0, 1, (10,)) if small else (40, 30.0, 2, (1_000, 10_000))
+    count, duration_s, rounds = (2, 4.0, 1) if small else (40, 30.0, 2)
+    many = {"damaged": (10,), "identical": (10,)} if small else MANY
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         spec = FleetSpec(vehicles=2, flights=count // 2, duration_s=duration_s)
@@ -67,8 +70,9 @@ def main() -> None:
             for name, case in cases.items():
                 found[name].append(case(turn))
         print_run(count, {name: least(tries) for name, tries in found.items()})
-        for number in many:
-            print_memory(number, folder)
+        for kind, numbers in many.items():
+            for number in numbers:
+                print_memory(kind, number, folder)
 
 
 def write_as_csv(logs: Sequence[Path], folder: Path) -> list[Path]:
@@ -137,14 +141,15 @@ def print_run(count: int, took: dict[str, Took]) -> None:
     print(f"two processes {reached:.2f} times one; plain loops {most:.2f}; of these {reached / most:.2f}")
 
 
-def print_memory(count: int, folder: Path) -> None:
-    """Memory by the number of logs, which are damaged: that is quick."""
-    logs = folder / f"logs-{count}"
+def print_memory(kind: str, count: int, folder: Path) -> None:
+    """Memory by the number of logs, which are damaged, each in its own way or all in one: that is quick."""
+    logs = folder / f"{kind}-{count}"
     logs.mkdir()
     for number in range(count):
-        (logs / f"{number}.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + number.to_bytes(8, "little"))
-    took = fleet(logs, folder / f"of-{count}", 1)
-    print(f"{count:7,d} damaged logs: {took.wall_s:.1f} s, first process {took.memory_mb:.0f} MB")
+        own = number if kind == "damaged" else 0
+        (logs / f"{number}.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + own.to_bytes(8, "little"))
+    took = fleet(logs, folder / f"of-{kind}-{count}", 1)
+    print(f"{count:7,d} {kind} logs: {took.wall_s:.1f} s, first process {took.memory_mb:.0f} MB")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.flight_row import named_row
-from eivor.fleets.logs_found import Log
+from eivor.fleets.flight_row import NamedRow
+from eivor.fleets.log_list import Log
 from eivor.fleets.own_reports import PAGE, PageOf
 
 
@@ -27,7 +27,7 @@ class QuickRow:
             time.sleep(0.02)
         told = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
         page = {} if self.page_of is None else {PAGE: f"page of {text}"}
-        return {**named_row(log, self.options.marks()), **told, **page}
+        return {**NamedRow(self.options)(log), **told, **page}
 
 
 def write_logs(folder: Path, texts: dict[str, str]) -> Path:

@@ -15,6 +15,9 @@ def answered(item: Any) -> Any:
         time.sleep(600.0)
     if item == "memory":
         return len(bytearray(10**10))
+    if item == "words":
+        sys.stderr.write("memory allocation of 9 bytes failed\nnote: run with RUST_BACKTRACE=1\n")
+        os._exit(6)
     if item == "die":
         os._exit(7)
     if item == "mistake":

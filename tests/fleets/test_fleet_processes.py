@@ -28,19 +28,19 @@ from eivor.fleets.logs_found import logs_found
 from eivor.fleets.run import run_fleet
 from fleets.fleet_tasks import QuickRow
 shard.FlightRow = QuickRow
-found, folder, kills, options = logs_found(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
+logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
 plan, killed, fleets = np.random.default_rng({seed}), 0, 1
 while killed < kills:
     child = os.fork()
     if not child:
-        run_fleet(found, folder / str(fleets), options, guarded=False, shard_logs=3)
+        run_fleet(logs_found(logs), folder / str(fleets), options, guarded=False, shard_logs=3)
         os._exit(0)
     time.sleep(plan.uniform(0.02, 1.2))
     os.kill(child, signal.SIGKILL)
     was_killed = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0
     killed, fleets = killed + was_killed, fleets + (not was_killed)
 for fleet in range(fleets + 1):  # the first was never killed
-    run_fleet(found, folder / str(fleet), options, guarded=False, shard_logs=3)
+    run_fleet(logs_found(logs), folder / str(fleet), options, guarded=False, shard_logs=3)
 """
 
 

@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from eivor.errors import InputError, UsageError
@@ -14,9 +15,10 @@ from eivor.fleets.fleet_folder import IDENTITY, RUN
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.folder_lock import folder_lock
 from eivor.fleets.limits import Limits
+from eivor.fleets.log_list import LogList
 from eivor.fleets.logs_found import logs_found
 from eivor.fleets.own_reports import report_place, reports_there
-from eivor.fleets.run import hashed, run_fleet
+from eivor.fleets.run import COPIES, hashed, run_fleet
 from eivor.fleets.table import part_files, read_flights
 from eivor.studies.sealed_table import parquet_bytes
 from fleets.fleet_tasks import rows_of, write_logs
@@ -115,13 +117,13 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
 def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
     found = logs_found(str(write_logs(tmp_path / "logs", {"a.csv": "one"})))
-    first = found.logs[0]
-    many = replace(found, logs=tuple(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
+    (first,) = found.logs
+    many = replace(found, logs=LogList(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
     once = hashed(first)
     monkeypatch.setattr("eivor.fleets.run.hashed", lambda log: replace(log, sha256=once.sha256))
     done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
     assert done.verdicts == {"weak": 1, "copy": 9999}
-    assert len(part_files(tmp_path / "fleet")) == 2
+    assert len(part_files(tmp_path / "fleet")) == 1 + -(-9999 // COPIES)
     assert read_flights(tmp_path / "fleet", ["name", "verdict"]).row(0) == ("00000.csv", "weak")
 
 
@@ -145,6 +147,41 @@ def test_logs_that_cannot_be_opened_have_rows_until_they_can(logs, tmp_path, mon
     write_logs(logs, {"huge.bin": "small"})
     run(logs, folder)
     assert not any("unopened" in path.name for path in part_files(folder))
+
+
+def test_rows_of_logs_that_could_not_be_opened_stay_where_other_logs_are_run(logs, tmp_path):
+    folder = tmp_path / "fleet"
+    for number in range(70):
+        (logs / f"gone-{number}.ulg").symlink_to("nowhere")
+    assert run(logs, folder).verdicts == {"weak": 3, "failed": 70, "copy": 1}
+    before, made = content(folder), {path: path.read_bytes() for path in part_files(folder)}
+    write_logs(tmp_path / "others", {"gone-1.ulg": "here", "x.csv": "other"})
+    assert run(tmp_path / "others", folder).verdicts == {"weak": 2}
+    table = read_flights(folder)
+    assert table.filter(pl.col("name").str.starts_with("gone-"), verdict="failed").height == 69
+    assert table.height == 4 + 70 + 1
+    run(logs, folder)
+    again = {path: path.read_bytes() for path in part_files(folder)}
+    assert made.items() <= again.items()
+    assert before != content(folder)  # gone-1.ulg of the other folder has a row of its own
+
+
+def test_every_row_has_the_vehicle_that_its_path_or_the_list_tells(logs, tmp_path):
+    """Also of logs that cannot be opened, and of copies."""
+    (logs / "gone.csv").symlink_to("nowhere")
+    (tmp_path / "list.csv").write_text(
+        "path;tail\nlogs/gone.csv;N1\nlogs/a.csv;N2\nlogs/copies/a.csv;\n", encoding="utf-8"
+    )
+    run(tmp_path / "list.csv", tmp_path / "listed", FleetOptions(vehicle_from="tail"))
+    told = ["verdict", "vehicle"]
+    assert read_flights(tmp_path / "listed", told).rows() == [
+        ("weak", "N2"),
+        ("copy", None),
+        ("failed", "N1"),
+    ]
+    run(logs, tmp_path / "named", FleetOptions(vehicle_from="**/{vehicle}.csv"))
+    rows = read_flights(tmp_path / "named", told).rows()
+    assert rows == [("weak", "a"), ("weak", "b"), ("copy", "a"), ("weak", "d"), ("failed", "gone")]
 
 
 def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
@@ -256,10 +293,10 @@ def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_pa
     folder = tmp_path / "fleet"
     run(logs, folder)
     before, told = parts(folder), content(folder)
-    assert not reports_there(folder)
+    assert not set(reports_there(folder))
     run(logs, folder, page_of=str)
     table = read_flights(folder)
-    assert reports_there(folder) == set(table["sha256"])
+    assert set(reports_there(folder)) == set(table["sha256"])
     first = table.row(0, named=True)
     assert report_place(folder, first["sha256"]).read_text() == "page of one"
     assert (parts(folder), content(folder)) == (before, told)
@@ -267,7 +304,7 @@ def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_pa
     run(logs, folder, page_of=str)
     assert {path: path.stat().st_mtime_ns for path in (folder / "reports").iterdir()} == written
     run(logs, tmp_path / "new", page_of=str)
-    assert reports_there(tmp_path / "new") == reports_there(folder)
+    assert set(reports_there(tmp_path / "new")) == set(reports_there(folder))
     assert content(tmp_path / "new") == told
 
 

@@ -29,6 +29,8 @@ def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
             guard("memory")
         with pytest.raises(LimitError, match=r"died \(exit code 7\)\.$"):
             guard("die")
+        with pytest.raises(LimitError, match=r"said last: memory allocation of 9 bytes failed\.$"):
+            guard("words")
         with pytest.raises(LimitError, match=r"\(exit code 1\).* last: ZeroDivisionError: of all"):
             guard("mistake")
         assert guard("once") == "<once>"  # the second time, in a process that had no other

@@ -43,10 +43,56 @@ def test_globs_and_lists(tmp_path, monkeypatch):
     (tmp_path / "list.txt").write_text("# mine\ny/a.csv\n\nx/1/a.csv\ny/a.csv\nnowhere\n")
     found = logs_found(str(tmp_path / "list.txt"))
     assert names(found) == ["nowhere", "x/1/a.csv", "y/a.csv"]
-    assert found.logs[2].path == str(tmp_path / "y/a.csv")
+    assert list(found.logs)[2].path == str(tmp_path / "y/a.csv")
     (tmp_path / "list.csv").write_text("path,tail\ny/a.csv,N1\nx/1/a.csv,\n")
     assert [log.told for log in logs_found(str(tmp_path / "list.csv")).logs] == [{"tail": ""}, {"tail": "N1"}]
     assert names(logs_found(str(tmp_path / "y/a.csv"))) == ["a.csv"]
+
+
+def told(tmp_path, name, text):
+    (tmp_path / name).write_text(text, encoding="utf-8")
+    return [(log.name, dict(log.told)) for log in logs_found(str(tmp_path / name)).logs]
+
+
+def test_lists_of_other_makings(tmp_path):
+    """Separated by semicolons, with quotes and blank lines, with the mark that Excel writes."""
+    expected = [("a.csv", {"tail": "N;1"}), ("b.csv", {"tail": ""})]
+    assert told(tmp_path, "list.csv", 'path;tail\r\na.csv;"N;1"\r\n\r\nb.csv;\r\n;N2\r\n') == expected
+    assert told(tmp_path, "list.csv", '\ufefftail\tpath\n"N;1"\ta.csv\n\tb.csv\n') == expected
+    assert told(tmp_path, "list.txt", "\ufeffa.csv\r\n#b.csv\r\n") == [("a.csv", {})]
+    assert told(tmp_path, "flight.csv", CANONICAL) == [("flight.csv", {})]
+    (tmp_path / "other.csv").write_bytes(b"\xff\xfep\x00a\x00")
+    assert names(logs_found(str(tmp_path / "other.csv"))) == ["other.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "match"),
+    [
+        ("path,tail\na.csv,N1\nb.csv\n", InputError, r"2 columns in each line .*; received 1 in line 3"),
+        ('path,tail\n"a"b.csv,N1\n', InputError, r"that can be read; received line 2: .*expected after"),
+        ("path,path\na.csv,b.csv\n", UsageError, "a list whose columns have different names"),
+        ("path,tail\n", UsageError, "which names none"),
+    ],
+)
+def test_lists_that_cannot_be_read_are_told(tmp_path, text, error, match):
+    with pytest.raises(error, match=match):
+        told(tmp_path, "list.csv", text)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="paths are shorter there")
+def test_deep_folders_and_links(tmp_path):
+    """Many folders in each other; links to files are files, those to folders are not followed."""
+    place = tmp_path / "/".join("d" * 200)
+    made = tmp_path
+    for part in place.relative_to(tmp_path).parts:
+        made /= part
+        made.mkdir()
+    (place / "a.csv").touch()
+    (tmp_path / "loop").symlink_to(tmp_path)
+    (tmp_path / "b.csv").symlink_to(place / "a.csv")
+    found = logs_found(str(tmp_path))
+    assert names(found) == ["b.csv", f"{'d/' * 200}a.csv"]
+    assert (found.others, found.unread_folders) == (0, ())
 
 
 def test_what_is_not_there_is_told(tmp_path):

@@ -14,7 +14,7 @@ import hashlib
 import io
 import json
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -25,6 +25,7 @@ import polars as pl
 
 from eivor.errors import InputError, UsageError
 from eivor.fleets.fleet_options import FleetOptions
+from eivor.fleets.ledger import SHARES
 from eivor.fleets.table import FLIGHTS, Row, flight_frame, part_files
 from eivor.studies.sealed_table import is_sealed, sealed, system_errors_told
 from eivor.whole_file import remove_abandoned, write_whole
@@ -37,8 +38,8 @@ PACKAGES = ("eivor", "numpy", "scipy", "polars")
 DAMAGED = "damaged-"
 #: Digits of a part's name.
 NAME_DIGITS = 24
-#: Part of the logs that could not be opened, written anew by every run.
-UNOPENED = "part-unopened-{motion}.parquet"
+#: Parts of the logs that could not be opened, each of a share of them; written anew by every run.
+UNOPENED = "part-unopened-{motion}-{share:02d}.parquet"
 #: Columns that say what is there.
 KEYS = ("name", "sha256", "verdict")
 
@@ -202,36 +203,52 @@ class FleetFolder:
             write_whole(self.folder / FLIGHTS / name, content)
         return name
 
-    def there(self, motion: str) -> pl.DataFrame:
-        """`KEYS` of the rows of a motion that are there; damaged parts are set aside first.
+    def there(self, motion: str) -> Iterator[pl.DataFrame]:
+        """`KEYS` of the rows of a motion that are there, part by part; a damaged one is set aside instead.
 
         Raises
         ------
         InputError
             When the system refuses.
         """
-        found = [pl.DataFrame(schema=dict.fromkeys(KEYS, pl.String))]
+        unopened = {self._unopened(motion, share).name for share in range(SHARES)}
         with fleet_errors_told(self.folder):
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
                     path.rename(path.with_name(f"{DAMAGED}{path.name}"))
-                elif path.name != UNOPENED.format(motion=motion):
+                elif path.name not in unopened:
                     part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEYS])
-                    found.append(part.filter(pl.col("motion") == motion).select(KEYS))
-        return pl.concat(found)
+                    yield part.filter(pl.col("motion") == motion).select(KEYS)
 
-    def replace_unopened(self, rows: Sequence[Row], names: set[str], options: FleetOptions) -> None:
-        """Write the rows of logs that could not be opened, in place of earlier ones of these names."""
-        path = self.folder / FLIGHTS / UNOPENED.format(motion=options.motion)
+    def replace_unopened(
+        self, share: int, rows: Sequence[Row], is_given: Callable[[str], bool], options: FleetOptions
+    ) -> None:
+        """Write the rows of logs that could not be opened, in place of earlier ones.
+
+        Parameters
+        ----------
+        share : int
+            Of which logs these are.
+        rows : sequence of mapping
+            Those of this run.
+        is_given : callable
+            Whether a log of a name is one of this run: rows of others stay.
+        options : FleetOptions
+            What was asked of them.
+        """
+        path = self._unopened(options.motion, share)
         with fleet_errors_told(self.folder):
             before = pl.read_parquet(path).rows(named=True) if path.exists() else []
-        now = [*rows, *(row for row in before if row["name"] not in names)]
+        now = [*rows, *(row for row in before if not is_given(row["name"]))]
         if now:
             self.write(now, options.hash(), path.name)
         else:
             with fleet_errors_told(self.folder):
                 path.unlink(missing_ok=True)
+
+    def _unopened(self, motion: str, share: int) -> Path:
+        return self.folder / FLIGHTS / UNOPENED.format(motion=motion, share=share)
 
 
 def _facts(options_hash: str) -> dict[str, str]:

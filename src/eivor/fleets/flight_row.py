@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor.errors import EivorError
 from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.logs_found import Log
+from eivor.fleets.log_list import Log
 from eivor.fleets.own_reports import PAGE, PageOf
 from eivor.fleets.table import COPY, DIAGNOSTIC, FAILED, NUMBERS, VERDICT
 from eivor.flights.result import FlightEstimate
@@ -46,7 +46,7 @@ class FlightRow:
     def __call__(self, log: Log) -> dict[str, Any]:
         """Row of a log that could be opened; also of one without a result."""
         motion = self.options.chosen_motion()
-        about = named_row(log, self.options.marks())
+        about = NamedRow(self.options)(log)
         try:
             recording = read_log(log.path, channel_map=self._map(log))
             if recording.sha256 != log.sha256:
@@ -67,19 +67,38 @@ class FlightRow:
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
-        origin = recording.origin
-        told = {"vehicle": origin.board, "type": origin.airframe}
-        pattern, column = self.options.pattern(), self.options.vehicle_from
-        if pattern is not None:
-            told |= pattern.told(log.name)
-        elif column:
-            told["vehicle"] = log.told.get(column) or _in_table(Path(log.path), column) or told["vehicle"]
-        return {key: text for key, text in told.items() if text}
+        origin, told = recording.origin, _whose_by_name(self.options, log)
+        found = {"vehicle": origin.board, "type": origin.airframe, **told}
+        if self.options.vehicle_from and self.options.pattern() is None and not told:
+            found["vehicle"] = _in_table(Path(log.path), self.options.vehicle_from) or origin.board
+        return {key: text for key, text in found.items() if text}
 
 
-def named_row(log: Log, marks: Mapping[str, str]) -> dict[str, Any]:
-    """What every row of a log has, beside `FleetOptions.marks`."""
-    return {"sha256": log.sha256 or None, "name": log.name, **marks}
+class NamedRow:
+    """What every row of a log has, also of one that is not read: what its name and the list tell of it.
+
+    Parameters
+    ----------
+    options : FleetOptions
+        What is asked of every log.
+    """
+
+    def __init__(self, options: FleetOptions) -> None:
+        self._options, self._marks = options, options.marks()
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """Beginning of the row of a log."""
+        about = {"sha256": log.sha256 or None, "name": log.name}
+        return {**about, **self._marks, **_whose_by_name(self._options, log)}
+
+
+def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
+    """Vehicle and type as the log's path or the list says, where the user says that it does."""
+    pattern = options.pattern()
+    if pattern is not None:
+        return pattern.told(log.name)
+    told = log.told.get(options.vehicle_from, "")
+    return {"vehicle": told} if told else {}
 
 
 def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
@@ -87,14 +106,14 @@ def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
     return {**about, "verdict": FAILED, "reason": reason}
 
 
-def copy_row(log: Log, first: str, marks: Mapping[str, str]) -> dict[str, Any]:
+def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
     """Row of a copy: it names the first, and has no numbers of its own."""
     told = {
-        "copy_of": log.sha256,
+        "copy_of": about["sha256"],
         "verdict": COPY,
         "reason": f"A copy of {first}, whose row has the numbers.",
     }
-    return {**named_row(log, marks), **told}
+    return {**about, **told}
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:

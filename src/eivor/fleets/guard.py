@@ -29,8 +29,8 @@ LOOK_S = 0.2
 BEGIN_S = 120.0
 #: Times that an item is tried at which its process dies.
 TRIES = 2
-#: Bytes of what a process that died said last.
-LAST_WORDS = 500
+#: Bytes of what a process that died said last, and what is in those that tell why.
+LAST_WORDS, TELLING_WORD = 4000, "memory"
 
 
 class LimitError(Exception):
@@ -179,7 +179,9 @@ class _Process:
     def _last_words(self) -> str:
         code = self._popen.wait()
         lines = self._words.decode("utf-8", "replace").strip().splitlines()
-        said = f", and said last: {lines[-1]}" if lines else ""
+        # what wants memory and gets none says so in its own way, and how to find out more after that
+        telling = [line for line in lines if TELLING_WORD in line.lower()] or lines
+        said = f", and said last: {telling[-1]}" if telling else ""
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         return f"The process that worked on it died ({how}){said}."
 

@@ -10,46 +10,24 @@ from __future__ import annotations
 import glob
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator
+from contextlib import closing
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-import polars as pl
-
 from eivor.errors import EivorError, InputError, UsageError
+from eivor.fleets.given_list import is_list, listed, named_log
+from eivor.fleets.log_list import Log, LogList
+from eivor.fleets.private_database import database_errors_told
+from eivor.fleets.walked import files_below
 from eivor.logs.formats import TEXTS, folder_parts, format_at, log_formats
 from eivor.logs.log_format import FolderParts
 
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
 FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
-#: Ends of the names of lists, and the column of paths in a list that is a table.
-LINES, TABLE, PATH_COLUMN = ".txt", ".csv", "path"
-
-
-@dataclass(frozen=True, slots=True)
-class Log:
-    """A log of a fleet.
-
-    Parameters
-    ----------
-    path : str
-        Where it is.
-    name : str
-        What it is called in the table: its path from the folder that was given, with ``/``.
-    told : mapping of str to str
-        What the list says of it, by column.
-    sha256 : str
-        Hash of its bytes; empty until it was hashed, and when it could not be opened.
-    problem : str
-        Why it could not be opened.
-    """
-
-    path: str
-    name: str
-    told: Mapping[str, str]
-    sha256: str = ""
-    problem: str = ""
+#: Folders whose parts are known at a time: files come folder after folder.
+FOLDERS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +36,7 @@ class LogsFound:
 
     Parameters
     ----------
-    logs : tuple of Log
+    logs : LogList
         In the order of their names.
     others : int
         Files that are no logs.
@@ -66,11 +44,12 @@ class LogsFound:
         Folders that could not be looked into, and why.
     """
 
-    logs: tuple[Log, ...]
+    logs: LogList
     others: int
     unread_folders: tuple[str, ...] = ()
 
 
+@database_errors_told()
 def logs_found(given: str) -> LogsFound:
     """Logs of a folder and the folders in it, of a glob, of a list, or one log.
 
@@ -84,9 +63,9 @@ def logs_found(given: str) -> LogsFound:
     Raises
     ------
     InputError
-        When there is no such folder or file, or it cannot be read.
+        When there is no such folder or file, it cannot be read, or there is no room for the list of logs.
     UsageError
-        When a list names no file.
+        When a list names no file, or two columns of it have one name.
     """
     path = Path(given)
     try:
@@ -94,11 +73,10 @@ def logs_found(given: str) -> LogsFound:
             os.scandir(path).close()
             return _among_folder(path)
         if path.is_file():
-            listed = _listed(path)
-            if listed is None:
-                return LogsFound((_log(str(path), path.name),), 0)
-            return LogsFound(tuple(listed), 0)
-    except (OSError, pl.exceptions.PolarsError, UnicodeDecodeError) as error:
+            return LogsFound(
+                _listed(path) if is_list(path) else LogList([named_log(str(path), path.name)]), 0
+            )
+    except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
             "a folder or a list of logs that can be read",
@@ -114,28 +92,17 @@ def logs_found(given: str) -> LogsFound:
     )
 
 
-def _log(path: str, name: str, told: Mapping[str, str] | None = None) -> Log:
-    readable = name.encode("utf-8", "backslashreplace").decode("utf-8")
-    return Log(path, readable, told or {})
-
-
 def _among_folder(folder: Path) -> LogsFound:
     closed: list[str] = []
 
     def note(error: OSError) -> None:
         closed.append(f"{error.filename}: {error.strerror or error}")
 
-    def files() -> Iterator[tuple[str, str]]:
-        for place, _, names in os.walk(folder, onerror=note):
-            inside = Path(place).relative_to(folder)
-            for name in names:
-                yield str(Path(place, name)), (inside / name).as_posix()
-
-    found = _among(files())
+    found = _among(files_below(folder, note))
     return LogsFound(found.logs, found.others, tuple(sorted(closed)))
 
 
-def _globbed(pattern: str) -> Iterator[tuple[str, str]]:
+def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
     """Files of a pattern, by their names from the last folder before its first wild part."""
     fixed: list[str] = []
     for part in Path(pattern).parts[:-1]:
@@ -147,26 +114,30 @@ def _globbed(pattern: str) -> Iterator[tuple[str, str]]:
         yield path, Path(path).relative_to(folder).as_posix()
 
 
-def _among(found: Iterator[tuple[str, str]]) -> LogsFound:
-    logs: dict[str, Log] = {}
+def _among(found: Generator[tuple[str, str], None, None]) -> LogsFound:
     others = 0
-    parts = cache(_parts)
-    for path, name in found:
-        file = Path(path)
-        if file.is_dir():
-            if parts(file).members:
-                logs[name] = _log(path, name)
-            continue
-        beside = parts(file.parent)
-        if file.name in beside.members:
-            folder = PurePosixPath(name).parent.as_posix()
-            folder = file.parent.resolve().name if folder == "." else folder
-            logs[folder] = _log(str(file.parent), folder)
-        elif file.name not in beside.derived and is_log(file):
-            logs[name] = _log(path, name)
-        else:
-            others += 1
-    return LogsFound(tuple(sorted(logs.values(), key=lambda log: log.name)), others)
+    parts = lru_cache(maxsize=FOLDERS)(_parts)
+
+    def logs() -> Generator[Log, None, None]:
+        nonlocal others
+        for path, name in found:
+            file = Path(path)
+            if file.is_dir():
+                if parts(file).members:
+                    yield named_log(path, name)
+                continue
+            beside = parts(file.parent)
+            if file.name in beside.members:
+                folder = PurePosixPath(name).parent.as_posix()
+                folder = file.parent.resolve().name if folder == "." else folder
+                yield named_log(str(file.parent), folder)
+            elif file.name not in beside.derived and is_log(file):
+                yield named_log(path, name)
+            else:
+                others += 1
+
+    with closing(found), closing(logs()) as given:
+        return LogsFound(LogList(given), others)
 
 
 def _parts(folder: Path) -> FolderParts:
@@ -210,23 +181,9 @@ def _columns(path: Path) -> tuple[str, ...]:
         return ()
 
 
-def _listed(path: Path) -> list[Log] | None:
-    """Logs of a list; None when the file is none."""
-    if path.suffix.lower() == LINES:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-        rows = [{PATH_COLUMN: line.strip()} for line in lines if line.strip() and not line.startswith("#")]
-    elif path.suffix.lower() == TABLE and PATH_COLUMN in _columns(path):
-        table = pl.read_csv(path, infer_schema=False)
-        rows = [{key: text or "" for key, text in row.items()} for row in table.iter_rows(named=True)]
-    else:
-        return None
-    if not any(row[PATH_COLUMN] for row in rows):
+def _listed(path: Path) -> LogList:
+    with closing(listed(path)) as given:
+        logs = LogList(given)
+    if not logs:
         raise UsageError("a list of logs", f"'{path}', which names none", "Write a path into each line.")
-    logs = {}
-    for row in rows:
-        name = row.pop(PATH_COLUMN)
-        if name:
-            logs[name] = _log(
-                str(path.parent / name), PurePosixPath(name.replace(os.sep, "/")).as_posix(), row
-            )
-    return sorted(logs.values(), key=lambda log: log.name)
+    return logs

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,7 +17,7 @@ from eivor.whole_file import write_whole
 REPORTS = "reports"
 #: Key of a row, until it is written, that holds the page of its flight.
 PAGE = "page"
-_HASH = re.compile("[0-9a-f]{64}")
+_NAME = re.compile(r"([0-9a-f]{64})\.html")
 
 #: What makes the page of a result.
 PageOf: TypeAlias = Callable[[FlightEstimate], str]
@@ -40,6 +42,16 @@ def write_report(folder: Path, sha256: str, page: str) -> None:
         write_whole(place, page)
 
 
-def reports_there(folder: Path) -> frozenset[str]:
-    """Hashes of the logs that have a report."""
-    return frozenset(path.stem for path in (folder / REPORTS).glob("*.html") if _HASH.fullmatch(path.stem))
+def reports_there(folder: Path) -> Generator[str, None, None]:
+    """Hashes of the logs that have a report, in any order; none are kept.
+
+    Raises
+    ------
+    InputError
+        When the folder cannot be looked into.
+    """
+    with fleet_errors_told(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
+        for entry in entries:
+            found = _NAME.fullmatch(entry.name)
+            if found is not None:
+                yield found[1]

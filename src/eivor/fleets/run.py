@@ -10,22 +10,23 @@ from __future__ import annotations
 import hashlib
 import stat
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import polars as pl
-
 from eivor.errors import InputError
 from eivor.fleets.fleet_folder import FleetFolder, SupersededError, fleet_errors_told
 from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.flight_row import copy_row, failed_row, named_row
+from eivor.fleets.flight_row import NamedRow, copy_row, failed_row
 from eivor.fleets.folder_lock import folder_lock
-from eivor.fleets.logs_found import Log, LogsFound
+from eivor.fleets.ledger import SHARES, Ledger, Task
+from eivor.fleets.log_list import Log
+from eivor.fleets.logs_found import LogsFound
 from eivor.fleets.own_reports import PageOf, reports_there
+from eivor.fleets.private_database import database_errors_told
 from eivor.fleets.shard import Shard, close_kept_guards
-from eivor.fleets.table import COPY, FAILED
+from eivor.fleets.table import FAILED
 from eivor.logs.folders import folder_sha256, folder_size
 from eivor.logs.formats import folder_parts
 from eivor.logs.read import DEFAULT_MAX_BYTES
@@ -33,8 +34,8 @@ from eivor.studies.executors import Executor, InProcess
 
 #: Logs of a task: as few as give the number of tasks that progress is told by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
-#: Logs that are hashed, and copies that are written, in one go.
-HASHED, COPIES = 500, 10_000
+#: Copies whose rows are one part.
+COPIES = 2_000
 
 #: Called with the number of logs that are done, and that of all; first with what was there already.
 Progress = Callable[[int, int], None]
@@ -145,7 +146,7 @@ def run_fleet(
             folder.mkdir(parents=True, exist_ok=True)
     place = FleetFolder(folder)
     place.check(options)
-    with fleet_errors_told(folder), folder_lock(folder):
+    with fleet_errors_told(folder), database_errors_told(), folder_lock(folder):
         run = _Run(place.begin(), options, executor or InProcess(), shared, progress, page_of)
         try:
             return run.done(found, guarded=guarded, shard_logs=shard_logs)
@@ -168,87 +169,88 @@ class _Run:
 
     def done(self, found: LogsFound, *, guarded: bool, shard_logs: int | None) -> FleetRun:
         """Everything, from hashing to copies."""
-        there = self.folder.there(self.options.motion)
-        logs = self._hashed(found.logs)
-        opened = [log for log in logs if log.sha256]
-        firsts = _firsts(opened, there)
-        keys = set(there.select("name", "sha256").rows())
-        work = [log for log in opened if log.sha256 not in firsts.there and firsts.is_first(log)]
-        copies = [log for log in opened if not firsts.is_first(log) and (log.name, log.sha256) not in keys]
-        if work or copies:
+        ledger, logs = Ledger(found.logs), len(found.logs)
+        ledger.take_rows(self.folder.there(self.options.motion))
+        self._hash(ledger)
+        ledger.settle()
+        opened, work, copies = ledger.opened(), ledger.count(Task.IDENTIFY), ledger.count(Task.TELL_COPY)
+        before = opened - work - copies
+        if before < logs:
             self.folder.state(self.options)
-        before = len(opened) - len(work) - len(copies)
-        self._unopened([log for log in logs if not log.sha256], {log.name for log in logs})
-        self._identify(work, before, len(logs), guarded=guarded, shard_logs=shard_logs)
-        self._write_copies(copies, firsts)
+        self._write_unopened(ledger)
+        self._identify(ledger, work, before, logs, guarded=guarded, shard_logs=shard_logs)
+        self._write_copies(ledger)
+        ledger.take_rows(self.folder.there(self.options.motion))
         if self.page_of is not None:
-            self._report(opened, guarded=guarded)
-        self.progress(len(logs), len(logs))
-        return self._summary(found, logs, before)
+            self._report(ledger, guarded=guarded)
+        self.progress(logs, logs)
+        return self._summary(found, ledger, logs, before)
 
-    def _hashed(self, logs: Sequence[Log]) -> list[Log]:
+    def _hash(self, ledger: Ledger) -> None:
         executor = self.executor if self.shared else InProcess()
-        found: dict[int, tuple[Log, ...]] = {}
-        with closing(executor.map(Hashed(), _parts(logs, HASHED))) as results:
-            found.update(results)
-        return [log for place in sorted(found) for log in found[place]]
+        with closing(executor.map(Hashed(), ledger.logs())) as results:
+            for _, logs in results:
+                ledger.note(logs)
 
-    def _unopened(self, logs: Sequence[Log], names: set[str]) -> None:
-        rows = [failed_row(named_row(log, self.options.marks()), log.problem) for log in logs]
-        if rows:
-            self.folder.state(self.options)
-        self.folder.replace_unopened(rows, names, self.options)
+    def _write_unopened(self, ledger: Ledger) -> None:
+        named = NamedRow(self.options)
+        for share in range(SHARES):
+            rows = [failed_row(named(log), log.problem) for log in ledger.unopened(share)]
+            self.folder.replace_unopened(share, rows, ledger.has, self.options)
 
     def _identify(
-        self, work: Sequence[Log], done: int, total: int, *, guarded: bool, shard_logs: int | None
+        self,
+        ledger: Ledger,
+        work: int,
+        done: int,
+        total: int,
+        *,
+        guarded: bool,
+        shard_logs: int | None,
     ) -> None:
         self.progress(done, total)
-        size = shard_logs or min(MOST_LOGS, max(1, len(work) // TASKS))
         task = Shard(self.folder, self.options, guarded, self.page_of)
-        with closing(self.executor.map(task, _parts(work, size))) as receipts:
+        logs = ledger.of_task(Task.IDENTIFY, shard_logs or _task_logs(work))
+        with closing(self.executor.map(task, logs)) as receipts:
             for _, receipt in receipts:
                 done += receipt.rows
                 self.progress(done, total)
 
-    def _report(self, logs: Sequence[Log], *, guarded: bool) -> None:
+    def _report(self, ledger: Ledger, *, guarded: bool) -> None:
         """Reports of logs whose rows were there before."""
-        told = self.folder.there(self.options.motion).filter(pl.col("verdict").is_in((COPY, FAILED)).not_())
-        keys, there = set(told.select("name", "sha256").rows()), reports_there(self.folder.folder)
-        work = [log for log in logs if (log.name, log.sha256) in keys and log.sha256 not in there]
+        with closing(reports_there(self.folder.folder)) as there:
+            ledger.settle_reports(there)
         task = Shard(self.folder, self.options, guarded, self.page_of, only_reports=True)
-        with closing(self.executor.map(task, _parts(work, max(1, len(work) // TASKS)))) as receipts:
+        logs = ledger.of_task(Task.REPORT, _task_logs(ledger.count(Task.REPORT)))
+        with closing(self.executor.map(task, logs)) as receipts:
             for _ in receipts:
                 pass
 
-    def _write_copies(self, copies: Sequence[Log], firsts: _Firsts) -> None:
-        marks = self.options.marks()
-        for part in _parts(copies, COPIES):
-            self.folder.write([copy_row(log, firsts.name(log), marks) for log in part], self.options.hash())
+    def _write_copies(self, ledger: Ledger) -> None:
+        named = NamedRow(self.options)
+        for copies in ledger.of_task(Task.TELL_COPY, COPIES):
+            rows = [copy_row(named(log), ledger.first(log)) for log in copies]
+            self.folder.write(rows, self.options.hash())
 
-    def _summary(self, found: LogsFound, logs: Sequence[Log], before: int) -> FleetRun:
-        there = self.folder.there(self.options.motion)
-        opened = [log for log in logs if log.sha256]
-        these = pl.DataFrame(
-            {
-                "name": pl.Series([log.name for log in opened], dtype=pl.String),
-                "sha256": pl.Series([log.sha256 for log in opened], dtype=pl.String),
-            }
-        )
-        rows = there.join(these, on=["name", "sha256"], how="semi")
-        if rows.height != these.height:
+    def _summary(self, found: LogsFound, ledger: Ledger, logs: int, before: int) -> FleetRun:
+        verdicts, opened = Counter(ledger.verdicts()), ledger.opened()
+        rows = verdicts.total()
+        if rows != opened:
             raise _taken_over(self.folder.folder)
-        unopened = len(logs) - these.height
-        verdicts = Counter(rows["verdict"].to_list())
-        verdicts[FAILED] += unopened
+        verdicts[FAILED] += logs - opened
         return FleetRun(
             self.folder.folder,
-            len(logs),
+            logs,
             before,
             +verdicts,
             found.others,
             found.unread_folders,
-            there.height - rows.height,
+            ledger.rows() - rows,
         )
+
+
+def _task_logs(work: int) -> int:
+    return min(MOST_LOGS, max(1, work // TASKS))
 
 
 def _taken_over(folder: Path) -> InputError:
@@ -257,36 +259,6 @@ def _taken_over(folder: Path) -> InputError:
         f"'{folder}', in which rows are missing that were written, or which another run has begun on",
         "Run the same again: what is there is kept.",
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _Firsts:
-    """For each hash the log whose row has the numbers."""
-
-    there: Mapping[str, str]
-    given: Mapping[str, str]
-
-    def name(self, log: Log) -> str:
-        """Name of the log that a log is, or is a copy of."""
-        return self.there.get(log.sha256) or self.given[log.sha256]
-
-    def is_first(self, log: Log) -> bool:
-        """Whether a log has the numbers itself."""
-        return self.name(log) == log.name
-
-
-def _firsts(logs: Sequence[Log], there: pl.DataFrame) -> _Firsts:
-    """Those whose row is there, else the first of the given ones by name."""
-    numbers = there.filter(pl.col("verdict") != COPY).select("sha256", "name").rows()
-    given: dict[str, str] = {}
-    for log in logs:
-        given.setdefault(log.sha256, log.name)
-    return _Firsts(dict(numbers), given)
-
-
-def _parts(logs: Sequence[Log], size: int) -> Iterator[tuple[Log, ...]]:
-    for start in range(0, len(logs), size):
-        yield tuple(logs[start : start + size])
 
 
 def hashed(log: Log) -> Log:

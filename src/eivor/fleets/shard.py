@@ -10,10 +10,10 @@ from typing import Any
 
 from eivor.fleets.fleet_folder import FleetFolder, SupersededError
 from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.flight_row import FlightRow, failed_row, named_row
+from eivor.fleets.flight_row import FlightRow, NamedRow, failed_row
 from eivor.fleets.guard import AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
-from eivor.fleets.logs_found import Log
+from eivor.fleets.log_list import Log
 from eivor.fleets.own_reports import PAGE, PageOf, write_report
 from eivor.studies.executors import abandoned
 
@@ -97,7 +97,7 @@ class Shard:
         try:
             row: dict[str, Any] = kept_guard(function, self.options.limits)(log)
         except LimitError as error:
-            return failed_row(named_row(log, self.options.marks()), str(error))
+            return failed_row(NamedRow(self.options)(log), str(error))
         return row
 
 

@@ -1,0 +1,147 @@
+"""What a run knows of each log is on disk: what it says, and that it takes no memory."""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import sqlite3
+import tracemalloc
+from dataclasses import replace
+
+import polars as pl
+import pytest
+
+from eivor.errors import InputError
+from eivor.fleets import private_database
+from eivor.fleets.ledger import SHARES, Ledger, Task, share_of
+from eivor.fleets.log_list import Log, LogList
+from eivor.fleets.logs_found import logs_found
+
+
+def sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def log(name: str, content: str = "") -> Log:
+    return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")
+
+
+def rows(*told: tuple[str, str, str]) -> pl.DataFrame:
+    columns = ("name", "sha256", "verdict")
+    return pl.DataFrame(
+        [(name, sha256(content) if content else None, verdict) for name, content, verdict in told],
+        schema=dict.fromkeys(columns, pl.String),
+        orient="row",
+    )
+
+
+def ledger_of(*logs: Log) -> Ledger:
+    ledger = Ledger(LogList(replace(one, sha256="") for one in logs))
+    ledger.note(logs)
+    return ledger
+
+
+def names(pages) -> list[str]:
+    return [one.name for page in pages for one in page]
+
+
+def test_logs_are_in_the_order_of_their_names_and_once():
+    paths = ("b/é.ulg", "a.ulg", "b/z.ulg", "b.ulg", "a.ulg", "\U0001f681")
+    logs = LogList(Log(f"/{place}", name, {}) for place, name in enumerate(paths))
+    assert [one.name for one in logs] == sorted(set(paths))
+    assert next(iter(logs)).path == "/4"
+    assert names(logs.pages("SELECT * FROM logs WHERE name > ? ORDER BY name LIMIT ?", size=2)) == sorted(
+        set(paths)
+    )
+
+
+def test_a_path_that_is_no_text_stays_as_it_is():
+    (one,) = LogList([Log("/\udcff.ulg", "x", {"a": "\n"})])
+    assert (one.path, one.told) == ("/\udcff.ulg", {"a": "\n"})
+
+
+def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
+    ledger = ledger_of(log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"))
+    ledger.take_rows([rows(("gone", "two", "weak"), ("b", "two", "copy")), rows(("e", "three", "failed"))])
+    ledger.settle()
+    assert names(ledger.of_task(Task.IDENTIFY)) == ["a"]
+    assert [(one.name, ledger.first(one)) for page in ledger.of_task(Task.TELL_COPY) for one in page] == [
+        ("c", "a"),
+        ("d", "gone"),
+    ]
+    assert (ledger.opened(), ledger.rows(), ledger.verdicts()) == (5, 3, {"copy": 1, "failed": 1})
+
+
+def test_a_log_of_another_content_under_an_old_name_is_another_log():
+    ledger = ledger_of(log("a", "new"), log("b", "old"))
+    ledger.take_rows([rows(("a", "old", "weak"))])
+    ledger.settle()
+    assert names(ledger.of_task(Task.IDENTIFY)) == ["a"]
+    assert names(ledger.of_task(Task.TELL_COPY)) == ["b"]
+
+
+def test_logs_that_cannot_be_opened_are_in_the_share_of_their_name():
+    given = [log(f"{number}") for number in range(200)]
+    ledger = ledger_of(*given, log("a", "one"))
+    found = [[one.name for one in ledger.unopened(share)] for share in range(SHARES)]
+    assert sorted(name for some in found for name in some) == sorted(one.name for one in given)
+    assert all(share_of(name) == share for share, some in enumerate(found) for name in some)
+    assert (ledger.has("7"), ledger.has("nobody"), ledger.opened()) == (True, False, 1)
+
+
+def test_reports_are_wanted_of_results_that_have_none():
+    ledger = ledger_of(*(log(name, name) for name in "abcd"))
+    ledger.take_rows(
+        [rows(("a", "a", "weak"), ("b", "b", "failed"), ("c", "c", "identified"), ("d", "x", "weak"))]
+    )
+    ledger.settle_reports([sha256("a")])
+    assert names(ledger.of_task(Task.REPORT)) == ["c"]
+
+
+def test_a_second_run_over_the_same_list_begins_anew():
+    logs = LogList([log("a"), log("b")])
+    first = Ledger(logs)
+    first.note([log("a", "one"), log("b")])
+    first.take_rows([rows(("a", "one", "weak"))])
+    again = Ledger(logs)
+    assert (again.opened(), again.rows(), list(again.unopened(share_of("b")))) == (0, 0, [])
+
+
+def peak(count: int) -> int:
+    """Largest memory of Python's objects while a ledger of so many logs is made and gone through [bytes]."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        contents = {number: sha256(str(number // 2)) for number in range(2)}
+        ledger = Ledger(LogList(log(f"vehicle/{number}.ulg") for number in range(count)))
+        for page in ledger.logs():
+            ledger.note([replace(one, sha256=contents[len(one.name) % 2]) for one in page])
+        ledger.take_rows(rows((f"vehicle/{number}.ulg", "x", "copy")) for number in range(0, count, 50))
+        ledger.settle()
+        assert sum(len(page) for page in ledger.of_task(Task.TELL_COPY)) > count / 2
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_memory_does_not_grow_with_the_logs():
+    peak(100)  # what is loaded once
+    assert peak(3_600) < peak(1_200) + 100 * 2_400  # pages of logs that wait to be freed come and go
+
+
+def test_no_room_for_the_list_is_told(tmp_path, monkeypatch):
+    for number in range(200):
+        (tmp_path / f"{number}.ulg").touch()
+
+    def small(*given, **choices):
+        connection = sqlite3.connect(*given, **choices)
+        connection.execute("PRAGMA max_page_count = 3")
+        return connection
+
+    class Small:
+        connect = staticmethod(small)
+        OperationalError = sqlite3.OperationalError
+
+    monkeypatch.setattr(private_database, "sqlite3", Small)
+    with pytest.raises(InputError, match=r"room for the list of the logs.*disk is full.*TMPDIR=FOLDER"):
+        logs_found(str(tmp_path))
