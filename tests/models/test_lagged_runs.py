@@ -9,6 +9,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
+from eivor.models import lagged_runs
 from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.rows import AxisRows
@@ -198,6 +199,20 @@ def test_bins_are_the_same_whether_they_were_asked_for_before():
     first = problem.bins(AT)
     np.testing.assert_array_equal(problem.bins(AT).regressors, first.regressors)
     assert np.abs(problem.bins({"actuator_lag": 0.3}).regressors - first.regressors).max() > 1e-3
+
+
+@pytest.mark.parametrize("together", [1, 1500, 1_000_000])
+@pytest.mark.parametrize("remembered", [0, 1000, 1_000_000])
+def test_bins_at_many_lags_are_those_at_each(monkeypatch, together, remembered):
+    """However many are made together and remembered; a lag that comes twice, and two axes."""
+    monkeypatch.setattr(lagged_runs, "TOGETHER_NUMBERS", together)
+    monkeypatch.setattr(lagged_runs, "MEMO_NUMBERS", remembered)
+    axes = (columns(1), columns(2, axis=1, moved=(0,)))
+    problem, alone = (LaggedRuns(axes, PAIR, (LAG,)) for _ in range(2))
+    points = [{"actuator_lag": lag} for lag in (0.1, 0.03, 0.1, 0.4, 0.2, 0.05)]
+    for found, at in zip(problem.many_bins(points), points, strict=True):
+        np.testing.assert_allclose(found.regressors, alone.bins(at).regressors, rtol=1e-12, atol=1e-12)
+    assert sum(one.size for one in problem._moving_bins.values()) <= remembered
 
 
 @pytest.mark.parametrize(

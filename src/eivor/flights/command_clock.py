@@ -18,13 +18,13 @@ and some values stand there twice; a value was issued before its stamp, and the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from eivor.flights.beating_stamps import beating_step
-from eivor.flights.uneven_stamps import stamps_are_true, uneven
+from eivor.flights.uneven_stamps import told_of_stamps, truth_of, uneven
 from eivor.shapes import Float
 from eivor.signals.recording import Channel
 
@@ -115,8 +115,35 @@ class CommandClock:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class _Witness:
+    """What another channel tells of a command's clock.
+
+    Parameters
+    ----------
+    told : tuple of float
+        See `told_of_stamps`.
+    step_s : float
+        Median distance of its stamps [s], infinite where it has none.
+    sampled_with_it : bool
+        It is sampled, and has the command's stamps.
+    """
+
+    told: tuple[float, float]
+    step_s: float
+    sampled_with_it: bool
+
+    @classmethod
+    def of(cls, other: Channel, command: Channel) -> _Witness:
+        """Look at a channel."""
+        time_s = other.time_s
+        step_s = float(np.median(np.diff(time_s), overwrite_input=True)) if time_s.size > 1 else np.inf
+        with_it = not other.held and np.array_equal(time_s, command.time_s)
+        return cls(told_of_stamps(other), step_s, with_it)
+
+
 def command_clock(
-    command: Channel, others: Sequence[Channel], issued_within_s: float = np.inf
+    command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf
 ) -> CommandClock:
     """Read a held command's clock off its stamps, and the rates of other channels.
 
@@ -124,8 +151,8 @@ def command_clock(
     ----------
     command : Channel
         With two samples or more.
-    others : sequence of Channel
-        What else was logged of the flight.
+    others : iterable of Channel
+        What else was logged of the flight; looked at once, one after the other.
     issued_within_s : float
         The longest that the next command can be waited for [s], where stamps do not tell.
     """
@@ -136,17 +163,16 @@ def command_clock(
         finer = beating_step(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
-    looked_at = stamps_are_true(others)
+    seen = [_Witness.of(one, command) for one in others]
+    looked_at = truth_of(one.told for one in seen)
     if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
         return CommandClock(logged, logged)
     if looked_at and uneven(command):
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
-        if not any(np.array_equal(one.time_s, command.time_s) for one in others if not one.held):
+        if not any(one.sampled_with_it for one in seen):
             return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
-    quickest = min(
-        (float(np.median(np.diff(one.time_s))) for one in others if one.time_s.size > 1), default=np.inf
-    )
+    quickest = min((one.step_s for one in seen), default=np.inf)
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
         return CommandClock(logged, logged)
     return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)

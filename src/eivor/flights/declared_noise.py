@@ -7,12 +7,13 @@ several, which have less noise: that share is worked out from the stamps.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from eivor.errors import MissingNoiseError, UsageError, did_you_mean
+from eivor.flights.between import Between, line_between
 from eivor.flights.grid import Grid, on_grid
 from eivor.flights.noise_level import white_noise_std
 from eivor.shapes import Bool, Float
@@ -67,6 +68,7 @@ def noise_levels(
     channels: Iterable[Channel],
     noise: Mapping[str, Declared] | str | None,
     on: tuple[Grid, Bool[np.ndarray, " n"], Mapping[str, Float[np.ndarray, " n"]]],
+    between: Callable[[Channel], Between],
 ) -> dict[str, NoiseLevel]:
     """Noise of each channel that was measured.
 
@@ -80,6 +82,8 @@ def noise_levels(
         See `FlightOptions.noise`.
     on : tuple
         The grid, the samples of it that are used, and the channels' values on it.
+    between : callable
+        Gives what a channel was between its stamps.
 
     Raises
     ------
@@ -104,7 +108,11 @@ def noise_levels(
             level = white_noise_std(values[name][used])
             levels[name] = NoiseLevel(level, level, unit_of(name))
         else:
-            std = logged if channel.held else logged * math.sqrt(share_left(channel, grid, used))
+            std = (
+                logged
+                if channel.held
+                else logged * math.sqrt(share_left(channel, grid, used, between(channel)))
+            )
             density = logged * math.sqrt(2.0 / channel.rate_hz) if channel.rate_hz else math.nan
             levels[name] = NoiseLevel(std, logged, unit_of(name), source, density)
     return levels
@@ -137,7 +145,9 @@ def _read_off(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> flo
     return white_noise_std(channel.values[inside])
 
 
-def share_left(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
+def share_left(
+    channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"], between: Between = line_between
+) -> float:
     """Variance on the grid of noise that is white from stamp to stamp, over its variance there.
 
     Combs of ones, so far apart that no sample of the grid sees two, give the weights of all stamps.
@@ -150,7 +160,7 @@ def share_left(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> fl
     total = 0.0
     for first in chosen.tolist():
         comb = np.where(known, (place == first).astype(np.float64), np.nan)
-        weights, _ = on_grid(Channel(channel.name, channel.time_s, comb, channel.unit), grid)
+        weights, _ = on_grid(Channel(channel.name, channel.time_s, comb, channel.unit), grid, between)
         total += float(np.mean(weights[used] ** 2))
     return total * apart / chosen.size
 

@@ -40,6 +40,15 @@ class _TurnedChannels(MadeChannels):
     def __contains__(self, name: object) -> bool:
         return name in self.logged
 
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels [s]."""
+        return self.logged.span_s
+
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log."""
+        return _TurnedChannels(self.logged.part(start_s, end_s, step_s))
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.logged)
 

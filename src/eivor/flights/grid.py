@@ -14,6 +14,7 @@ from math import ceil, floor
 import numpy as np
 
 from eivor.errors import InputError
+from eivor.flights.between import Between, line_between
 from eivor.shapes import Bool, Float, Int
 from eivor.signals.recording import Channel
 
@@ -151,12 +152,14 @@ def around(used: Bool[np.ndarray, " n"], grid: Grid, memory_s: float = MEMORY_S)
     return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
 
 
-def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+def on_grid(
+    channel: Channel, grid: Grid, between: Between = line_between
+) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Values of `channel` on the grid and where they stand on data.
 
-    Held channels keep their last value; others are interpolated linearly, or averaged over each step
-    when they are logged much faster than the grid. Values inside gaps, beyond the ends, or beside
-    missing ones are filled and marked as not standing on data.
+    Held channels keep their last value; others are lines between stamps, or what `between` makes of them, or
+    averaged over each step when they are logged much faster than the grid. Values inside gaps, beyond the
+    ends, or beside missing ones are filled and marked as not standing on data.
     """
     finite = np.isfinite(channel.values)
     if not finite.any():
@@ -168,7 +171,7 @@ def on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool
     if time.size > 1 and channel.rate_hz > AVERAGED_FROM / grid.step_s:
         series = _averaged(time, values, grid)
     else:
-        series = np.interp(t, time, values)
+        series = between(time, values, t)
     good = (t >= time[0] - SAME_TIME_S) & (t <= time[-1] + SAME_TIME_S)
     good &= ~_inside(Channel(channel.name, time, values, channel.unit).gaps(), t)
     return series, good

@@ -21,7 +21,7 @@ from eivor.flights.frames import upward
 from eivor.flights.instruments import instruments
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepare import prepare
+from eivor.flights.prepare import part_to_read, prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity, Unjudged
 from eivor.flights.recipe import estimated
@@ -78,7 +78,8 @@ def lag_told_by(motion: Motion[Any], lag: Quantity) -> ToldLag | None:
 def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> ToldLag | None:
     """Lag by one motion; None where it cannot be told, or not be trusted."""
     try:
-        rates_hz = dict(motion.select(upward(log), options).rates_hz)
+        log = part_to_read(upward(log), options.window)
+        rates_hz = dict(motion.select(log, options).rates_hz)
         if rates_hz.pop(COMMAND) < LEAST_COMMAND_HZ or min(rates_hz.values()) < LEAST_STATE_HZ:
             return None
         flight = prepare(log, motion, options)
@@ -109,7 +110,8 @@ def _may_be_told(motion: Motion[Any], flight: PreparedFlight, options: FlightOpt
 
 
 def _coarse(one: Nuisance) -> Nuisance:
-    """A nuisance with some of its grid."""
+    """A nuisance with some of its grid, and nothing between."""
     if not one.searched:
         return one
-    return replace(one, grid=one.grid[:: 2 if one.discrete else 4], halvings=0, furthest=None)
+    grid = one.grid[:: 2 if one.discrete else 4]
+    return replace(one, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)

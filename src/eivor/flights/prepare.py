@@ -35,6 +35,8 @@ LEAST_USED_S = 3.0
 #: Excursions beyond a limit that are no longer than this do not end a run, unless they are most of it [s].
 LONGEST_EXCURSION_S = 1.0
 LEAST_COUNTED_SHARE = 0.5
+#: So much of a long log is read beside the window: more than actuators remember [s].
+BESIDE_S = 30.0
 
 
 def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -> PreparedFlight:
@@ -49,10 +51,11 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     UsageError
         When the window lies outside the log.
     """
-    log = upward(recording)
+    window = None if options.window is None else interval_within(options.window, recording.span_s)
+    log = part_to_read(upward(recording), options.window)
     selected = motion.select(log, options)
     for channel in selected.channels:
-        _refuse_empty(log, channel)
+        refuse_empty(log, channel)
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, motion.memory_s, selected.step_s)
     clocks = _clocks(log, selected)
@@ -62,9 +65,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
     standing = good & active.mask
-    if options.window is not None:
-        start, end = interval_within(options.window, log.span_s)
-        standing &= (grid.time_s >= start) & (grid.time_s <= end)
+    if window is not None:
+        standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
     usable = standing & _within(channels, selected.limits, grid.count)
     runs = _runs(standing, usable, grid.step_s)
     used = mask_of(runs, grid.count) & usable
@@ -72,7 +74,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     channels.update({reference.name: reference.values for reference in candidates if reference.usable})
     measured = (*selected.states.values(), *selected.logged_responses)
     driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
-    levels = noise_levels(log, (*measured, *driving), options.noise, (grid, used, channels))
+    levels = noise_levels(log, (*measured, *driving), options.noise, (grid, used, channels), selected.between)
     told = {
         name: level for name, level in levels.items() if level.source or name not in selected.command_names
     }
@@ -98,6 +100,20 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         noise=told,
         states=tuple(channel.name for channel in selected.states.values()),
     )
+
+
+def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recording:
+    """Return of a log that does not fit into memory what a window needs; others as they are.
+
+    Raises
+    ------
+    UsageError
+        When the window lies outside the log.
+    """
+    if window is None:
+        return log
+    start, end = interval_within(window, log.span_s)
+    return log.part(start - BESIDE_S, end + BESIDE_S)
 
 
 def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
@@ -126,7 +142,14 @@ def _quick(run: slice) -> slice:
     return slice(run.start, run.start + fast_length(run.stop - run.start))
 
 
-def _refuse_empty(log: Recording, channel: Channel) -> None:
+def refuse_empty(log: Recording, channel: Channel) -> None:
+    """Raise for a channel without values.
+
+    Raises
+    ------
+    MissingChannelError
+        With what was dropped.
+    """
     if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
         quality = channel.quality
         dropped = quality.duplicated_stamps + quality.backward_stamps
@@ -141,9 +164,10 @@ def _refuse_empty(log: Recording, channel: Channel) -> None:
 def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
     """When each held command was logged and issued."""
     names = {command.name for command in selected.commands}
-    others = [channel for name, channel in log.channels.items() if name not in names]
+    others = [name for name in log.channels if name not in names]
     return {
-        one.name: command_clock(one, others, selected.issued_within_s)
+        # made one at a time: those of a long log do not fit into memory together
+        one.name: command_clock(one, (log.channels[name] for name in others), selected.issued_within_s)
         for one in selected.commands
         if one.held
     }
@@ -181,8 +205,10 @@ def _gridded(
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     good = np.ones(grid.count, dtype=np.bool_)
     for channel in selected.channels:
-        command = commands.get(channel.name)
-        found = on_grid(channel, grid) if command is None else command_on_grid(command, grid)
+        if channel.name in commands:
+            found = command_on_grid(commands[channel.name], grid)
+        else:
+            found = on_grid(channel, grid, selected.between(channel))
         channels[channel.name], stands = found
         good &= stands
     for name, value in selected.constants.items():

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from eivor.errors import MissingChannelError, UsageError
+from eivor.flights.between import Between, curve_between, line_between
 from eivor.signals.recording import Channel, Finding, Recording
 
 
@@ -87,8 +88,9 @@ class Selection:
     step_s : float, optional
         Step of the grid [s]. Default: by the rates of commands and responses.
     spread_alike : bool
-        What was measured is spread over time as the line between the stamps of a thinned command spreads what
-        was issued, so that both sides of the equation are; the band is then kept whole.
+        What was measured is a line between its stamps, and is spread over time as the line between the stamps
+        of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
+        kept whole. Else it is a curve.
     """
 
     input: InputFamily
@@ -103,6 +105,11 @@ class Selection:
     issued_within_s: float = math.inf
     step_s: float | None = None
     spread_alike: bool = False
+
+    def between(self, channel: Channel) -> Between:
+        """What a channel was between its stamps."""
+        measured = any(channel is one for one in (*self.states.values(), *self.responses.values()))
+        return curve_between if measured and not self.spread_alike else line_between
 
     @property
     def logged_responses(self) -> tuple[Channel, ...]:

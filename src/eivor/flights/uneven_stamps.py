@@ -37,7 +37,16 @@ def uneven(channel: Channel) -> bool:
 
 def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
     """Whether samples with uneven stamps were taken when these say; None when nothing tells it."""
-    found = [_coefficient(one) for one in channels if uneven(one)]
+    return truth_of(_coefficient(one) for one in channels if uneven(one))
+
+
+def told_of_stamps(channel: Channel) -> tuple[float, float]:
+    """What a channel tells: the coefficient, and its variance; no numbers where its stamps are even."""
+    return _coefficient(channel) if uneven(channel) else (np.nan, np.nan)
+
+
+def truth_of(found: Iterable[tuple[float, float]]) -> bool | None:
+    """Whether stamps are true, by the coefficients and variances that channels tell; None for no answer."""
     told = [(value, variance) for value, variance in found if np.isfinite(value) and variance > 0.0]
     if not told:
         return None

@@ -28,6 +28,8 @@ DELAY = Parameter("delay", "s")
 
 #: Complex numbers of moving columns that are remembered: the first that a search asks for, its grid's.
 MEMO_NUMBERS = 10_000_000
+#: Numbers of moving columns in time that are taken to bins together.
+TOGETHER_NUMBERS = 1_000_000
 
 #: Band of spectral rows [Hz].
 BAND_HZ = (0.04, 5.0)
@@ -398,8 +400,29 @@ class LaggedRuns(SeparableProblem):
                 found.append(series if run.counted is None else series[run.counted])
         return np.concatenate(found)
 
+    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
+        """Rows in frequency at many values; as much of what moves as is remembered is made together."""
+        bins = sum(run.count for run in self._bin_layout.runs)
+        size = max(bins * (len(self.parameters) - self.columns[0].fixed.shape[1]), 1)
+        new = [at for at in points if self._key(at) not in self._moving_bins]
+        new = new[: max(MEMO_NUMBERS // size - len(self._moving_bins), 0)]
+        samples = sum(run.stop - run.start for _, run in self._cut())
+        count = max(TOGETHER_NUMBERS // samples, 1)
+        for first in range(0, len(new), count):
+            together = new[first : first + count]
+            blocks = zip(*(self._moving(at) for at in together), strict=True)
+            # each column is one stretch of memory, as it is when it is alone
+            spectra = self._spectra([np.concatenate([one.T for one in block]).T for block in blocks])
+            each = zip(*(np.split(one, len(together), axis=1) for one in spectra), strict=True)
+            for at, own in zip(together, each, strict=True):
+                self._moving_bins[self._key(at)] = np.concatenate(self._among_all(list(own)))
+        return [self.bins(at) for at in points]
+
+    def _key(self, at: Values) -> tuple[float, ...]:
+        return tuple(at[nuisance.name] for nuisance in self.nuisances)
+
     def _moving_spectra(self, at: Values) -> Complex[np.ndarray, "bins m"]:
-        key = tuple(at[nuisance.name] for nuisance in self.nuisances)
+        key = self._key(at)
         found = self._moving_bins.get(key)
         if found is None:
             found = np.concatenate(self._among_all(self._spectra(self._moving(at))))

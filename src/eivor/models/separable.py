@@ -62,8 +62,8 @@ class Prior:
                 "a finite mean and a positive standard error", f"{self.mean} and {self.std}", "Give both."
             )
 
-    def misfit(self, value: float) -> float:
-        """Squared distance of a value from the mean, in standard errors."""
+    def misfit(self, value: Number) -> Number:
+        """Squared distance of a value, or of each of an array, from the mean, in standard errors."""
         return ((value - self.mean) / self.std) ** 2
 
 
@@ -190,7 +190,7 @@ class Nuisance:
             return 0.0
         return self.prior.misfit(self.with_others(at))
 
-    def with_others(self, at: Values) -> float:
+    def with_others(self, at: Mapping[str, Number]) -> Number:
         """Sum of its value and of those that what is known is about as well."""
         return at[self.name] + sum(at[other] for other in self.known_with)
 
@@ -311,6 +311,10 @@ class SeparableProblem(ABC):
     @abstractmethod
     def bins(self, at: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
+
+    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
+        """Rows in frequency at many values of the nuisances, which some problems make together."""
+        return [self.bins(at) for at in points]
 
     def sampled_state(self, _at: Values, /) -> SampledState | None:
         """The state whose derivative the candidates for the response are; by default there is none."""

@@ -16,3 +16,20 @@ class MadeChannels(Mapping[str, "Channel"]):
     @abstractmethod
     def __contains__(self, name: object) -> bool:
         """Say whether there is such a channel, without making it."""
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels of the log [s], without making them."""
+
+    @abstractmethod
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log, or of more of it where its reader cannot cut.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The part [s]. States that were set before it are in it.
+        step_s : float
+            Samples that are closer are thinned to this distance [s]; zero keeps all.
+        """

@@ -39,7 +39,20 @@ def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     usual = float(np.mean(distances[np.abs(distances) <= PAUSE * np.median(np.abs(distances))]))
     if usual <= 0.0 or float(back.min()) < -FURTHEST * usual:
         return time_s
-    ends = np.flatnonzero(distances > PAUSE * usual) + 1
+    return on_lines(time_s, PAUSE * usual)
+
+
+def on_lines(time_s: Float[np.ndarray, " n"], longest_s: float) -> Float[np.ndarray, " n"]:
+    """Each stamp on the line through those around it, whether they err or not.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps in the order of the samples [s].
+    longest_s : float
+        Lines end where two stamps are further apart [s].
+    """
+    ends = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.concatenate([_on_lines(part) for part in np.split(time_s, ends)])
 
 

@@ -54,7 +54,7 @@ def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
 
 @pytest.mark.thorough
 def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
-    shoved = spec(1, duration=10.0)
+    shoved = spec(1, duration=11.0)
     flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
     disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
     names = [name for name in disturbed.usable_references if name.startswith("injected")]

@@ -188,7 +188,7 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
 
 
 def test_another_flight_is_validated(flown, truth, tmp_path):
-    found = ev.validate(saved(truth, tmp_path), flown.recording, window=(0.0, 6.0))
+    found = ev.validate(saved(truth, tmp_path), flown.recording, window=(0.0, 7.0))
     assert found.predicts
     assert "in the mean" in found.sentence
     document = json.loads(found.to_json())

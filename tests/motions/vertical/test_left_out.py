@@ -15,7 +15,13 @@ from eivor.flights.instruments import instruments
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.motions.vertical.gain_rule import left_out_reasons
-from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
+from eivor.motions.vertical.left_out import (
+    VOLTAGE_CHANGE,
+    left_out,
+    left_out_numbers,
+    left_out_told,
+    voltage_numbers,
+)
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.sideways import sideways_reasons
 from flights.flight_logs import GAIN, flown
@@ -77,8 +83,32 @@ def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log):
     assert abs(found.value + 0.105) < 3.0 * found.half_width < 0.1
     ((_, said),) = left_out_told(left_out_numbers({"supply": found}))
     assert said.startswith("the thrust of one command fell by 1")
-    volts = terms_of(with_channel(sags, "battery_voltage", 12.0 * (1.0 - 0.05 * share)))["supply"]
+    logged = with_channel(sags, "battery_voltage", 12.0 * (1.0 - 0.05 * share))
+    volts = terms_of(logged)["supply"]
     assert volts.value == pytest.approx(2.05, abs=3.0 * volts.half_width)  # thrust goes as its square
+    change = voltage_numbers([prepare(logged, VERTICAL, FlightOptions())])
+    assert change[VOLTAGE_CHANGE] == pytest.approx(0.05 / 0.975, rel=0.05)
+
+
+def test_thrust_by_a_logged_voltage_is_told_as_that():
+    """A vehicle whose thrust fell by 10 % with a voltage that fell by 10 % was said to have gained 100 %."""
+    numbers = left_out_numbers({"supply": Difference(1.0, 0.1)}) | {VOLTAGE_CHANGE: 0.1}
+    (reason,) = left_out_reasons(at(numbers))
+    assert reason.sentence == (
+        "The thrust of one command went as the battery's voltage to the power 1 ± 0.21: the voltage changed "
+        "by 10%, and the thrust by 10% (± 2%)."
+    )
+    assert "--term voltage" in reason.remedy
+    assert left_out_reasons(at(numbers | {VOLTAGE_CHANGE: 0.01})) == []
+
+
+def test_flights_without_a_voltage_among_others_are_told_by_the_time(log):
+    volts = with_channel(
+        log, "battery_voltage", np.linspace(12.0, 11.0, log.channels["velocity_z"].values.size)
+    )
+    flights = [prepare(one, VERTICAL, FlightOptions()) for one in (volts, log)]
+    assert list(voltage_numbers(flights[:1])) == [VOLTAGE_CHANGE]
+    assert voltage_numbers(flights) == voltage_numbers([]) == {}
 
 
 def test_a_thrust_curve_that_bends_is_missed(log):

@@ -31,7 +31,7 @@ DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 @dataclass(frozen=True)
 class LaggedTorque:
-    """Columns of what the actuators make of a torque setpoint, among those of all axes.
+    """Columns of what the actuators make of a torque setpoint.
 
     Parameters
     ----------
@@ -39,24 +39,19 @@ class LaggedTorque:
         One flight.
     axis : Axis
         Whose setpoint.
-    moving : tuple of Parameter
-        Parameters of all moving columns.
     """
 
     signals: Signals
     axis: Axis
-    moving: tuple[Parameter, ...]
 
     def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
-        """State at a lag and a delay and, where it reacts, its rate of change; zeros for other axes."""
+        """State at a lag and a delay and, where it reacts, its rate of change."""
         step_s = self.signals.step_s
         command = self.signals.channel(self.axis.torque)[:, None]
         state = actuator_state(command, step_s=step_s, lag_s=at[ACTUATOR_LAG.name], delay_s=at[DELAY.name])
-        columns = np.zeros((state.shape[0], len(self.moving)))
-        columns[:, self.moving.index(self.axis.effectiveness)] = state[:, 0]
-        if self.axis.reacts:
-            columns[:, self.moving.index(self.axis.reaction)] = time_derivative(state[:, 0], step_s)
-        return columns
+        if not self.axis.reacts:
+            return state
+        return np.column_stack([state, time_derivative(state[:, 0], step_s)])
 
 
 def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
@@ -97,17 +92,19 @@ def _columns(
     damped = np.zeros((rate.size, len(fixed)))
     damped[:, fixed.index(axis.damping)] = -rate
     driven = DrivenSignals(signals, signals.channel(axis.torque))
+    own = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
     return AxisColumns(
         signals.step_s,
         flight.runs,
         time_derivative(rate, signals.step_s)[:, None],
         damped,
-        LaggedTorque(signals, axis, moving),
+        LaggedTorque(signals, axis),
         of_axis(rule, axis).columns(driven),
         number,
         axis.number,
         flight.band_hz,
         flight.usable,
+        tuple(moving.index(one) for one in own),
     )
 
 

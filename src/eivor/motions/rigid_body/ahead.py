@@ -13,6 +13,7 @@ from eivor.flights.estimated import EFFECTIVE_LAG
 from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepared import PreparedFlight
 from eivor.models.separable import Values
+from eivor.motions.rigid_body.beside import ALL_DRAG_MOMENTS
 from eivor.motions.rigid_body.carried import CarriedBody
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.logged_state import LoggedState
@@ -22,8 +23,10 @@ from eivor.motions.rigid_body.parameters import (
     DRAG,
     GAIN,
     LIFT,
+    LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
+    SPIN_MOMENT,
     THRUST,
     TURNING,
 )
@@ -32,7 +35,17 @@ from eivor.shapes import Float
 #: What it is that everything stays as it is.
 STAYS = "stays as it is"
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
-SMALL = (*COUPLING, *DAMPING, *DRAG, *QUADRATIC_DRAG, LIFT, *OFFSET)
+SMALL = (
+    *COUPLING,
+    *DAMPING,
+    *DRAG,
+    *QUADRATIC_DRAG,
+    LIFT,
+    *LIFT_MOMENT,
+    *OFFSET,
+    *SPIN_MOMENT,
+    *ALL_DRAG_MOMENTS,
+)
 #: Drag by whose verdict the quadratic one of its axis goes: the two are told well together or not at all.
 WITH_DRAG = {one.name: drag.name for one, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
 

@@ -19,6 +19,8 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rates.axes import AXES
+from eivor.motions.rigid_body.across import lift_moments
+from eivor.motions.rigid_body.beside import drag_moments, spin_moment
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
 from eivor.motions.rigid_body.flights import RotorStates, RotorSums, dragged_by, usual_state
 from eivor.motions.rigid_body.layout import RotorLayout
@@ -27,12 +29,16 @@ from eivor.motions.rigid_body.parameters import (
     COUPLING,
     DAMPING,
     DRAG,
+    DRAG_MOMENT,
     GAIN,
     LIFT,
+    LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
+    SPIN_MOMENT,
     THRUST,
+    YAW,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.shapes import Float, Int
@@ -114,9 +120,10 @@ class CarriedBody:
             for axis, share in enumerate(self._dragging)
         ]
         products = (q * r, p * r, p * q)
+        beside = self._beside(velocity, body[10:13], sums[6])
         turning = [
-            beta * product + drag
-            for beta, product, drag in zip(self._coupling, products, dragged[:3], strict=True)
+            beta * product + drag + moment
+            for beta, product, drag, moment in zip(self._coupling, products, dragged[:3], beside, strict=True)
         ]
         u, v, _ = velocity
         x, y = -self.layout.pitch, self.layout.roll
@@ -128,6 +135,28 @@ class CarriedBody:
             for drag, one, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
         )
         return (turning[0], turning[1], turning[2]), (fx, fy, fz + lift)
+
+    def _beside(
+        self,
+        velocity: Float[np.ndarray, "3 starts"],
+        rates: Float[np.ndarray, "3 starts"],
+        spin: Float[np.ndarray, " starts"],
+    ) -> list[Float[np.ndarray, " starts"]]:
+        """What drag beside the centre of mass, lift and rotors that spin do to the rates."""
+        found = [
+            sum(self._value(one.name) * part for one, part in zip(pair, parts, strict=True))
+            for pair, parts in zip(
+                DRAG_MOMENT, (drag_moments(axis, velocity) for axis in range(3)), strict=True
+            )
+        ]
+        lifted = lift_moments(self.layout, velocity, rates[YAW])
+        for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, SPIN_MOMENT, strict=True)):
+            found[axis] = (
+                found[axis]
+                + self._value(lift.name) * lifted[axis]
+                + self._value(spinning.name) * spin_moment(axis, rates, spin)
+            )
+        return found
 
     @cached_property
     def _coupling(self) -> tuple[float, ...]:

@@ -9,8 +9,8 @@ velocity on its own axes, and (x, y) the places of the rotors:
     s_z = alpha_z sum phi - d_z v_z + h (v_x^2 + v_y^2) - c_z |v| v_z
     s_x = -d_x v_x - c_x |v| v_x, and s_y alike
 
-Exact for a diagonal inertia and rotors in the plane of the centre of mass, but for two things. The angular
-momentum of rotors that spin is left out: J/Ix q sum s n and -J/Iy p sum s n. And what rotors drag goes with
+Exact for a diagonal inertia, but for two things that `eivor.motions.rigid_body.beside` knows (drag beside the
+centre of mass, and the angular momentum of rotors that spin) and a third: what rotors drag goes with
 their speed, so that every d is that of hover; with l the air velocity at a rotor it is, exactly,
 
     d_p p -> e_p sum y n l_z       d_q q -> -e_q sum x n l_z       d_r r -> e_r sum n (x l_y - y l_x)
@@ -85,12 +85,14 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     gain = rotors.thrust_quadratic or rotors.thrust_linear
     forward = sum(x * x for x, _, _ in rotors.positions)
     sideways = sum(y * y for _, y, _ in rotors.positions)
+    heights, upward = (sum(z**power for _, _, z in rotors.positions) for power in (1, 2))
     drag, inflow = rotors.drag * speed, rotors.inflow * speed
     linear, quadratic, rotational = (
         vehicle.drag.linear,
         vehicle.drag.quadratic,
         vehicle.drag.rotational,
     )
+    high = drag * upward - rotors.flapping * speed * heights  # of rotors above or below the centre of mass
     of_rotors = (rotors.count * drag, rotors.count * drag, rotors.count * inflow)
     dx, dy, dz = ((own + body) / mass for own, body in zip(of_rotors, linear, strict=True))
     cx, cy, cz = (body / mass for body in quadratic)
@@ -98,8 +100,8 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
         gyroscopic_ratios=((iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz),
         torque_gains=(gain / ix, gain / iy, rotors.torque_ratio * gain / iz),
         rate_damping=(
-            (inflow * sideways + rotational[0]) / ix,
-            (inflow * forward + rotational[1]) / iy,
+            (inflow * sideways + high + rotational[0]) / ix,
+            (inflow * forward + high + rotational[1]) / iy,
             (drag * (forward + sideways) + rotational[2]) / iz,
         ),
         thrust_gain=gain / mass,

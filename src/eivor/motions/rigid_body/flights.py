@@ -25,6 +25,7 @@ from eivor.models.lagged_runs import (
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.across import lift_moments, squares_across
+from eivor.motions.rigid_body.beside import ALL_DRAG_MOMENTS, ALONG_OTHERS, spin_moment
 from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
 from eivor.motions.rigid_body.inferred_velocity import FROM_HZ as INFERRED_FROM_HZ
 from eivor.motions.rigid_body.inferred_velocity import inferred_velocity
@@ -37,6 +38,7 @@ from eivor.motions.rigid_body.parameters import (
     COUPLING,
     DAMPING,
     DRAG,
+    DRAG_MOMENT,
     FORCE_X,
     FORCE_Z,
     GAIN,
@@ -48,6 +50,7 @@ from eivor.motions.rigid_body.parameters import (
     QUADRATIC_DRAG,
     REACTION,
     ROLL,
+    SPIN_MOMENT,
     THRUST,
     YAW,
 )
@@ -207,11 +210,27 @@ class RotorColumns:
                 LIFT: self.states.across,
             }
         damped, mean = mean_over_step(dragged), sums.mean_thrust
+        beside = self._beside(sums)
         if axis == YAW:
             spinning = change_over_step(sums.state[6], self.states.flight.signals.step_s)
-            return {GAIN[YAW]: mean[6], REACTION: spinning, DAMPING[YAW]: damped / (xx + yy)}
+            return {GAIN[YAW]: mean[6], REACTION: spinning, DAMPING[YAW]: damped / (xx + yy), **beside}
         arms, square = ((mean[2], yy), (-mean[1], xx))[axis]
-        return {GAIN[axis]: arms, OFFSET[axis]: mean[0], DAMPING[axis]: damped / square}
+        spinning = mean_over_step(spin_moment(axis, self.states.rates, sums.state[6]))
+        return {
+            GAIN[axis]: arms,
+            OFFSET[axis]: mean[0],
+            DAMPING[axis]: damped / square,
+            SPIN_MOMENT[axis]: spinning,
+            **beside,
+        }
+
+    def _beside(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
+        """What drag beside the centre of mass turns: the means of the velocities at the rotors."""
+        states, found = self.states, {}
+        for parameter, along in zip(DRAG_MOMENT[self.axis], ALONG_OTHERS[self.axis], strict=True):
+            dragged = dragged_by(FORCE_X + along, sums.state, states.velocity, states.rates)
+            found[parameter] = mean_over_step(dragged) / (states.layout.count * self.usual)
+        return found
 
 
 def dragged_by(
@@ -296,7 +315,13 @@ class Terms:
         drag = tuple(DRAG[along] for along in self.forces)
         lift = (LIFT,) if self.velocity and 2 in self.forces else ()
         thrust = (THRUST,) if 2 in self.forces else ()
-        return (*GAIN, *DAMPING, *OFFSET, REACTION, *thrust, *drag, *lift)
+        beside = (*SPIN_MOMENT, *(ALL_DRAG_MOMENTS if self.velocity else ()))
+        return (*GAIN, *DAMPING, *OFFSET, REACTION, *beside, *thrust, *drag, *lift)
+
+    @property
+    def told_by_lags(self) -> tuple[Parameter, ...]:
+        """Those of them whose columns are instruments at several lags."""
+        return tuple(one for one in self.moving if one not in {*SPIN_MOMENT, *ALL_DRAG_MOMENTS})
 
 
 def _terms(flights: tuple[PreparedFlight, ...]) -> Terms:
@@ -320,28 +345,20 @@ def _flight(
 ) -> list[AxisColumns]:
     """Columns of every axis of a flight."""
     signals = flight.signals
-    rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
     states, instruments = RotorStates(flight, layout), AxisInstruments(flight, layout, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
 
     def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
         staying = np.zeros((len(responses), len(terms.fixed)))
-        if axis < FORCE_X:
-            staying[:, axis] = mean_over_step(rates[:, (axis + 1) % 3] * rates[:, (axis + 2) % 3])
-            if terms.velocity and axis != YAW:
-                moment = lift_moments(layout, states.velocity, states.rates[YAW])[axis]
-                staying[:, terms.fixed.index(LIFT_MOMENT[axis])] = mean_over_step(moment)
-        elif terms.velocity:
-            place = terms.fixed.index(QUADRATIC_DRAG[axis - FORCE_X])
-            swift = -swift_velocity(states.velocity.T)[:, axis - FORCE_X]
-            staying[:, place] = _behind(onboard_filter(flight, layout.vehicle, axis), swift)
+        for parameter, one in _staying(axis, terms, states).items():
+            staying[:, terms.fixed.index(parameter)] = one
         low, high = TURNING_BAND_HZ if axis < FORCE_X else FORCE_BAND_HZ
         if axis >= FORCE_X and not terms.velocity:
             low = INFERRED_FROM_HZ
         moving = RotorColumns(states, axis, terms.moving, usual)
 
         def columns_of(other: PreparedFlight) -> Columns:
-            return replace(moving, states=RotorStates(other, layout))
+            return replace(moving, states=RotorStates(other, layout), moving=terms.told_by_lags)
 
         return AxisColumns(
             signals.step_s,
@@ -357,7 +374,7 @@ def _flight(
             moving.places,
         )
 
-    changes = change_over_step(rates.T, signals.step_s)
+    changes = change_over_step(states.rates, signals.step_s)
     turning = [columns(axis, changes[axis][:, None]) for axis in (ROLL, PITCH, YAW)]
     by_velocity = force_by_velocity(signals) if terms.velocity else None
     forces = []
@@ -368,6 +385,21 @@ def _flight(
             measured.append(_behind(sensor, by_velocity[:, along]))
         forces.append(columns(FORCE_X + along, np.column_stack(measured)))
     return [*turning, *forces]
+
+
+def _staying(axis: int, terms: Terms, states: RotorStates) -> dict[Parameter, Float[np.ndarray, " n"]]:
+    """Columns of an equation that no lag moves."""
+    layout, velocity, rates = states.layout, states.velocity, states.rates
+    if axis >= FORCE_X:
+        if not terms.velocity:
+            return {}
+        swift = -swift_velocity(velocity.T)[:, axis - FORCE_X]
+        sensor = onboard_filter(states.flight, layout.vehicle, axis)
+        return {QUADRATIC_DRAG[axis - FORCE_X]: _behind(sensor, swift)}
+    found = {COUPLING[axis]: rates[(axis + 1) % 3] * rates[(axis + 2) % 3]}
+    if terms.velocity and axis != YAW:
+        found[LIFT_MOMENT[axis]] = lift_moments(layout, velocity, rates[YAW])[axis]
+    return {parameter: mean_over_step(one) for parameter, one in found.items()}
 
 
 def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -21,6 +21,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.across import lift_moments
+from eivor.motions.rigid_body.beside import drag_moments, spin_moment
 from eivor.motions.rigid_body.body_velocity import body_velocity, swift_velocity
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.parameters import FORCE_X, FORCE_Z, YAW
@@ -90,14 +91,26 @@ class AxisInstruments:
         nodes = [(0.0, delay) for delay in DELAYS_S] if measured else [(lag, 0.0) for lag in LAGS_S]
         columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
         first, second = (self._predicted.signals.channel(AXES[(axis + n) % 3].rate) for n in (1, 2))
-        return np.column_stack([*columns, first * second, *self._lift_moment(axis)])
+        return np.column_stack([*columns, first * second, *self._spun(axis), *self._moments(axis)])
 
-    def _lift_moment(self, axis: int) -> list[Float[np.ndarray, " n"]]:
-        """What the lift of the rotors turns in the predicted flight, where velocity is known."""
-        signals = self._predicted.signals
-        if axis == YAW or body_velocity(signals) is None:
+    def _spun(self, axis: int) -> list[Float[np.ndarray, " n"]]:
+        """What rotors that spin turn in the predicted flight."""
+        if axis == YAW:
             return []
-        return [lift_moments(self.layout, self._velocity.T, signals.channel(AXES[YAW].rate))[axis]]
+        signals = self._predicted.signals
+        rates = np.stack([signals.channel(one.rate) for one in AXES])
+        return [spin_moment(axis, rates, signals.family(self.flight.input.name) @ self.layout.yaw)]
+
+    def _moments(self, axis: int) -> list[Float[np.ndarray, " n"]]:
+        """What drag and lift turn in the predicted flight, where velocity is known."""
+        signals = self._predicted.signals
+        if body_velocity(signals) is None:
+            return []
+        dragged = [*drag_moments(axis, self._velocity.T)]
+        if axis == YAW:
+            return dragged
+        lifted = lift_moments(self.layout, self._velocity.T, signals.channel(AXES[YAW].rate))
+        return [*dragged, lifted[axis]]
 
     @cached_property
     def _velocity(self) -> Float[np.ndarray, "n 3"]:

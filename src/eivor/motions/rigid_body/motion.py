@@ -56,6 +56,8 @@ from eivor.signals.recording import Recording
 
 #: The method whose rows are whitened, as those of the motion's own methods are.
 TOTAL_LEAST_SQUARES = "total_least_squares"
+#: What the rotors did before a log begins in the air is not known, and matters for so long [s].
+SETTLED_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,9 @@ class RigidBody(Motion[LaggedRuns]):
         return selected(log, options, self.layout)
 
     def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
-        """Samples in the air, see `Motion.active`."""
-        return active(log, grid)
+        """Samples in the air at which the rotors no longer know how they began, see `Motion.active`."""
+        found, settled = active(log, grid), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
+        return replace(found, mask=found.mask & settled)
 
     def weighted(self, method: Method, /) -> Method:
         """Total least squares of whitened rows: between samples rates and speeds are mostly noise."""

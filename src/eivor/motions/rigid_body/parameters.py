@@ -9,6 +9,13 @@
 Rotors in a vehicle that turns as it flies across meet unequal air, so that their lift turns it: k_h / I_x
 sum y (l_x^2 + l_y^2) about x, with l the velocity at a rotor, and y alike.
 
+Drag that acts above, below or beside the centre of mass turns the vehicle as well, by what goes with the
+velocity; so does the angular momentum of rotors that spin, -J sum s n, which goes round with the body:
+
+    p' += L_y v_y + L_z v_z + j_p q sum s n
+    q' += M_x v_x + M_z v_z - j_q p sum s n
+    r' += N_x v_x + N_y v_y
+
 phi is the input map of a rotor's state n, which lags behind its command: tau n' + n = command(t - d). v is
 the velocity on the body's axes, through air at rest. o is what a centre of mass beside the middle of the
 rotors does.
@@ -33,6 +40,13 @@ FRICTION = Parameter("viscous_friction", "1/s")
 LIFT = Parameter("translational_lift", "1/m")
 #: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
 LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
+#: What drag beside the centre of mass turns: of each axis, by the velocities along the other two.
+DRAG_MOMENT = tuple(
+    tuple(Parameter(f"{name}_by_drag_{along}", "1/(m s)") for along in others)
+    for name, others in zip(TURNING, ("yz", "xz", "xy"), strict=True)
+)
+#: Of rotors that spin: J / Ixx and J / Iyy.
+SPIN_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
 GAIN = (
     Parameter("roll_gain", "rad/s^2/m"),
     Parameter("pitch_gain", "rad/s^2/m"),
@@ -47,9 +61,9 @@ DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)
 
 #: Parameters of each equation that move with lag and delay.
 MOVING = (
-    (GAIN[ROLL], DAMPING[ROLL], OFFSET[ROLL]),
-    (GAIN[PITCH], DAMPING[PITCH], OFFSET[PITCH]),
-    (GAIN[YAW], DAMPING[YAW], REACTION),
+    (GAIN[ROLL], DAMPING[ROLL], OFFSET[ROLL], SPIN_MOMENT[ROLL], *DRAG_MOMENT[ROLL]),
+    (GAIN[PITCH], DAMPING[PITCH], OFFSET[PITCH], SPIN_MOMENT[PITCH], *DRAG_MOMENT[PITCH]),
+    (GAIN[YAW], DAMPING[YAW], REACTION, *DRAG_MOMENT[YAW]),
     (DRAG[0],),
     (DRAG[1],),
     (THRUST, DRAG[2], LIFT),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from eivor.errors import InputError
+from eivor.flights.erring_stamps import with_even_stamps
 from eivor.flights.options import FlightOptions
 from eivor.flights.selection import InputFamily, Selection, chosen_input
 from eivor.motions.rates.axes import AXES
@@ -54,6 +55,7 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
             f"{log.name}, which says that it is of a {log.vehicle}",
             "Name another motion with --model if you have one.",
         )
+    log, erring = with_even_stamps(log)
     family, commands = chosen_input(
         log, INPUTS, options.input, remedy="Log the rotor commands or speeds at 100 Hz or more"
     )
@@ -84,7 +86,7 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
         responses=forces,
         conditions=conditions,
         band_hz=BAND_HZ,
-        findings=tuple(_findings(forces, moving)),
+        findings=(*erring, *_findings(forces, moving)),
         issued_within_s=step_s,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
         spread_alike=True,

@@ -12,6 +12,7 @@ from eivor.motions.rigid_body.parameters import (
     COUPLING,
     DAMPING,
     DRAG,
+    DRAG_MOMENT,
     FRICTION,
     GAIN,
     LIFT,
@@ -19,6 +20,7 @@ from eivor.motions.rigid_body.parameters import (
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
+    SPIN_MOMENT,
     THRUST,
     TURNING,
 )
@@ -61,6 +63,17 @@ QUANTITIES = {
     **{
         one.name: Wording(f"{name} by lift", f"h_{rate}", one.unit, shown_unit="1/m³", optional=True)
         for one, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
+    },
+    **{
+        one.name: Wording(
+            f"{name} by drag along {axis}", f"{letter}_{axis}", one.unit, shown_unit="1/(m s)", optional=True
+        )
+        for name, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
+        for one, axis in zip(pair, axes, strict=True)
+    },
+    **{
+        one.name: Wording(f"{name} by spin", f"j_{rate}", "")
+        for one, name, rate in zip(SPIN_MOMENT, TURNING, _RATES, strict=False)
     },
     REACTION.name: Wording("rotor reaction", "j", ""),
     **{

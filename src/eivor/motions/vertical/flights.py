@@ -5,7 +5,7 @@ One separable problem: friction, gain and lag are shared by all flights, the int
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 
@@ -255,6 +255,10 @@ class VerticalFlights(SeparableProblem):
     def bins(self, at: Values) -> SpectralRegression:
         """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
         return self.runs.bins(at)
+
+    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
+        """Rows in frequency at many lags and delays."""
+        return self.runs.many_bins(points)
 
     def sampled_state(self, _at: Values) -> SampledState | None:
         """The vertical velocity, where every flight has an accelerometer."""

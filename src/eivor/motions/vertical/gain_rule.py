@@ -9,7 +9,7 @@ from eivor.flights.grounds import moved, weakly_told
 from eivor.flights.quantity import Unjudged
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Reason, Status
-from eivor.motions.vertical.left_out import left_out_sentence, missed
+from eivor.motions.vertical.left_out import VOLTAGE_CHANGE, left_out_sentence, missed
 from eivor.motions.vertical.remedies import LOG_REFERENCE
 from eivor.motions.vertical.terms import GROUND, SUPPLY
 
@@ -22,6 +22,8 @@ LEFT_OUT = {
     SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
     GROUND: "Fly higher over the ground, four radii of a rotor and more.",
 }
+#: The same for the supply whose voltage is logged.
+WITH_VOLTAGE = "Add the term with --term voltage, or identify a part of the flight with --window."
 
 
 def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[Reason]:
@@ -67,7 +69,9 @@ def left_out_reasons(at: Circumstances) -> list[Reason]:
     for name, remedy in LEFT_OUT.items():
         if missed(at.numbers, name):
             told = left_out_sentence(at.numbers, name)
-            reasons.append(Reason(Status.WEAK, f"{told[0].upper()}{told[1:]}.", remedy))
+            by_voltage = name == SUPPLY and VOLTAGE_CHANGE in at.numbers
+            told_remedy = WITH_VOLTAGE if by_voltage else remedy
+            reasons.append(Reason(Status.WEAK, f"{told[0].upper()}{told[1:]}.", told_remedy))
     return reasons
 
 

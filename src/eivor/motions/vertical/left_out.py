@@ -7,8 +7,8 @@ test of the term (Engle 1984), whose numerator is the residual's product with th
 * quadratic drag, -v |v|: what the friction lacks at speed;
 * ground effect, 1 / z^2 over the ground, or over a place below the flight where the log does not tell it;
 * the thrust curve's bend, U_m (U / U_m - 1)^2 with the flight's mean U_m: what the input map lacks of it;
-* the supply, U times what the battery's voltage differs from its mean by, as a share; without a voltage in
-  the log U times the time, from -1/2 at the beginning to 1/2 at the end: a battery that sags.
+* the supply, U times what the battery's voltage differs from its mean by, as a share; unless all logs have
+  a voltage U times the time, from -1/2 at the beginning to 1/2 at the end: a battery that sags.
 
 Instruments are the same functions of velocity, height and input as far as the references explain them, as
 voltage and time answer nothing of a second's length.
@@ -30,7 +30,7 @@ from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.separable import Values
 from eivor.motions.vertical.flights import VerticalFlights
-from eivor.motions.vertical.surroundings import height_over_ground, voltage
+from eivor.motions.vertical.surroundings import height_over_ground, voltage, voltage_change
 from eivor.motions.vertical.terms import DRAG, GROUND, SUPPLY, explained
 from eivor.shapes import Float
 
@@ -42,8 +42,11 @@ MISSED = 0.005
 CURVATURE = "thrust_curvature"
 #: Terms whose coefficients are told as shares of the gain.
 SHARES = (CURVATURE, SUPPLY)
-#: Smaller ones matter to nothing.
+#: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST = {SUPPLY: 0.02}
+#: What the voltage changed by over the time used, in the mean over the flights, as a share: the supply's
+#: coefficient is then the power of the voltage that thrust goes with, and else what thrust changes by.
+VOLTAGE_CHANGE = f"{PREFIX}{SUPPLY}_voltage_change"
 #: Heights below this count as this [m].
 LEAST_HEIGHT = 0.05
 
@@ -91,13 +94,15 @@ def left_out(
     -------
     dict of str to Difference
         In 1/m, in m^3/s^2, and as shares of the gain: of the curve's bend, and of the supply for the
-        voltage's own share, or over the flight.
+        voltage's own share, or over the flight where not all flights have a voltage.
     """
     own = problem.runs.columns
     if not all(one.instruments.shape[1] for one in own):
         return {}
     at = estimate.best.at
     measured = [_measured(problem, place, flight, at) for place, flight in enumerate(flights)]
+    if any(of.voltage is None for of in measured):  # one coefficient has one meaning
+        measured = [replace(of, voltage=None) for of in measured]
     explained = [_explained(one, of) for one, of in zip(own, measured, strict=True)]
     base = [_linear(problem, one, estimate) for one in own]
     found: dict[str, Difference] = {}
@@ -170,6 +175,12 @@ def _coefficient(columns: tuple[AxisColumns, ...], name: str) -> Difference | No
         return None
 
 
+def voltage_numbers(flights: Sequence[PreparedFlight]) -> dict[str, float]:
+    """`VOLTAGE_CHANGE`; nothing unless all flights have a voltage."""
+    changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
+    return {VOLTAGE_CHANGE: float(np.mean(changes))} if 0 < len(changes) == len(flights) else {}
+
+
 # -- told ---------------------------------------------------------------------------------------------------
 
 
@@ -187,8 +198,10 @@ def left_out_numbers(found: Mapping[str, Difference]) -> dict[str, float]:
 
 def missed(numbers: Mapping[str, float], name: str) -> bool:
     """Whether the test of a term says that it is missed, by so much that it matters."""
-    told = numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED
-    return told and abs(numbers[f"{PREFIX}{name}"]) >= LEAST.get(name, 0.0)
+    if not numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED:
+        return False
+    changed = numbers.get(VOLTAGE_CHANGE, 1.0) if name == SUPPLY else 1.0
+    return abs(numbers[f"{PREFIX}{name}"] * changed) >= LEAST.get(name, 0.0)
 
 
 def left_out_told(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
@@ -218,5 +231,12 @@ def left_out_sentence(numbers: Mapping[str, float], name: str) -> str:
         bends = "more" if value > 0.0 else "less"
         by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
         return f"thrust bends {bends} than the input map: {by}"
+    if VOLTAGE_CHANGE in numbers:
+        changed = numbers[VOLTAGE_CHANGE]
+        return (
+            f"the thrust of one command went as the battery's voltage to the power {value:.2g} ± {half:.2g}: "
+            f"the voltage changed by {changed:.0%}, and the thrust by {abs(value * changed):.0%} "
+            f"(± {half * changed:.0%})"
+        )
     moved = "rose" if value > 0.0 else "fell"
     return f"the thrust of one command {moved} by {abs(value):.0%} (± {half:.0%}) with the supply or the time"

@@ -35,7 +35,7 @@ from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
 from eivor.motions.vertical.followed import followed_gain
 from eivor.motions.vertical.height import near_ground
 from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
-from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told
+from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told, voltage_numbers
 from eivor.motions.vertical.map_evidence import map_numbers
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
@@ -47,7 +47,7 @@ from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, s
 from eivor.motions.vertical.sideways import SIDEWAYS
 from eivor.motions.vertical.supply import supply_findings
 from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
-from eivor.motions.vertical.terms import TERMS, GroundEffect, OptionalTerm
+from eivor.motions.vertical.terms import SUPPLY, TERMS, GroundEffect, OptionalTerm
 from eivor.motions.vertical.wording import ACROSS, EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
 from eivor.shapes import Float
 from eivor.signals.input_map import input_map
@@ -308,6 +308,7 @@ class Vertical(Motion[VerticalFlights]):
             SIDEWAYS: sideways_speed(flights),
             **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
             **left_out_numbers(missed),
+            **(voltage_numbers(flights) if SUPPLY in missed else {}),
         }
 
     def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:

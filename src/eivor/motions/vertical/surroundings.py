@@ -50,3 +50,14 @@ def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
         return None
     volts = on_grid(channel, flight.grid)[0]
     return volts if float(volts[flight.used].mean()) > 0.0 else None
+
+
+def voltage_change(flight: PreparedFlight) -> float | None:
+    """What the voltage changed by over the time used, as a share of its mean; None where it is not logged.
+
+    The ends of a steady fall are the root of 12 standard deviations apart.
+    """
+    volts = voltage(flight)
+    return (
+        None if volts is None else float(np.sqrt(12.0) * volts[flight.used].std() / volts[flight.used].mean())
+    )
