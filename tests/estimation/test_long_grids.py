@@ -12,7 +12,7 @@ from eivor.estimation.long_grids import reaching
 from eivor.estimation.nested_grids import on_nested_grids
 from eivor.inference.verdict import Status
 from eivor.models.equation import Parameter
-from eivor.models.separable import Nuisance
+from eivor.models.separable import Bounds, Nuisance
 from eivor.motions.identify import identify_flight
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
@@ -63,6 +63,14 @@ def test_between_the_values_of_a_grid_one_may_fit():
         return 60.0 if delay == 5.0 else 100.0 + delay - 100.0 * (delay > 20.0)
 
     assert delays(criterion, lambda delay: criterion(delay) > 70.0, halved) == [0.0, 5.0, 10.0, 20.0]
+
+
+@pytest.mark.parametrize(("known", "tried"), [((15.0, 20.0), {0.0, 10.0, 20.0}), ((3.0, 3.0), {0.0})])
+def test_bounds_of_a_sum_may_leave_no_further_value(known, tried):
+    # wrong bounds: the data reject all that is between them, and a longer delay does not fit in
+    sums = Nuisance(Parameter("lag"), np.unique(known), True, bounds=Bounds(*known), known_with=("delay",))
+    found = on_nested_grids((sums, DELAY), lambda at, _beside: at, lambda _: 99.0, lambda _: True)
+    assert {at["delay"] for at in found} == tried
 
 
 def test_what_lies_behind_values_that_fit_worse_is_not_taken():

@@ -166,6 +166,18 @@ def test_a_sum_is_held_against_the_estimate_from_before_it_began():
     assert watch.before[-1, 0] == 0.0
 
 
+def test_a_look_at_an_input_that_stands_still_counts_as_an_average_one():
+    """Its errors grow with what it shows; and a look that shows nothing is none."""
+    detector, watch = ev.ChangeDetector(least_looks=2), Watch()
+    expected = References(np.zeros((1, 1)), np.ones((1, 1, 1)), slice(0, 1))
+    looks = ((1.0, 1.0), (1.0, -1.0), (9.0, 9.0), (9.0, -9.0), (0.01, 50.0), (-1.0, 50.0), (4.0, 12.0))
+    for number, (seen, change) in enumerate(looks):
+        watch = watch.expecting(expected, detector)
+        watch = watch.after(Look(number, np.array([[seen, change]]), 24.0), detector)
+    np.testing.assert_allclose(watch.before[:, 0], [1.0, -1.0, 1.0, -1.0, np.nan, np.nan, 3.0])
+    assert watch.sums[0, 0] == pytest.approx(3.0 / 1.4826 - detector.drift, rel=1e-6)
+
+
 @pytest.mark.thorough
 def test_memory_does_not_grow_with_the_stream():
     signals = record(9000)

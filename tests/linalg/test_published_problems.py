@@ -15,8 +15,8 @@ from eivor.linalg import (
     LeastSquares,
     LinearSystem,
     TotalLeastSquares,
-    weighted_total_least_squares,
 )
+from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 

@@ -23,9 +23,9 @@ from eivor.linalg import (
     LeastSquares,
     LinearSystem,
     TotalLeastSquares,
-    weighted_total_least_squares,
 )
 from eivor.linalg.triangular import merged_roots, triangular_root
+from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 LEAST = (LeastSquares(), AugmentedLeastSquares())

@@ -28,6 +28,7 @@ from eivor.inference.diagnostics.instrument_tests import (
 )
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.quantiles import chi_square_tail
+from eivor.linalg.least_squares import row_lengths
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.regression import Regression, RowBlock
 from eivor.models.rows import SampleRows
@@ -192,7 +193,11 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
     equations, power = A.shape[0], solved.row_power() if known.size else 0.0
     unit = power * solved.residual_variance() if known.size else 0.0
-    combinations, R = np.linalg.qr(np.vstack([A, np.sqrt(unit / solved.count) * known]))
+    stacked = np.vstack([A, np.sqrt(unit / solved.count) * known])
+    lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
+    combinations, R = np.linalg.qr(stacked / lengths)
+    own_root = (combinations * lengths).T @ stacked  # of A' psi
+    combinations = combinations / lengths
     pseudo = np.sqrt(solved.count) * combinations[equations:]
     combinations = combinations[:equations]
     if factor is not None:
@@ -212,7 +217,9 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
             yield EquationRows(psi, residual, scores, block.flights, combined)
 
     prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
-    return EstimatingEquation(S @ R, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior)
+    return EstimatingEquation(
+        S @ own_root, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior
+    )
 
 
 def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:

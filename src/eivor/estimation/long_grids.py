@@ -102,6 +102,8 @@ def _profile(one: Nuisance, found: Found[Made], criterion: Callable[[Made], floa
 
 def _explain_more(new: dict[float, float], before: dict[float, float]) -> bool:
     """Whether the best of further values explains clearly more, and none on the way to it clearly less."""
+    if not new:  # bounds of a sum may leave none
+        return False
     best = min(new, key=lambda value: new[value])
     highest = max(criterion for value, criterion in new.items() if value <= best)
     allowed = max(before.values()) + chi_square_quantile(FITTING_LEVEL, 1)
@@ -110,7 +112,7 @@ def _explain_more(new: dict[float, float], before: dict[float, float]) -> bool:
 
 def _last_alone_fits(one: Nuisance, found: Found[Made], criterion: Callable[[Made], float]) -> bool:
     *others, last = _profile(one, found, criterion).values()
-    return min(others) - last > chi_square_quantile(FITTING_LEVEL, 1)
+    return min(others, default=last) - last > chi_square_quantile(FITTING_LEVEL, 1)
 
 
 def _added(

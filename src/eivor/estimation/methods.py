@@ -3,29 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.assembler import Assembler, Compensated, Direct, Instrumental
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments
-from eivor.estimation.regularised import regularised
 from eivor.estimation.weighting.equations import EquationWeighting, TwoStage, TwoStepRobust, Unweighted
-from eivor.estimation.weighting.limited_information import LimitedInformation
 from eivor.estimation.weighting.whitening import SpectralWhitening
-from eivor.linalg import (
-    AugmentedLeastSquares,
-    AugmentedTotalLeastSquares,
-    DiscrepancyPrinciple,
-    Fuller,
-    GeneralizedCrossValidation,
-    GivenParameter,
-    ImplicitIteration,
-    LCurve,
-    LeastSquares,
-    Solver,
-    Tikhonov,
-)
+from eivor.late import late_names
+from eivor.linalg.least_squares import AugmentedLeastSquares, LeastSquares
+
+if TYPE_CHECKING:
+    from eivor.estimation.regularised import regularised
+    from eivor.linalg.parameter_choice import (
+        DiscrepancyPrinciple,
+        GeneralizedCrossValidation,
+        GivenParameter,
+        LCurve,
+    )
+    from eivor.linalg.regularisation import ImplicitIteration, Tikhonov
+    from eivor.linalg.system import Solver
 
 __all__ = [
     "TABLE",
@@ -62,6 +61,20 @@ __all__ = [
 ]
 
 
+__getattr__ = late_names(
+    __name__,
+    {
+        "DiscrepancyPrinciple": "eivor.linalg.parameter_choice",
+        "GeneralizedCrossValidation": "eivor.linalg.parameter_choice",
+        "GivenParameter": "eivor.linalg.parameter_choice",
+        "ImplicitIteration": "eivor.linalg.regularisation",
+        "LCurve": "eivor.linalg.parameter_choice",
+        "Tikhonov": "eivor.linalg.regularisation",
+        "regularised": "eivor.estimation.regularised",
+    },
+)
+
+
 def __dir__() -> list[str]:
     """Names that the module offers, and not those that it uses."""
     return __all__
@@ -84,6 +97,8 @@ def whitened_least_squares() -> LinearMethod:
 
 def total_least_squares() -> LinearMethod:
     """Total least squares with the columns' declared noise covariance, the paper's (13)-(16)."""
+    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+
     return LinearMethod("total_least_squares", Direct(), AugmentedTotalLeastSquares())
 
 
@@ -111,6 +126,8 @@ def extended_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
 
 def extended_iv_tls() -> LinearMethod:
     """Extended instrumental variables solved by total least squares, the paper's (26), (27)."""
+    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+
     return LinearMethod("extended_iv_tls", Instrumental(), AugmentedTotalLeastSquares())
 
 
@@ -128,6 +145,8 @@ def generalized_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
 
 def generalized_iv_tls() -> LinearMethod:
     """Generalized instrumental variables solved by total least squares, the paper's (32), (33)."""
+    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+
     return LinearMethod("generalized_iv_tls", Compensated(), AugmentedTotalLeastSquares())
 
 
@@ -137,6 +156,8 @@ def liml() -> LinearMethod:
     Total least squares of two-stage equations with the covariance that the instruments leave of their
     columns: (26) with errors of the right sizes, see `eivor.estimation.weighting.limited_information`.
     """
+    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+
     return _limited_information("liml", Instrumental(), AugmentedTotalLeastSquares())
 
 
@@ -148,11 +169,15 @@ def fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         1 is nearly unbiased, 4 has a small mean square error.
     """
+    from eivor.linalg.fuller import Fuller
+
     return _limited_information("fuller", Instrumental(), Fuller(strength))
 
 
 def generalized_liml() -> LinearMethod:
     """Return `liml` of the compensated equations of generalized IV."""
+    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
+
     return _limited_information("generalized_liml", Compensated(), AugmentedTotalLeastSquares())
 
 
@@ -164,6 +189,8 @@ def generalized_fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         As of `fuller`.
     """
+    from eivor.linalg.fuller import Fuller
+
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
 
 
@@ -232,6 +259,8 @@ def whittle_ml() -> Method:
 
 
 def _limited_information(name: str, assembler: Assembler, solver: Solver) -> LinearMethod:
+    from eivor.estimation.weighting.limited_information import LimitedInformation
+
     return LinearMethod(name, assembler, solver, equation_weighting=LimitedInformation())
 
 

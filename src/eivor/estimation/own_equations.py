@@ -43,11 +43,12 @@ class OwnEquations:
         return int(self.instruments.shape[1])
 
     def columns(
-        self, rows: Regression, theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "own_rows own_plus_1"]:
-        """Residual at some parameters, and the regressors, of a regression of the same rows."""
-        residual = rows.response - rows.regressors @ theta
-        return np.column_stack([residual, rows.regressors[:, self.regressors]])[self.rows]
+        self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "points own_rows own_plus_1"]:
+        """Residual at some parameters, and the regressors, of [phi y] of the same rows at several points."""
+        own = columns[:, self.rows]
+        residual = own[:, :, -1] - own[:, :, :-1] @ theta
+        return np.concatenate([residual[:, :, None], own[:, :, self.regressors]], axis=2)
 
 
 def own_equations(rows: Regression, place: int) -> OwnEquations:

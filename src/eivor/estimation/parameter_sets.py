@@ -197,25 +197,23 @@ def _criterion(
     theta = candidate.theta
     own = own_equations(weights.rows(candidate.at), place)
     unknowns = candidate.solved.unknowns - (theta.size - own.regressors.size)
-    equations, power = [], []
-    for point in nodes.points:
-        columns = own.columns(weights.rows({**candidate.at, **point}), theta)
-        equations.append(own.instruments.T @ columns)
-        power.append(columns.T @ columns / (len(columns) - unknowns))
+    columns = own.columns(weights.columns([{**candidate.at, **point} for point in nodes.points]), theta)
+    equations = own.instruments.T @ columns
+    power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
     sizes = np.where(lengths > 0.0, lengths, 1.0)
 
+    known = [(one, one.prior) for one in problem.nuisances if one.searched and one.prior is not None]
+
     def misfit(places: Places) -> Places:
-        values = [candidate.at] * places.size
-        if nodes.axes:
-            values = [{**candidate.at, **nodes.at(np.array([one]))} for one in places.tolist()]
-        known = [nuisance for nuisance in problem.nuisances if nuisance.searched]
-        return np.array([sum(nuisance.misfit(at) for nuisance in known) for at in values], dtype=np.float64)
+        at = {name: np.full(places.size, value) for name, value in candidate.at.items()}
+        at |= {axis.nuisance.name: axis.at(places) for axis in nodes.axes}
+        return sum((prior.misfit(one.with_others(at)) for one, prior in known), np.zeros(places.size))
 
     return CandidateCriterion(
         nodes,
-        np.stack(equations) / sizes,
-        np.stack(power) / np.outer(sizes, sizes),
+        equations / sizes,
+        power / np.outer(sizes, sizes),
         misfit,
         float(theta[place]),
         float(sizes[0] / sizes[1]),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eivor.errors import InstrumentError, TooFewSamplesError
-from eivor.linalg.least_squares import lost_to_rounding
+from eivor.linalg.least_squares import lost_to_rounding, row_lengths
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import Regression
 
@@ -32,10 +32,11 @@ def check_rank(system: LinearSystem) -> None:
     Raises
     ------
     InstrumentError
-        With the singular values after columns were scaled to unit length.
+        With the singular values after columns were scaled to unit length, and rows of a square system.
     """
     lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
-    singular = np.linalg.svd(system.matrix / np.where(lengths > 0.0, lengths, 1.0), compute_uv=False)
+    scaled = system.matrix / np.where(lengths > 0.0, lengths, 1.0)
+    singular = np.linalg.svd(scaled / row_lengths(system.matrix)[:, None], compute_uv=False)
     if not lengths.all() or lost_to_rounding(singular, max(system.matrix.shape)):
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",

@@ -1,7 +1,8 @@
 """Least squares: by QR, and through the paper's augmented system.
 
 Columns are scaled to unit length before they are factorised and the solution is scaled back, which does
-not change a least squares problem and makes its condition independent of units.
+not change a least squares problem and makes its condition independent of units. Rows are where there are as
+many as unknowns: all of them are met, whatever weight each has.
 """
 
 from __future__ import annotations
@@ -50,7 +51,8 @@ class UnweightedLeastSquares(UnweightedScore):
         """Least squares solution, see `Solver.solve`."""
         unknowns = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
-        root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
+        scaled = np.column_stack([system.matrix / scale, system.right])
+        root = triangular_root(scaled / row_lengths(system.matrix)[:, None])
         R = root[:unknowns, :unknowns]
         smallest, condition = smallest_singular_value(R)
         theta = self.triangular_solution(R, root[:unknowns, -1], smallest) / scale
@@ -108,6 +110,18 @@ def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
             "Remove it, or choose a window in which that channel moves.",
         )
     return lengths
+
+
+def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+    """Euclidean lengths of the rows of a square matrix whose columns are given unit length.
+
+    Ones where there are more rows than columns: their units are their weights. Ones for zero rows too.
+    """
+    if matrix.shape[0] != matrix.shape[1]:
+        return np.ones(matrix.shape[0])
+    columns = np.einsum("ij,ij->j", matrix, matrix)
+    rows = (matrix * matrix) @ (1.0 / np.where(columns > 0.0, columns, 1.0))
+    return np.asarray(np.sqrt(np.where(rows > 0.0, rows, 1.0)))
 
 
 def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:

@@ -88,6 +88,10 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
     ------
     ParameterError
         Under control, where the input is no given one; or when a channel has no noise.
+
+    Notes
+    -----
+    A disturbance counts as white, with the variance that it has: of a coloured one this is no bound.
     """
     checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
     checks.whole("runs", runs)

@@ -56,12 +56,19 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
     from eivor.simulation.records.scenario import Intersample
 
     scenario = replace(shipped_scenario("rich"), intersample=Intersample.LINEAR, samples=4000)
-    signals = ev.simulate(scenario, np.random.default_rng(2)).signals
-    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
-    found = ev.identify(problem, ev.methods.spectral_giv())
-    low, high = found.interval("input_gain")
-    assert low < TRUTH[1] < high
-    assert abs(found.parameters["input_gain"] / TRUTH[1] - 1.0) < 0.006
+    doubted = 0
+    for seed in range(2, 6):
+        signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
+        problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
+        found = ev.identify(problem, ev.methods.spectral_giv())
+        assert found.status is Status.IDENTIFIED
+        assert abs(found.parameters["input_gain"] - TRUTH[1]) < 3.0 * found.std_error("input_gain")
+        # a likelihood that takes the input as held is 3 % off, which generalized IV tells where it is sharp
+        likelihood = ev.identify(problem, ev.methods.whittle_ml())
+        assert likelihood.parameters["input_gain"] < 0.98 * TRUTH[1]
+        doubted += any("contradicts generalized IV" in reason.sentence for reason in likelihood.reasons)
+        assert (likelihood.status is Status.WEAK) == bool(likelihood.reasons)
+    assert doubted >= 3
 
 
 def without_noise(problem: ev.SignalRegression, *names: str) -> ev.SignalRegression:
@@ -205,7 +212,7 @@ def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
 
 def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
     """Generalized IV's covariance is told by eight averages: the limit is that of Hotelling's T^2."""
-    from eivor.estimation.spectral.spectral_giv import FARTHEST
+    from eivor.estimation.spectral.answers import FARTHEST
 
     ratios = np.random.default_rng(2).standard_normal((4000, 10, 2))
     spread = np.einsum("ikj,ikl->ijl", ratios[:, :8], ratios[:, :8]) / 8.0

@@ -114,13 +114,9 @@ class Nodes:
         total = np.zeros(1)
         for axis, places in zip(self.axes, box, strict=True):
             prior = known.get(axis.nuisance.name)
-            own = np.zeros(places.size) if prior is None else _misfits(prior, axis.at(places))
+            own = np.zeros(places.size) if prior is None else prior.misfit(axis.at(places))
             total = np.add.outer(total, own).ravel()
         return total
-
-
-def _misfits(prior: Prior, values: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    return np.array([prior.misfit(value) for value in values.tolist()])
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:

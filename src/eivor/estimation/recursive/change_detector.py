@@ -4,9 +4,15 @@ The estimate before a look of samples leaves mean scores m of them; H m is a cha
 `References`. With what the look's own rows say of a parameter, q over the average, the part q of a change
 shows, with the variance q. Its ratio to the root of q is divided by a robust scale of those before it, the
 median of their magnitudes, and limited to a number u. Sums to both sides grow by sqrt(q) u - q d with the
-drift d, the logarithm of the likelihood ratio of a change by 2 d but for a factor. While a sum is not zero,
-looks are held against the estimate from before it began: one that forgets would follow the change and leave
-nothing to sum. A sum beyond the threshold is a change: what lies before the last looks is forgotten then.
+drift d, the logarithm of the likelihood ratio of a change by 2 d but for a factor.
+
+That variance is one of errors that are independent over a look. Where an input stands still they are not:
+the change that such a look shows grows with q as its error does, and it tells no more than an average one.
+So beyond q = 1 the ratio is to q, and counts as of q = 1; a look of less than a tenth counts for nothing.
+
+While a sum is not zero, looks are held against the estimate from before it began: one that forgets would
+follow the change and leave nothing to sum. A sum beyond the threshold is a change: what lies before the last
+looks is forgotten then.
 """
 
 from __future__ import annotations
@@ -24,7 +30,7 @@ from eivor.shapes import Float, Int
 NORMAL_MEDIAN = 1.4826
 #: Looks after a change that are listened to only: one memory, until what was kept of before has faded.
 REST = 8
-#: Least of what a look shows of a parameter over what looks do on average.
+#: Least of what a look shows of a parameter over what looks do on average, to show anything.
 LEAST_SEEN = 0.1
 #: What a change counts in the sums to both sides.
 SIDES = np.array([[1.0], [-1.0]])
@@ -108,7 +114,7 @@ class Watch:
     references : References or None
         Estimates that a look may be held against; None for none yet.
     before : ndarray, shape (looks, m)
-        Changes that the last looks showed against the newest, of one variance.
+        Changes that the last looks showed against the newest, of one variance; NaN where they showed none.
     sums : ndarray, shape (2, m)
         To both sides, upwards first.
     held : ndarray, shape (2, m)
@@ -142,12 +148,12 @@ class Watch:
         if self.references is None or not look.count > 0.0:
             return self
         change, seen = self.references.shown(look)
-        roots = np.sqrt(np.maximum(seen, LEAST_SEEN))
-        units, sums = change / roots, self.sums
+        roots = np.sqrt(np.where(seen < LEAST_SEEN, 0.0, np.minimum(seen, 1.0)))
+        units, sums = _in_units(change, seen), self.sums
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             places = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root, most = roots[places], detector.limit
-            step = np.maximum(np.minimum(units[places] / _scale(self.before), most), -most)
+            step = np.maximum(np.minimum(np.nan_to_num(units[places]) / _scale(self.before), most), -most)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
         return Watch(self.references, before, sums, self.held, max(self.resting - 1, 0))
@@ -162,9 +168,17 @@ class Watch:
         return Watch(before=self.before, resting=REST)
 
 
+def _in_units(change: Float[np.ndarray, "W m"], seen: Float[np.ndarray, "W m"]) -> Float[np.ndarray, "W m"]:
+    """Changes of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing."""
+    nothing = seen < LEAST_SEEN
+    told = np.where(nothing, 1.0, seen)
+    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(told), told))
+
+
 def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
-    """Robust standard deviations; infinite where most looks showed no change at all."""
-    half = before.shape[0] // 2
-    middle = np.partition(np.abs(before), half, axis=0)[half]
+    """Robust standard deviations of looks that show something; infinite where most showed no change."""
+    sizes = np.sort(np.abs(before), axis=0)  # NaN last
+    half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
+    middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
     scale: Float[np.ndarray, " m"] = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
     return scale

@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 
+import numpy as np
+
 from eivor.errors import FallbackWarning
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.spectral.sampled_motion import SampledMotion
@@ -12,8 +14,16 @@ from eivor.estimation.spectral.sampled_problem import SampledProblem
 from eivor.estimation.spectral.spectral_covariance import SpectralCovariance
 from eivor.estimation.strength import user_level
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
 from eivor.inference.covariances.estimators import EqualWeightedCosines
+from eivor.inference.sets.ellipse import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
+from eivor.shapes import Float
+
+#: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
+#: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
+#: are three good answers in a hundred.
+FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
 
 
 def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
@@ -67,6 +77,16 @@ def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason
     if friction > 0.0 and gain != 0.0:
         return SampledMotion(sampled.record, friction, gain)
     return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+
+
+def distance_of(
+    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
+) -> float:
+    """Squared distance of friction and gain from generalized IV's, in the errors of both."""
+    between = plain.best.values[:2] - values
+    own = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + own
+    return float(between @ np.linalg.solve(spread, between))
 
 
 def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:

@@ -142,6 +142,10 @@ class PairRows(WeightedRows):
         """Mean of psi [phi' y] at many values of the nuisances."""
         return self.white.products(points)
 
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Combined and whitened rows of [phi y] at many values of the nuisances."""
+        return self.white.columns(points)
+
     def criterion(self, theta: Float[np.ndarray, " n"], at: Values, /) -> float | None:
         """The spectra's, at some parameters."""
         residual = paired_bins(self.problem, theta, at).residual(self.problem.bins(at))

@@ -18,7 +18,15 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.fitted_noise import FittedNoise
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, Problem
-from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
+from eivor.estimation.spectral.answers import (
+    FARTHEST,
+    distance_of,
+    fallback,
+    fallen_back,
+    joint_covariance,
+    start_of,
+    with_grounds,
+)
 from eivor.estimation.spectral.of_flights import corrected_whitening, spectral_giv_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
 from eivor.estimation.spectral.sampled_motion import SampledMotion
@@ -38,18 +46,11 @@ from eivor.estimation.spectral.unknown_input import begun, told_input
 from eivor.estimation.spectral.weights import power_around
 from eivor.estimation.spectral.whitened_rows import solved_rows
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
-from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
-from eivor.inference.covariances.estimators import EqualWeightedCosines
-from eivor.inference.sets.ellipse import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.models.equation import Parameter
 from eivor.models.separable import SeparableProblem
 from eivor.shapes import Float
 
-#: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
-#: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
-#: are three good answers in a hundred.
-FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
 #: Records shorter than this are combined with generalized IV: alone, spectra are not told well enough.
 SHORT_RECORD = 400
 #: Relative change of the parameters in the last pass beyond which they are no answer.
@@ -204,9 +205,7 @@ def _doubt(found: _Found, plain: Estimate) -> str:
         return f"its last pass changed it by {found.solution.change:.0%}"
     if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
-    between = plain.best.values[:2] - values
-    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + _plain_covariance(plain)
-    distance = float(between @ np.linalg.solve(spread, between))
+    distance = distance_of(plain, values, covariance)
     if distance > FARTHEST:
         return f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
     return ""
@@ -247,10 +246,6 @@ def _usual(free: SpectralSolution) -> float | None:
 
 def _found(solution: SpectralSolution) -> _Found:
     return _Found(solution, spectral_covariance(solution))
-
-
-def _plain_covariance(plain: Estimate) -> Float[np.ndarray, "2 2"]:
-    return plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
 
 
 # -- with generalized IV ----------------------------------------------------------------------------------

@@ -10,7 +10,15 @@ from eivor.errors import EivorError, MissingNoiseError
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
-from eivor.estimation.spectral.answers import fallback, fallen_back, joint_covariance, start_of, with_grounds
+from eivor.estimation.spectral.answers import (
+    FARTHEST,
+    distance_of,
+    fallback,
+    fallen_back,
+    joint_covariance,
+    start_of,
+    with_grounds,
+)
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
 from eivor.estimation.spectral.of_flights import whittle_of_flights
 from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
@@ -24,8 +32,9 @@ from eivor.estimation.spectral.spectral_covariance import spectral_covariance
 from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.estimation.spectral.weights import signal_weights
 from eivor.estimation.spectral.whitened_rows import solved_rows
-from eivor.inference.verdict import Reason
+from eivor.inference.verdict import Reason, Status
 from eivor.models.separable import SeparableProblem
+from eivor.shapes import Float
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +90,11 @@ class WhittleLikelihood(Method):
         solved = solved_rows(solution, sampled.parameters)
         values = np.array([found.motion.friction, found.motion.gain])
         solved = replace(solved, solution=replace(solved.solution, theta=values))
-        covariance = joint_covariance(spectral_covariance(solution))
-        candidate = Candidate({}, solved, streamed_covariance=covariance)
+        covariance = spectral_covariance(solution)
+        candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
         answer = Estimate(self.name, sampled.parameters, (candidate,), noises=found.noises)
-        return with_grounds(answer, settled=found.settled)
+        answer = with_grounds(answer, settled=found.settled)
+        return replace(answer, reasons=(*answer.reasons, *_contradiction(plain, values, covariance.model)))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
         start = start_of(sampled, plain)
@@ -100,6 +110,20 @@ class WhittleLikelihood(Method):
         if not (np.isfinite(gain) and friction > 0.0 and gain * start.gain > 0.0):
             return fallback(f"its friction came out at {friction:.3g} 1/s")
         return found
+
+
+def _contradiction(
+    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
+) -> tuple[Reason, ...]:
+    """Ground against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
+    distance = distance_of(plain, values, covariance)
+    if not distance > FARTHEST:
+        return ()
+    sentence = (
+        f"It contradicts generalized IV beyond chance (squared distance {distance:.3g}): a noise, or the "
+        "input between samples, is not what the likelihood takes it for."
+    )
+    return (Reason(Status.WEAK, sentence, "Use spectral_giv, which asks for neither."),)
 
 
 def _as_solution(sampled: SampledProblem, found: Likelihood) -> SpectralSolution:

@@ -26,7 +26,7 @@ from eivor.estimation.unknown_noise.long_memory import long_memory_covariance
 from eivor.estimation.unknown_noise.shared_moments import FIRST_ORDER, SharedMoments, UnknownNoise
 from eivor.estimation.weighting.equations import weighted
 from eivor.inference.covariances.bandwidth import newey_west_bandwidth
-from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
+from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, unit_scale
 from eivor.inference.diagnostics.instrument_tests import conditional_first_stage, orthonormal_basis
 from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
 from eivor.inference.quantiles import chi_square_tail
@@ -165,7 +165,9 @@ class _Search:
         extra = [units[number][:, j] for number, j in linear]
         right = self.cross[:, -1] - self.known[:, -1]
         left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-one for one in extra)])
-        found = np.linalg.lstsq(self._divided(left), self._divided(right), rcond=None)[0]
+        left = self._divided(left)
+        size = _column_scale(left)
+        found = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
         direction = np.append(found[:n], -1.0)
         beta = list(found[:n])
         for number, noise in enumerate(self.shared.unknown):
@@ -193,17 +195,19 @@ class _Search:
             low += [0.0, -LARGEST_ORDER] if noise.fractional else [-np.inf]
             high += [np.inf, LARGEST_ORDER] if noise.fractional else [np.inf]
         for _ in range(PASSES):
+            # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
+            size = _column_scale(self._divided(self._slopes(beta)))
             found = least_squares(
-                lambda x: self._divided(self._residual(x)),
-                beta,
-                lambda x: self._divided(self._slopes(x)),
-                bounds=(low, high),
+                lambda x, size=size: self._divided(self._residual(size * x)),
+                beta / size,
+                lambda x, size=size: self._divided(self._slopes(size * x)) * size,
+                bounds=(np.array(low) / size, np.array(high) / size),
                 x_scale="jac",
                 xtol=1e-12,
                 ftol=1e-12,
-                gtol=1e-12,
+                gtol=None,
             )
-            beta = found.x
+            beta = size * found.x
             self.factor = weighted(self._system(), self._covariance(beta)).factor
         return beta
 
@@ -329,3 +333,8 @@ class _Search:
                 Reason(Status.WEAK, sentence, "Leave out the velocity's equations, or give orders.")
             )
         return reasons
+
+
+def _column_scale(matrix: Float[np.ndarray, "p k"]) -> Float[np.ndarray, " k"]:
+    """What brings every column to unit length, whatever the units."""
+    return unit_scale(np.einsum("ij,ij->j", matrix, matrix))

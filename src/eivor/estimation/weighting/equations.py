@@ -15,8 +15,6 @@ import scipy.linalg
 from eivor import checks
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.moments import CrossMoments, Moments
-from eivor.inference.covariances.bandwidth import newey_west_bandwidth
-from eivor.inference.covariances.kernel import bartlett_covariance
 from eivor.linalg.system import LinearSystem
 from eivor.models.regression import LinearProblem
 from eivor.shapes import Float
@@ -165,6 +163,9 @@ class TwoStepRobust(EquationWeighting):
         UsageError
             When the rows are not at hand: the weight needs a second pass over them.
         """
+        from eivor.inference.covariances.bandwidth import newey_west_bandwidth
+        from eivor.inference.covariances.kernel import bartlett_covariance
+
         if at.theta is None:
             return TwoStage().equations(at)
         if at.problem is None:

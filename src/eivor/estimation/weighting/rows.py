@@ -28,6 +28,10 @@ class WeightedRows(ABC):
         """Mean of psi [phi' y] at many values of the nuisances."""
         return np.stack([_mean_products(self.rows(at)) for at in points])
 
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Weighted rows of [phi y] at many values of the nuisances."""
+        return np.stack([_columns(self.rows(at)) for at in points])
+
     def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
         return None
@@ -39,8 +43,11 @@ class WeightedRows(ABC):
 
 
 def _mean_products(rows: Regression) -> Float[np.ndarray, "p n_plus_1"]:
-    columns = np.column_stack([rows.regressors, rows.response])
-    return rows.instruments.T @ columns / rows.response.size
+    return rows.instruments.T @ _columns(rows) / rows.response.size
+
+
+def _columns(rows: Regression) -> Float[np.ndarray, "rows n_plus_1"]:
+    return np.column_stack([rows.regressors, rows.response])
 
 
 class RowWeighting(ABC):

@@ -62,12 +62,17 @@ class WhitenedRows(WeightedRows):
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
-        moved = [self.problem.bins(at) for at in points]
-        rows = moved[0].whitened_rows(self.blend, self.power, np.column_stack([b.regressors for b in moved]))
-        means = self.basis.T @ rows / rows.shape[0]
-        response = np.broadcast_to(means[:, :1], (len(points), *means[:, :1].shape))
-        regressors = means[:, 1:].reshape(self.basis.shape[1], len(points), -1).transpose(1, 0, 2)
-        return np.concatenate([regressors, response], axis=2)
+        rows = self._side_by_side(points)
+        return _apart(self.basis.T @ rows / rows.shape[0], len(points))
+
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Whitened rows of [phi y] at many values of the nuisances."""
+        return _apart(self._side_by_side(points), len(points))
+
+    def _side_by_side(self, points: Sequence[Values]) -> Float[np.ndarray, "rows columns"]:
+        """Whitened rows: the response, and the regressors of one point after the other."""
+        moved = self.problem.many_bins(points)
+        return moved[0].whitened_rows(self.blend, self.power, np.column_stack([b.regressors for b in moved]))
 
     @property
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WhitenedRows] | None:
@@ -76,6 +81,13 @@ class WhitenedRows(WeightedRows):
 
     def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> WhitenedRows:
         return replace(whitened_by_residuals(self.problem, theta, at), renewals=self.renewals - 1)
+
+
+def _apart(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
+    """[phi y] of each point, from the response and the regressors of all of them side by side."""
+    response = np.broadcast_to(rows[:, :1], (points, rows.shape[0], 1))
+    regressors = rows[:, 1:].reshape(rows.shape[0], points, -1).transpose(1, 0, 2)
+    return np.concatenate([regressors, response], axis=2)
 
 
 @dataclass(frozen=True, slots=True)

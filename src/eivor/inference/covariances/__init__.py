@@ -8,14 +8,8 @@ never narrower than what white residuals ask for as well.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
 
-from eivor.inference.covariances.bandwidth import (
-    AndrewsRule,
-    Bandwidth,
-    FixedBandwidth,
-    NeweyWestRule,
-    SquareRootRule,
-)
 from eivor.inference.covariances.estimators import (
     DEFAULT,
     FLIGHT_DEFAULT,
@@ -26,8 +20,18 @@ from eivor.inference.covariances.estimators import (
     HeteroskedasticityRobust,
     Widest,
 )
-from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
-from eivor.inference.covariances.kernel_covariance import KernelRobust
+from eivor.late import late_names
+
+if TYPE_CHECKING:
+    from eivor.inference.covariances.bandwidth import (
+        AndrewsRule,
+        Bandwidth,
+        FixedBandwidth,
+        NeweyWestRule,
+        SquareRootRule,
+    )
+    from eivor.inference.covariances.kernel import Bartlett, Kernel, Parzen, QuadraticSpectral
+    from eivor.inference.covariances.kernel_covariance import KernelRobust
 
 __all__ = [
     "AndrewsRule",
@@ -48,14 +52,55 @@ __all__ = [
     "Widest",
 ]
 
+__getattr__ = late_names(
+    __name__,
+    {
+        "AndrewsRule": "eivor.inference.covariances.bandwidth",
+        "Bandwidth": "eivor.inference.covariances.bandwidth",
+        "Bartlett": "eivor.inference.covariances.kernel",
+        "FixedBandwidth": "eivor.inference.covariances.bandwidth",
+        "Kernel": "eivor.inference.covariances.kernel",
+        "KernelRobust": "eivor.inference.covariances.kernel_covariance",
+        "NeweyWestRule": "eivor.inference.covariances.bandwidth",
+        "Parzen": "eivor.inference.covariances.kernel",
+        "QuadraticSpectral": "eivor.inference.covariances.kernel",
+        "SquareRootRule": "eivor.inference.covariances.bandwidth",
+    },
+)
+
+
+def _newey_west() -> CovarianceEstimator:
+    from eivor.inference.covariances.bandwidth import NeweyWestRule
+    from eivor.inference.covariances.kernel import Bartlett
+    from eivor.inference.covariances.kernel_covariance import KernelRobust
+
+    return KernelRobust(Bartlett(), NeweyWestRule(), fixed_b=False)
+
+
+def _andrews() -> CovarianceEstimator:
+    from eivor.inference.covariances.bandwidth import AndrewsRule
+    from eivor.inference.covariances.kernel import QuadraticSpectral
+    from eivor.inference.covariances.kernel_covariance import KernelRobust
+
+    return KernelRobust(QuadraticSpectral(), AndrewsRule(), fixed_b=False)
+
+
+def _bartlett_fixed_b() -> CovarianceEstimator:
+    from eivor.inference.covariances.bandwidth import SquareRootRule
+    from eivor.inference.covariances.kernel import Bartlett
+    from eivor.inference.covariances.kernel_covariance import KernelRobust
+
+    return KernelRobust(Bartlett(), SquareRootRule())
+
+
 #: Covariances that a study file may name.
 TABLE: Mapping[str, Callable[[], CovarianceEstimator]] = {
     "equal_weighted_cosines": lambda: DEFAULT,
     "classical": Classical,
     "heteroskedasticity_robust": HeteroskedasticityRobust,
-    "newey_west": lambda: KernelRobust(Bartlett(), NeweyWestRule(), fixed_b=False),
-    "andrews": lambda: KernelRobust(QuadraticSpectral(), AndrewsRule(), fixed_b=False),
-    "bartlett_fixed_b": lambda: KernelRobust(Bartlett(), SquareRootRule()),
+    "newey_west": _newey_west,
+    "andrews": _andrews,
+    "bartlett_fixed_b": _bartlett_fixed_b,
     "widest": lambda: FLIGHT_DEFAULT,
 }
 
