@@ -26,6 +26,8 @@ from validation.requirement import Requirement
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2
 PACKAGES = ("eivor", "numpy", "scipy")
+#: What names a row of a run.
+KEYS = ("scenario", "samples", "method", "parameter")
 
 Row = dict[str, str | int | float]
 
@@ -80,7 +82,7 @@ class SuiteCommand:
             type=Path,
             action="append",
             metavar="FILE.parquet",
-            help="a finished run; given again, another one of other scenarios or lengths",
+            help="a finished run; given again, one of other rows: of one that both have, more records win",
         )
         chosen = parser.parse_args(arguments)
         try:
@@ -96,7 +98,7 @@ class SuiteCommand:
         if chosen.out and not chosen.out.parent.is_dir():
             raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
         if chosen.sources:
-            rows = pl.concat(read_rows(one, self.columns, self.kind) for one in chosen.sources)
+            rows = joined([read_rows(one, self.columns, self.kind) for one in chosen.sources])
         else:
             suite = read_suite(chosen.suite) if chosen.suite else self.suite()
             if chosen.runs is not None:
@@ -145,6 +147,17 @@ def run_suite(
             rows.extend(rows_of(one, result))
             bar.advance(task)
     return pl.DataFrame(rows)
+
+
+def joined(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """Rows of several runs, in the order in which they are first met.
+
+    A row that several have is taken from the one with most records: those of one seed begin alike, so the
+    others' are among them.
+    """
+    rows = pl.concat(tables)
+    most = rows.group_by(*KEYS, maintain_order=True).agg(pl.all().sort_by("runs").last())
+    return most.select(rows.columns)
 
 
 def versions() -> str:

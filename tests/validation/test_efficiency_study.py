@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from validation.efficiency.page import PART, efficiency_tables
 from validation.efficiency.requirements import HELD, KNOWN, OVER_BOUND, requirements
 from validation.efficiency.study import efficiency_suite, main
 from validation.efficiency.table import COLUMNS
-from validation.suites import WRONG, read_rows, write_rows
+from validation.suites import KEYS, WRONG, joined, read_rows, write_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
-HELD_SUITE = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"
+SUITES = Path(__file__).parents[2] / "validation" / "efficiency"
+HELD_SUITE, QUICK_SUITE = SUITES / "held.toml", SUITES / "quick.toml"
 SUITE = """
 name = "small"
 runs = 2
@@ -57,6 +59,15 @@ def test_the_held_scenarios_are_those_that_are_judged() -> None:
     assert {(one.scenario, one.samples) for one in held.studies} == {(a, b) for a in HELD for b in OVER_BOUND}
     whole = {(one.scenario, one.samples): one.study for one in efficiency_suite().studies}
     assert all(one.study == whole[one.scenario, one.samples] for one in held.studies)
+
+
+def test_the_quick_methods_are_on_the_same_records() -> None:
+    quick = {(one.scenario, one.samples): one.study for one in read_suite(QUICK_SUITE).studies}
+    whole = {(one.scenario, one.samples): one.study for one in efficiency_suite().studies}
+    assert quick.keys() == whole.keys()
+    for place, study in quick.items():
+        assert study == dataclasses.replace(whole[place], methods=study.methods)
+        assert set(study.methods) < set(whole[place].methods)
 
 
 def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Path) -> None:
@@ -106,6 +117,15 @@ def test_runs_of_other_lengths_make_one_page(
     assert told == efficiency_tables(pl.concat(parts)) + "\n"
     assert "7 to" in told
     assert "| v | 7 |" in told
+
+
+def test_a_row_of_several_runs_is_of_most_records(published: pl.DataFrame) -> None:
+    quick = published.filter(pl.col("method") == "generalized_iv").with_columns(runs=pl.lit(5000, pl.Int64))
+    both = joined([published, quick])
+    assert both.drop("runs").equals(published.drop("runs"))
+    assert both.filter(pl.col("runs") == 5000).equals(quick)
+    assert joined([quick, published]).sort(KEYS).equals(both.sort(KEYS))
+    assert "| v | 1000 to 5000 |" in efficiency_tables(both)
 
 
 def test_requirements_can_fail(published: pl.DataFrame) -> None:

@@ -50,12 +50,19 @@ def test_tables_say_what_the_rows_are_off_by_and_how_many_intervals_held():
         "| 60, 72 ms | `whitened_least_squares` | (+3.0 %) | (+3.0 %), (+3.0 %), (+3.0 %) | (+3.0 %) "
         "| (+3.0 %) | weak |",
     ]
+    assert beside.STAMPS not in found  # a page keeps the table of what was not flown
     (line,) = found[beside.SPEEDS].splitlines()[2:]
     assert line.startswith("| 3 % | `total_least_squares` | 2 | +2.0, 2.2 % [0.50] |")
 
 
-def test_the_page_has_both_tables_and_every_lag_of_them():
-    for kind in (beside.LAGS, beside.SPEEDS):
+def test_the_table_of_stamps_that_err_has_the_worst_of_each_group():
+    made = rows(beside.STAMPS, {0: 0.01, 1: 0.03}, beside.LEAST_SQUARES)
+    (line,) = beside.tables(StudyTable(pl.DataFrame(made), {}))[beside.STAMPS].splitlines()[2:]
+    assert line == "| 2 | " + " | ".join(4 * ["+2 %, 2.2 % [0.50]"]) + " |"
+
+
+def test_the_page_has_all_tables_and_every_lag_of_them():
+    for kind in (beside.LAGS, beside.SPEEDS, beside.STAMPS):
         text = page_text(PAGE, kind)
     for up, down in beside.LAGS_S:
         assert text.count(f"| {1e3 * up:.0f}, {1e3 * down:.0f} ms |") == 2

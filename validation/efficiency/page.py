@@ -24,8 +24,8 @@ def efficiency_tables(rows: pl.DataFrame) -> str:
         (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
     ]
     parts = [
-        f"Made by `{COMMAND}` with {first['versions']}: {_records(rows)}, seed {first['seed']}. "
-        "Each cell is K / K_u.",
+        f"Made by `{COMMAND}` with {first['versions']}: {_number(rows)} records of each scenario and length, "
+        f"seed {first['seed']}. Each cell is K / K_u.",
         markdown(("what", "asked", "measured", "met"), asked),
     ]
     methods = rows["method"].unique(maintain_order=True).to_list()
@@ -46,15 +46,14 @@ def _table(here: pl.DataFrame, methods: list[str], columns: Mapping[str, Cell], 
         first = at.filter(pl.col("method") == methods[0])
         beside = [_pair(first, one) for one in columns.values()]
         cells = [_pair(at.filter(pl.col("method") == method), cell) for method in methods]
-        lines.append([str(scenario), f"{first['runs'][0]}", *beside, *cells])
+        lines.append([str(scenario), _number(at), *beside, *cells])
     return markdown(["scenario", "records", *columns, *methods], lines)
 
 
-def _records(rows: pl.DataFrame) -> str:
+def _number(rows: pl.DataFrame) -> str:
+    """Number of records, or from which to which it goes."""
     runs = rows["runs"].unique().sort().to_list()
-    if len(runs) == 1:
-        return f"{runs[0]} records of each scenario and length"
-    return f"{runs[0]} to {runs[-1]} records of each scenario and length, as the tables say"
+    return f"{runs[0]}" if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
 
 
 def _pair(rows: pl.DataFrame, cell: Cell) -> str:

@@ -1,9 +1,10 @@
-"""Two tables of docs/rigid-body.md beside the grid: rotors with two lags, and noisy tachometers.
+"""Tables of docs/rigid-body.md beside the grid: rotors with two lags, noisy tachometers, stamps that err.
 
     python -m validation.rigid_body.beside [--folder FOLDER] [--kinds WORD] [--page docs/rigid-body.md]
 
 flies them, RotorPy's Crazyflie with the grid's nominal noise, and prints the tables. Finished flights are
 kept in the folder, and a run that was interrupted goes on there; `--tables` makes the tables of what is done.
+A table of which nothing was flown stays on the page as it is.
 """
 
 from __future__ import annotations
@@ -31,9 +32,10 @@ from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
 from eivor.studies.generated_page import markdown, page_text, page_with
 from eivor.whole_file import write_whole
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
-from validation.rigid_body.flights import NOISE, flight_of, known_vehicle
+from validation.rigid_body.flights import NOISE, flight_of, jittered, known_vehicle
 from validation.rigid_body.grid import published_grid
-from validation.rigid_body.quantities import LAG, truth_of
+from validation.rigid_body.page import cell
+from validation.rigid_body.quantities import GROUPS, LAG, truth_of
 from validation.rigid_body.requirements import scores
 from validation.study_folder import Row, StudyFolder, StudyTable
 
@@ -45,8 +47,10 @@ LAGS_S = ((0.072, 0.072), (0.060, 0.072), (0.060, 0.090))
 SPEED_NOISES, SPEED_FLIGHTS = (0.01, 0.03), 12
 #: First seed of both, see `Scenario`.
 LAGS_SEED, SPEED_SEED = 80000, 81000
-LAGS, SPEEDS = "two lags", "measured speeds"
-#: What both tables show, in order.
+#: Scenario of the grid whose stamps err; its own seeds and number of flights.
+OUT_OF_STEP = "stamps out of step, with 1 ms of jitter"
+LAGS, SPEEDS, STAMPS = "two lags", "measured speeds", "erring stamps"
+#: What the tables of lags and speeds show, in order.
 SHOWN = (*(one.name for one in GAIN), THRUST.name, DRAG[2].name)
 
 
@@ -83,14 +87,17 @@ class Flown:
 
 
 def all_flights() -> list[Flown]:
-    """Flights of both tables, those of low numbers first."""
+    """Flights of all tables, those of low numbers first."""
     lags = [Flown(LAGS, case, 0) for case in range(len(LAGS_S))]
     speeds = [Flown(SPEEDS, case, n) for n in range(SPEED_FLIGHTS) for case in range(len(SPEED_NOISES))]
-    return [*lags, *speeds]
+    stamps = [Flown(STAMPS, 0, number) for number in range(published_grid().scenario(OUT_OF_STEP).count)]
+    return [*lags, *speeds, *stamps]
 
 
 def rows_of(one: Flown) -> tuple[Row, ...]:
     """Rows of a flight: one for each method and quantity."""
+    if one.kind == STAMPS:
+        return _rows_of_erring(one)
     scenario = replace(
         published_grid().scenario("nominal noise"), seed=LAGS_SEED if one.kind == LAGS else SPEED_SEED
     )
@@ -106,6 +113,18 @@ def rows_of(one: Flown) -> tuple[Row, ...]:
         for method in methods
         for row in _rows(one, method, truth, identified(flight.recording, motion, method, noise))
     )
+
+
+def _rows_of_erring(one: Flown) -> tuple[Row, ...]:
+    """Rows of a flight out of step: its seed is that of the grid's, and so is the flight."""
+    scenario = published_grid().scenario(OUT_OF_STEP)
+    (flight,) = simulate_rigid_body_flights(
+        [flight_of(VEHICLE, scenario, published_grid().seconds, one.number)]
+    )
+    log = jittered(flight.recording, scenario.jitter_s, scenario.seed + one.number)
+    motion = RigidBody(known_vehicle(VEHICLE, scenario))
+    told = identified(log, motion, LEAST_SQUARES, None)
+    return tuple(_rows(one, LEAST_SQUARES, truth_of(flight.truth.parameters), told))
 
 
 def identified(
@@ -156,10 +175,10 @@ def _rows(one: Flown, method: str, truth: Mapping[str, float], found: FlightEsti
 
 
 def tables(table: StudyTable) -> dict[str, str]:
-    """Both tables as Markdown, by the names of their parts of the page; of what was flown."""
-    made = {LAGS: _table_of_lags, SPEEDS: _table_of_speeds}
-    rows = table.rows
-    return {kind: make(rows.filter(pl.col("kind") == kind)) for kind, make in made.items()}
+    """Tables as Markdown, by the names of their parts of the page; of the kinds of which any was flown."""
+    made = {LAGS: _table_of_lags, SPEEDS: _table_of_speeds, STAMPS: _table_of_stamps}
+    of_kind = {kind: table.rows.filter(pl.col("kind") == kind) for kind in made}
+    return {kind: make(of_kind[kind]) for kind, make in made.items() if of_kind[kind].height}
 
 
 def _table_of_lags(rows: pl.DataFrame) -> str:
@@ -202,6 +221,13 @@ def _table_of_speeds(rows: pl.DataFrame) -> str:
         share = f"{100.0 * SPEED_NOISES[int(str(case))]:.2g} %"
         lines.append((share, f"`{method}`", f"{own['number'].n_unique()}", *cells))
     return markdown(header, lines)
+
+
+def _table_of_stamps(rows: pl.DataFrame) -> str:
+    found = scores(rows)
+    groups = {name: names for name, names in GROUPS.items() if set(names) & set(found)}
+    flights = f"{rows['number'].n_unique()}"
+    return markdown(("flights", *groups), [(flights, *(cell(found, names) for names in groups.values()))])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

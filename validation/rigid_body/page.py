@@ -50,12 +50,13 @@ def score_table(rows: pl.DataFrame, grid: Grid) -> str:
             found = scores(own)
             flights = own["number"].n_unique()
             lines.append(
-                (f"{name}, {method}", f"{flights}", *(_cell(found, names) for names in GROUPS.values()))
+                (f"{name}, {method}", f"{flights}", *(cell(found, names) for names in GROUPS.values()))
             )
     return markdown(("flights", "number", *GROUPS), lines)
 
 
-def _cell(found: dict[str, Score], names: tuple[str, ...]) -> str:
+def cell(found: dict[str, Score], names: tuple[str, ...]) -> str:
+    """Bias, root mean square error and coverage of a group: the worst of each number."""
     own = [found[name] for name in names if name in found and found[name].count]
     if not own:
         return "-"
