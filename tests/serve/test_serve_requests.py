@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 
 import pytest
 
@@ -199,22 +200,25 @@ def test_a_log_that_breaks_off_leaves_nothing(page):
 
 
 def test_connections_are_bounded_and_must_say_what_they_want(page, monkeypatch):
-    page.server.connections.end(1.0)
+    connections = page.server.connections
+    connections.end(1.0)
     monkeypatch.setattr(of_server, "MOST_CONNECTIONS", 3)
-    monkeypatch.setattr(of_server, "HEAD_S", 0.0)
     address = ("127.0.0.1", page.server.gate.port)
-    slow = [socket.create_connection(address, timeout=10.0) for _ in range(3)]
-    for line in slow:
-        line.sendall(b"GET / HTTP/1.1\r\nHo")
-    until = time.monotonic() + 10.0
-    while len(page.server.connections._open) < 3 and time.monotonic() < until:
-        time.sleep(0.01)
-    with socket.create_connection(address, timeout=10.0) as one_more:
-        assert one_more.recv(100).startswith(b"HTTP/1.1 503 ")
-    page.server.connections.end_late()
-    for line in slow:
-        assert line.recv(100) == b""
-        line.close()
+    with ExitStack() as held:
+        slow = [held.enter_context(socket.create_connection(address, timeout=10.0)) for _ in range(3)]
+        for line in slow:
+            line.sendall(b"GET / HTTP/1.1\r\nHo")
+        until = time.monotonic() + 10.0
+        while len(connections._open) < 3 and time.monotonic() < until:
+            time.sleep(0.01)
+        with socket.create_connection(address, timeout=10.0) as one_more:
+            assert one_more.recv(100).startswith(b"HTTP/1.1 503 ")
+        assert all(until > time.monotonic() for until in connections._open.values())
+        # Only now is their time over: the server looks after them by itself once a second.
+        connections._open.update(dict.fromkeys(connections._open, 0.0))
+        connections.end_late()
+        for line in slow:
+            assert line.recv(100) == b""
     monkeypatch.undo()
     assert page("GET", "/choices")[0] == 200
 
