@@ -52,7 +52,7 @@ class Took:
 def main() -> None:
     small = arguments(__doc__).small
     print(machine())
-    count, duration_s, rounds = (2, 4.0, 1) if small else (40, 30.0, 2)
+    count, duration_s, rounds = (2, 4.0, 1) if small else (200, 30.0, 2)
     many = {"damaged": (10,), "identical": (10,)} if small else MANY
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
