@@ -19,7 +19,7 @@ from eivor.simulation.flights.trajectories import TrajectoryKind
 from eivor.simulation.rigid_body.controller import FlightController
 from eivor.simulation.rigid_body.flight import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body.integrators import AdaptiveSteps
-from eivor.simulation.rigid_body.known_log import log_of_rigid_body_flight
+from eivor.simulation.rigid_body.known_log import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body.sensors import Sensor
 from eivor.simulation.rigid_body.spec import (
     AxisExcitations,
@@ -397,3 +397,21 @@ def test_a_lost_vehicle_is_told():
     assert not fly(storm).flew
     with pytest.raises(ParameterError, match="stays upright"):
         log_of_rigid_body_flight(storm)
+
+
+def test_friction_of_the_truth_is_that_of_the_flights_speeds():
+    """Up and down at 1 and 3 m/s: half of the squares' weight is not half of the samples."""
+    truth = fly(replace(QUIET, duration=0.1)).truth
+    dragged = replace(truth.parameters, drag=(0.1, 0.1, 0.2), quadratic_drag=(0.0, 0.0, 0.05))
+
+    def flown(*climbs, attitude=(1.0, 0.0, 0.0, 0.0)):
+        air = np.array([[0.0, 0.0, climb] for climb in climbs])
+        return replace(
+            truth, parameters=dragged, air_velocity=air, attitude=np.tile(attitude, (len(climbs), 1))
+        )
+
+    assert viscous_friction(flown(0.0, 0.0)) == 0.2
+    assert viscous_friction(flown(2.0, -2.0)) == pytest.approx(0.2 + 0.05 * 2.0)
+    assert viscous_friction(flown(1.0, -3.0)) == pytest.approx(0.2 + 0.05 * 28.0 / 10.0)
+    sideways = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
+    assert viscous_friction(flown(2.0, attitude=sideways)) == pytest.approx(0.2)

@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from importlib.metadata import version
 
+import numpy as np
+
 from eivor.errors import ParameterError
+from eivor.motions.rigid_body.dynamics import into_body, rotation
 from eivor.simulation.flights.known_log import SCHEMA, KnownLog
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body.flight import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
 
 #: Units of what the truth says of every axis.
@@ -61,7 +64,7 @@ def _truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, obje
     rotors = spec.vehicle.rotors
     return {
         "schema": SCHEMA,
-        "viscous_friction": told.drag[2],
+        "viscous_friction": viscous_friction(flight.truth),
         "input_gain": rotors.count * told.thrust_gain,
         "hover_input": spec.vehicle.hover_speed,
         **asdict(told),
@@ -79,3 +82,26 @@ def _truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, obje
         "seed": spec.seed,
         "provenance": {"version": version("eivor")},
     }
+
+
+def viscous_friction(truth: RigidBodyTruth) -> float:
+    """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2.
+
+    It is what `eivor identify` calls viscous friction: the body's quadratic drag, at the speeds that it was
+    flown at, is part of it.
+
+    Parameters
+    ----------
+    truth : RigidBodyTruth
+        Of a flight.
+    """
+    told = truth.parameters
+    w, x, y, z = truth.attitude.T
+    along_x, along_y, along_z = truth.air_velocity.T
+    _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
+    squared = np.asarray(climb) ** 2
+    total = squared.sum()
+    if not total > 0.0:
+        return told.drag[2]
+    speed = np.linalg.norm(truth.air_velocity, axis=1)
+    return told.drag[2] + told.quadratic_drag[2] * float(speed @ squared / total)

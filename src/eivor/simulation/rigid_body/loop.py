@@ -89,7 +89,7 @@ def alike(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
 CHUNK = 500
 
 #: Series that a loop reads, one entry for each step: components of one row.
-_Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n parts flights"]
+_Rows: TypeAlias = Sequence[Components] | Float[np.ndarray, "n _ flights"]
 #: Body, rotor speeds, commands, thrust, torques and wanted rates of a step.
 _Moment: TypeAlias = tuple[Body, list[Value], list[Value], Value, Triple, Triple]
 
