@@ -11,7 +11,7 @@ from eivor.flights.allowance import Counts
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.quantity import Unjudged
-from eivor.motions.rigid_body.allowances import all_allowances
+from eivor.motions.rigid_body.allowances import POINT_WITHIN, all_allowances
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
@@ -36,17 +36,34 @@ def prepared(command_hz: float):
 
 
 def test_every_fourth_command_may_be_another_throughout():
+    """How often commands were issued is not told: one millisecond is assumed of at most two."""
     flight = prepared(125.0)
+    assert flight.unlogged_step_s == pytest.approx(0.001)
     found = all_allowances((flight,), TOLD, VEHICLE)
-    half_s = 0.5 * flight.unlogged_step_s
-    assert half_s == pytest.approx(0.0005)
     (gain,) = found["roll_gain"]
-    assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(2.0)] * 2)
-    assert "1 % larger or smaller" in gain.sentence
+    share = 0.701e-3 / 0.05
+    assert (gain.counts, gain.below, gain.above) == (Counts.INDEPENDENT, *[pytest.approx(200.0 * share)] * 2)
+    assert "1.4 % larger or smaller" in gain.sentence
     by_stamps, by_loops = found["effective_lag"]
-    assert by_stamps.counts is Counts.ADDED
-    assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(half_s))
+    assert (by_stamps.counts, by_stamps.above) == (Counts.INDEPENDENT, flight.command_slack_s)
+    assert (by_loops.counts, by_loops.above) == (Counts.INDEPENDENT, pytest.approx(0.701e-3))
     assert "drag_z" not in found
+
+
+def test_where_stamps_tell_how_often_only_the_point_is_open():
+    told = replace(prepared(125.0), command_slack_s=0.0)
+    (gain,) = all_allowances((told,), TOLD, VEHICLE)["roll_gain"]
+    assert gain.above == pytest.approx(200.0 * 0.5e-3 / 0.05)
+    (late,) = all_allowances((told,), TOLD, VEHICLE)["effective_lag"]
+    assert late.above == pytest.approx(0.5e-3)
+
+
+def test_the_point_is_a_twentieth_beyond():
+    """A time up to H, and a point up to half of it away: drawn."""
+    rng = np.random.default_rng(1)
+    count = 1_000_000
+    away = rng.uniform(0.0, 1.0, count) * rng.uniform(0.0, 0.5, count)
+    assert np.mean(away > 0.5 * POINT_WITHIN) == pytest.approx(0.05, abs=5.0 * np.sqrt(0.05 * 0.95 / count))
 
 
 def test_a_log_of_every_command_leaves_nothing_open():
