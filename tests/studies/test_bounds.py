@@ -6,11 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 
 import eivor as ev
 from eivor.errors import ParameterError
+from eivor.shapes import Float
 from eivor.signals.noise import WhiteNoise
+from eivor.simulation.records.scenario import Scenario
 from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.simulation.sources.deterministic_disturbance import GivenDisturbance, SumOfDisturbances, Trend
+from eivor.simulation.sources.disturbance import Disturbance, WhiteDisturbance
+from eivor.simulation.sources.linear_disturbance import Arma
+from eivor.studies.bounds import disturbance_power
 
 #: Bounds in per cent of the parameters, 4,000 samples, worked out by an independent program.
 KNOWN = {
@@ -29,18 +36,25 @@ def test_shipped_scenarios_have_the_bounds_known_of_them(name: str) -> None:
     np.testing.assert_allclose(100.0 * np.array(list(bound.relative.values())), KNOWN[name], rtol=0.04)
 
 
-def test_exact_regressors_give_the_bound_of_least_squares() -> None:
-    """Without noise of input and velocity it is s_a^2 (X'X)^-1, once the velocity's own equation is left out.
+def exact_regressors(disturbance: Disturbance | None, response_std: float) -> Scenario:
+    """The velocity is exact, and its equation, which would tell the friction without error, is kept out.
 
-    The velocity is then exact, and its equation tells the friction without error: noise of the velocity far
-    above that of the input, and none to speak of beside the response's, keeps it out.
+    Noise of the velocity far above that of the input, and none to speak of beside the response's, does that.
     """
-    base = shipped_scenario("white")
-    noise = {"input": WhiteNoise(1e-7), "velocity_z": WhiteNoise(1e3), "acceleration_z": WhiteNoise(1e-3)}
-    scenario = replace(base, noise=noise, noise_to_signal={}, disturbance=None, disturbance_to_signal=None)
-    bound = ev.bounds.cramer_rao(scenario, runs=1)
+    noise = {"input": 1e-7, "velocity_z": 1e3, "acceleration_z": response_std}
+    return replace(
+        shipped_scenario("white"),
+        noise={name: WhiteNoise(std) for name, std in noise.items()},
+        noise_to_signal={},
+        disturbance=disturbance,
+        disturbance_to_signal=None,
+    )
+
+
+def regressors(scenario: Scenario) -> Float[np.ndarray, "n 2"]:
+    """Derivatives of z'' by K and K_u over the first record of a scenario, without their means."""
     truth = ev.simulate(scenario, np.random.default_rng([0, 0])).truth
-    K, b, T = base.viscous_friction, base.input_gain, scenario.step_s
+    K, b, T = scenario.viscous_friction, scenario.input_gain, scenario.step_s
     u = truth.channel("input")
     # a = u b - K v of u alone: its derivatives by K and b, by recursion
     v, v_K = np.zeros(u.size), np.zeros(u.size)
@@ -50,9 +64,46 @@ def test_exact_regressors_give_the_bound_of_least_squares() -> None:
         v[k + 1] = decay * v[k] + held * b * u[k]
         v_K[k + 1] = decay * v_K[k] - T * decay * v[k] + held_K * b * u[k]
     X = np.stack([-v - K * v_K, u - K * v / b], axis=1)
-    X -= X.mean(axis=0)
+    return np.asarray(X - X.mean(axis=0))
+
+
+def test_exact_regressors_give_the_bound_of_least_squares() -> None:
+    """It is s_a^2 (X'X)^-1."""
+    scenario = exact_regressors(None, 1e-3)
+    X = regressors(scenario)
     expected = 1e-3**2 * np.linalg.inv(X.T @ X)
-    np.testing.assert_allclose(bound.covariance, expected, rtol=0.01)
+    np.testing.assert_allclose(ev.bounds.cramer_rao(scenario, runs=1).covariance, expected, rtol=0.01)
+
+
+def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -> None:
+    """An autoregression that shifts the response: (X' S^-1 X)^-1, with its covariance matrix S."""
+    phi, std = 0.9, 1e-3
+    scenario = replace(exact_regressors(Arma(std, (phi,)), 1e-7), samples=1000)
+    X = regressors(scenario)
+    S = std**2 / (1.0 - phi**2) * toeplitz(phi ** np.arange(1000.0))
+    expected = np.linalg.inv(X.T @ np.linalg.solve(S, X))
+    bound = ev.bounds.cramer_rao(scenario, runs=1).covariance
+    np.testing.assert_allclose(np.sqrt(np.diag(bound)), np.sqrt(np.diag(expected)), rtol=0.05)
+    white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
+    apart = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
+    assert np.abs(np.log(apart)).max() > 1.0
+
+
+def test_what_every_record_has_alike_is_no_noise() -> None:
+    white = WhiteDisturbance(1e-3)
+    alone, drifting = (
+        ev.bounds.cramer_rao(replace(exact_regressors(one, 1e-5), samples=500), runs=2).covariance
+        for one in (SumOfDisturbances((white,)), SumOfDisturbances((white, Trend((0.0, 5.0)))))
+    )
+    np.testing.assert_allclose(drifting, alone, rtol=1e-6)
+
+
+def test_a_disturbance_that_is_given_counts_as_white() -> None:
+    """It has no mean over records: a single record's power is zero in some bins."""
+    series = np.random.default_rng(5).normal(0.0, 1e-3, 500)
+    given = exact_regressors(GivenDisturbance(tuple(series.tolist())), 1e-7)
+    power = disturbance_power(replace(given, samples=500))
+    np.testing.assert_allclose(power, series.var())
 
 
 def test_longer_records_tell_more() -> None:

@@ -32,7 +32,7 @@ CONTROLLED_RUNS = 10
 
 def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
     """Rows of one study."""
-    bounds = _bounds(one)
+    bounds = bounds_of(one)
     for score in scores(result):
         for parameter in score.parameters:
             covered = parameter.coverage
@@ -55,7 +55,7 @@ def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
             }
 
 
-def _bounds(one: SuiteStudy) -> dict[str, float]:
+def bounds_of(one: SuiteStudy) -> dict[str, float]:
     """Bound of each parameter over its size; under control that of the open loop with the same input.
 
     None where noises are of kinds that there is no bound for.
