@@ -41,8 +41,8 @@ def check_rank(system: LinearSystem) -> None:
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
             f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
-            "A white input cannot be instrumented by strictly delayed inputs: use generalized_iv with lag 0, "
-            "other instruments, or an input with memory.",
+            "An input that never moves tells nothing, and a white one cannot be instrumented by strictly "
+            "delayed inputs: use generalized_iv with lag 0, other instruments, or an input with memory.",
         )
 
 
