@@ -52,7 +52,7 @@ def test_tables_say_what_the_rows_are_off_by_and_how_many_intervals_held():
     ]
     assert beside.STAMPS not in found  # a page keeps the table of what was not flown
     (line,) = found[beside.SPEEDS].splitlines()[2:]
-    assert line.startswith("| 3 % | `total_least_squares` | 2 | +2.0, 2.2 % [0.50] |")
+    assert line.startswith("| 3 % | `total_least_squares` | 2 of 2 | +2.0, 2.2 % [0.50] |")
 
 
 def test_the_table_of_stamps_that_err_has_the_worst_of_each_group():
@@ -73,3 +73,12 @@ def test_noise_is_declared_of_all_that_is_measured():
     noisy, known = beside._noisy(spec, 0)
     assert noisy.sensors.rotor_speed.noise.std == known["rotor_speed"] == 0.01 * spec.vehicle.hover_speed
     assert {f"angular_rate_{axis}" for axis in "xyz"} < set(known)
+
+
+def test_a_refused_flight_counts_as_flown_and_not_as_told():
+    refused = [{**one, "verdict": "refused"} for one in rows(beside.SPEEDS, {2: 1e6}, beside.TOTAL)]
+    made = [*rows(beside.SPEEDS, {0: 0.01, 1: 0.03}, beside.TOTAL), *refused]
+    (line,) = beside.tables(StudyTable(pl.DataFrame(made), {}))[beside.SPEEDS].splitlines()[2:]
+    assert line.startswith("| 3 % | `total_least_squares` | 2 of 3 | +2.0, 2.2 % [0.50] |")
+    (line,) = beside.tables(StudyTable(pl.DataFrame(refused), {}))[beside.SPEEDS].splitlines()[2:]
+    assert line == "| 3 % | `total_least_squares` | 0 of 1 | - | - | - | - | - |"

@@ -21,6 +21,7 @@ import polars as pl
 
 from eivor.errors import EivorError
 from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.parameters import DRAG, GAIN, THRUST
@@ -210,16 +211,19 @@ def _error(row: Mapping[str, Any]) -> str:
 
 
 def _table_of_speeds(rows: pl.DataFrame) -> str:
-    header = ("noise of speeds", "by", "flights", "roll", "pitch", "yaw gain", "thrust gain", "drag along z")
+    """Errors of flights that are not refused, and how many these are."""
+    header = ("noise of speeds", "by", "told", "roll", "pitch", "yaw gain", "thrust gain", "drag along z")
     lines = []
     for (case, method), own in rows.group_by(["case", "method"], maintain_order=True):
-        found = scores(own)
+        told = own.filter(pl.col("verdict") != Status.REFUSED.value)
+        found = scores(told)
         cells = [
-            f"{100.0 * one.bias:+.1f}, {100.0 * one.rmse:.1f} % [{one.covered.value:.2f}]"
-            for one in (found[name] for name in SHOWN)
+            f"{100.0 * one.bias:+.1f}, {100.0 * one.rmse:.1f} % [{one.covered.value:.2f}]" if one else "-"
+            for one in (found.get(name) for name in SHOWN)
         ]
         share = f"{100.0 * SPEED_NOISES[int(str(case))]:.2g} %"
-        lines.append((share, f"`{method}`", f"{own['number'].n_unique()}", *cells))
+        count = f"{told['number'].n_unique()} of {own['number'].n_unique()}"
+        lines.append((share, f"`{method}`", count, *cells))
     return markdown(header, lines)
 
 
