@@ -88,6 +88,7 @@ def test_the_command_loads_no_solver_that_it_does_not_use(recordings):
         "eivor.estimation.regularised",
         "eivor.estimation.weighting.limited_information",
         "scipy.fft",
+        "numpy.f2py.crackfortran",
     }
 
 

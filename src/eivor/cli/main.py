@@ -16,6 +16,7 @@ from eivor.cli import plain_text
 from eivor.cli.empty_options import refuse_empty_options
 from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.interruptible import InterruptibleGroup
+from eivor.cli.late_modules import load_late
 from eivor.cli.readable_help import ReadableCommand
 from eivor.cli.repeated_options import FILE, read_repeated_options
 from eivor.cli.terminal import complain, printing
@@ -128,6 +129,7 @@ def run() -> None:
             stream.reconfigure(errors=plain_text.ERRORS)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
+    load_late()
     if os.environ.get(DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     try:
