@@ -10,9 +10,9 @@ import sys
 
 #: As `eivor.cli.exit_codes.ExitCode.INTERRUPTED`, which cannot be imported yet.
 INTERRUPTED = 130
-#: So many new objects, rather than 700, are waited for before those in cycles are looked for: imports make
-#: a hundred thousand, none of which can go, and looking through them is a twentieth of a command.
-OBJECTS_BETWEEN_COLLECTIONS = 100_000
+#: So many new objects, rather than 700, are waited for before those in cycles are looked for: what a command
+#: imports makes 120,000, none of which can go, and looking through them is a twentieth of its time.
+OBJECTS_BETWEEN_COLLECTIONS = 200_000
 
 
 def run() -> None:
