@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
-from dataflash_writer import FIRMWARES, DataflashWriter, fmt, survives, told
+from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, survives, told
 
+from eivor.errors import EmptyLogError
 from eivor.logs import read_log
 from eivor.logs.dataflash import places
 
@@ -94,6 +95,65 @@ def test_bytes_that_look_like_a_layout_by_chance_are_no_damage(read):
     r = read(one.bytes())
     assert not told(r, "message_formats")
     assert r.channels["specific_force_body_z"].values.size == 60
+
+
+@pytest.mark.parametrize("before", [b"\0" * 512, b"\x80FMT\0BBnNZ", b""])
+def test_a_log_whose_beginning_is_lost(read, sound, before):
+    lost = read(before + sound[37:])
+    whole = read(sound)
+    assert list(lost.channels) == list(whole.channels)
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(lost.channels[name].values, channel.values, err_msg=name)
+    assert f"left out: {len(before) + 52} bytes" in told(lost, "corrupt_parts")
+
+
+def test_a_log_without_descriptions_says_what_is_missing(read, sound):
+    with pytest.raises(EmptyLogError, match="where messages are described"):
+        read(sound[sound.index(b"\xa3\x95" + bytes([writer().numbers["XKF1"]])) :])
+
+
+@pytest.mark.parametrize(
+    ("name", "codes", "changed"),
+    [
+        ("PARM", "QNf", (1, "Zaf", 2, "an")),
+        ("IMU", "QBfff", (1, "nZa", 4, "nZa")),
+        ("XKF1", "QBfff", (0, "naZ", 1, "naZ", 3, "naZ")),
+        ("ATT", "QccC", (0, "na", 1, "na", 3, "na")),
+        ("MODE", "QMB", (0, "na", 2, "na")),
+        ("RCOU", "QHHHH", (0, "na", 1, "na")),
+        ("PSCD", "Qff", (0, "na", 1, "na")),
+        ("FMTU", "QBNN", (1, "na", 2, "fa", 3, "fa")),
+        ("MSG", "QZ", (0, "na", 1, "fa")),
+    ],
+)
+def test_texts_and_lists_where_numbers_belong(read, name, codes, changed):
+    for place, others in zip(changed[::2], changed[1::2], strict=True):
+        for code in others:
+            if code == codes[place]:
+                continue
+            one = writer()
+            columns = one.columns[name]
+            made = codes[:place] + code + codes[place + 1 :]
+            length = 3 + sum(np.dtype(KINDS[each]).itemsize for each in made)
+            number = one.numbers[name]
+            at = one.head.index(name.encode().ljust(4, b"\0"), 89) - 5
+            one.head = (
+                one.head[:at] + fmt(number, length, name, made, ",".join(columns)) + one.head[at + 89 :]
+            )
+            one.messages = [
+                (time, row[:3] + (row[3:] + b"\x31" * length)[: length - 3] if row[2] == number else row)
+                for time, row in one.messages
+            ]
+            r = read(one.bytes())
+            if not (code == "Z" and name == "PARM"):
+                assert f"{name}.{columns[place]}" in told(r, "message_formats"), (name, place, code)
+
+
+def test_a_few_messages_of_a_lower_instance_are_damage(read):
+    one = writer()
+    for pair in [pair for pair in one.messages if pair[1][2] == one.numbers["IMU"]][3:]:
+        one.messages[one.messages.index(pair)] = (pair[0], pair[1][:11] + b"\x01" + pair[1][12:])
+    assert read(one.bytes()).channels["specific_force_body_z"].values.size == 57
 
 
 def test_a_layout_is_said_again(read):

@@ -51,6 +51,22 @@ def test_modes_by_name_and_lines_of_windows(read, flight, names):
         assert log.channels["input_open_loop"].values.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize("how", ["mark", "tabs", "indented", "empty lines"])
+def test_spaces_and_marks_around_names(read, flight, how):
+    plain = flight_log(flight, "4.6").lines()
+    written = {
+        "mark": b"\xef\xbb\xbf" + plain,
+        "tabs": plain.replace(b", ", b" ,\t"),
+        "indented": b" \t" + plain.replace(b"\n", b"\n \t")[:-2],
+        "empty lines": b"\r\n\n" + plain.replace(b"\n", b"\n\n"),
+    }[how]
+    assert written != plain
+    log, expected = read(written), read(plain)
+    assert log.findings == expected.findings
+    assert list(log.channels) == list(expected.channels)
+    np.testing.assert_array_equal(log.channels["input"].values, expected.channels["input"].values)
+
+
 def test_a_text_with_commas(read):
     writer = DataflashWriter().text("ArduCopter V4.6.2, with a comma").add("RATE", [0.0, 0.1], "f", AOut=0.4)
     assert read(writer.lines()).vehicle == "rotary wing"

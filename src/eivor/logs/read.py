@@ -115,7 +115,7 @@ def _check_name(file: Path) -> None:
     except UnicodeEncodeError as error:
         raise InputError(
             "a path in UTF-8",
-            repr(str(file).encode("utf-8", "backslashreplace")),
+            repr(os.fsencode(file)),
             "Rename the file or folder.",
         ) from error
 

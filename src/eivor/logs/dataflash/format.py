@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from eivor.logs.dataflash.layouts import HEAD
+from eivor.logs.dataflash.layouts import HEAD, begins_within
 from eivor.logs.dataflash.sources import CHANNEL_SOURCES
 from eivor.logs.dataflash.text import is_text
 from eivor.logs.log_format import LogFormat, ReadOptions
@@ -46,7 +46,7 @@ def _advice(channel: str) -> tuple[str, ...]:
 DATAFLASH = LogFormat(
     "dataflash",
     "ArduPilot DataFlash",
-    lambda head, file: head.startswith(HEAD) or is_text(head, file),
+    lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
     _read,
     advice=_advice,
     setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "

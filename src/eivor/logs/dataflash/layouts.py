@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import mmap
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ CODES: Mapping[str, tuple[str, float]] = {
     "L": ("i4", 1e-7),
     "a": ("(32,)i2", 1.0),
 }
+#: Columns of texts, in the messages that are looked at; all others hold one number each.
+TEXTS = frozenset({"Message", "Name", "Label", "UnitIds", "MultIds", "FWS"})
 _NAME = re.compile(rb"[A-Za-z0-9_]{1,4}\0*")
 #: FMT messages that are looked at: a sound log has some hundreds.
 MAX_FORMATS = 10_000
@@ -79,6 +81,18 @@ class Layout:
     length: int
     fields: Mapping[str, Field]
 
+    def misfits(self) -> list[str]:
+        """Names of texts and lists where one number belongs, and of numbers where a text does."""
+        return [
+            name
+            for name, one in self.fields.items()
+            if (one.kind.kind == "S") != (name in TEXTS) or one.kind.subdtype is not None
+        ]
+
+    def without(self, names: Collection[str]) -> Layout:
+        """Return a layout without some of the fields."""
+        return replace(self, fields={name: one for name, one in self.fields.items() if name not in names})
+
 
 @dataclass(slots=True)
 class Described:
@@ -121,6 +135,28 @@ class Described:
             sentence = f"Described again and differently, so that the first counts: {names}."
             told.append(Finding("message_formats", sentence))
         return told
+
+
+def begins_within(head: bytes) -> bool:
+    """Say whether a log in binary form, whose beginning is lost, goes on in some bytes.
+
+    Parameters
+    ----------
+    head : bytes
+        The first ones of a file.
+
+    Notes
+    -----
+    It does where two descriptions of messages stand one behind the other, which no other content has.
+    """
+    mark = HEAD + bytes([FMT_TYPE])
+    place = head.find(mark)
+    while place >= 0:
+        following = place + FMT_LENGTH
+        if head.startswith(mark, following) and _layout(head[place + HEAD_BYTES : following]) is not None:
+            return True
+        place = head.find(mark, place + HEAD_BYTES)
+    return False
 
 
 def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:

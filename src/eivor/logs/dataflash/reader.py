@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import mmap
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +19,6 @@ from eivor.logs.dataflash.air import add_air_density
 from eivor.logs.dataflash.declared import unit_findings
 from eivor.logs.dataflash.delays import delay_findings, delay_of
 from eivor.logs.dataflash.estimators import choose_estimator
-from eivor.logs.dataflash.layouts import HEAD
 from eivor.logs.dataflash.messages import Messages
 from eivor.logs.dataflash.origin import dataflash_origin
 from eivor.logs.dataflash.outputs import add_outputs, add_rotor_speeds
@@ -33,17 +33,20 @@ from eivor.logs.dataflash.sources import (
     Source,
 )
 from eivor.logs.dataflash.states import add_states
-from eivor.logs.dataflash.text import read_lines
+from eivor.logs.dataflash.text import is_text, read_lines
 from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
 from eivor.logs.dataflash.vehicle import vehicle_of
 from eivor.logs.findings import findings_of
 from eivor.logs.kept_channels import KeptChannels
+from eivor.logs.log_format import HEAD_BYTES as SNIFFED_BYTES
 from eivor.logs.stamps import believable
 from eivor.shapes import Float
 from eivor.signals.recording import Finding, Frame, Recording
 
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5
+#: An instance with a smaller share of the messages of the most frequent one is damage, or was lost at once.
+SELDOM = 0.1
 
 
 def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
@@ -86,7 +89,8 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
         raise EmptyLogError(
             "a DataFlash log with flight data (XKF1, NKF1, RATE, CTUN, IMU, ATT, ...)",
             f"'{file.name}' without a value of any of them",
-            "Check LOG_BITMASK and LOG_BACKEND_TYPE, and that the vehicle was armed.",
+            "Check LOG_BITMASK and LOG_BACKEND_TYPE, that the vehicle was armed, and that the beginning of "
+            "the file is there, where messages are described (FMT).",
         )
     findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
@@ -136,7 +140,7 @@ def _channels_of_part(reading: Reading, start_s: float, end_s: float, step_s: fl
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     """Messages that are needed, by name, each of its lowest instance; and what is wrong with the file."""
-    read = read_messages if content[: len(HEAD)] == HEAD else read_lines
+    read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
     messages, findings = read(content, NEEDED)
     unusable = sorted(one.name for one in messages if not one.layout.fields)
     if unusable:
@@ -146,6 +150,16 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
                 f"Left out, because codes, names and length of their fields disagree: {', '.join(unusable)}.",
             )
         )
+    misfits = sorted(f"{one.name}.{name}" for one in messages for name in one.layout.misfits())
+    if misfits:
+        findings.append(
+            Finding(
+                "message_formats",
+                "Columns left out, in which texts or lists stand for numbers, or numbers for texts: "
+                f"{', '.join(misfits)}.",
+            )
+        )
+        messages = [replace(one, layout=one.layout.without(one.layout.misfits())) for one in messages]
     tables: dict[str, Messages] = {}
     lost = 0
     for one in messages:
@@ -165,14 +179,16 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
 
 
 def _lowest(table: Messages) -> Messages:
-    """Messages of the lowest instance of a sensor or a battery."""
+    """Messages of the lowest instance of a sensor or a battery that has many of them."""
     if table.name not in ("IMU", "BAT", "CURR", "BARO", "GPS"):
         return table
     column = next((name for name in ("I", "Inst", "Instance") if table.has(name)), "")
     if not column or not table.count:
         return table
     instances = table.stored(column)
-    return table.where(instances == instances.min())
+    found, counts = np.unique(instances, return_counts=True)
+    lowest = found[counts >= SELDOM * counts.max()].min()
+    return table.where(instances == lowest)
 
 
 def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:

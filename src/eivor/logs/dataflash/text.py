@@ -11,7 +11,6 @@ import mmap
 import re
 import struct
 from collections.abc import Collection, Iterator, Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -21,8 +20,14 @@ from eivor.shapes import Bool, Float
 from eivor.signals.recording import Finding
 
 #: How a log in text is told: by the line that describes its descriptions.
-_FIRST = re.compile(rb"^FMT *, *128 *, *89 *, *FMT *, *BBnNZ *(,|\r?$)", re.MULTILINE)
-_FMT_LINE = re.compile(rb"^FMT *,([^\n]*)\n", re.MULTILINE)
+_BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"
+_FIRST = re.compile(
+    _COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")),
+    re.MULTILINE,
+)
+_FMT_LINE = re.compile(_BEGIN + rb"[ \t]*,([^\n]*)\n", re.MULTILINE)
+#: What may stand before the name of a line's type, and behind it: spaces, and the mark of UTF-8.
+_AROUND = b"\xef\xbb\xbf \t"
 #: Lines that are looked at together [bytes].
 BLOCK = 1 << 23
 #: Cells that are longer are not looked at together [bytes].
@@ -55,7 +60,7 @@ MODES = {
 UNKNOWN_MODE = 255
 
 
-def is_text(head: bytes, _file: Path) -> bool:
+def is_text(head: bytes) -> bool:
     """Say whether a file begins like a log in text."""
     return _FIRST.search(head) is not None
 
@@ -133,7 +138,7 @@ def _by_type(block: bytes) -> dict[str, list[bytes]]:
             lines.setdefault(name, []).append(rest)
     found: dict[str, list[bytes]] = {}
     for name, of_name in lines.items():
-        found.setdefault(name.strip().decode("latin-1"), []).extend(of_name)
+        found.setdefault(name.strip(_AROUND).decode("latin-1"), []).extend(of_name)
     return found
 
 
