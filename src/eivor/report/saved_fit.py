@@ -166,7 +166,7 @@ class SavedFit:
             raise UsageError(
                 f"1 to {MOST_DRAWS:,} draws, and a seed that is not below zero",
                 f"{n:,} draws with seed {seed}",
-                "Ask for fewer.",
+                "Ask for a number within these.",
             )
         if delays not in {"best", "all"}:
             raise UsageError("delays 'best' or 'all'", f"{delays!r}", "Give one of them.")

@@ -15,17 +15,17 @@ FIRMWARES = {
     "plane": "fixed wing",
     "rover": "rover",
     "sub": "submarine",
-    "blimp": "airship",
-    "antennatracker": "antenna tracker",
+    "blimp": "blimp",
+    "antennatracker": "tracking antenna",
 }
 #: VER.BU, the kind of firmware.
 BUILDS = {
     1: "rover",
     2: ROTARY_WING,
     3: "fixed wing",
-    4: "antenna tracker",
+    4: "tracking antenna",
     7: "submarine",
-    12: "airship",
+    12: "blimp",
     13: ROTARY_WING,
 }
 _PREFIXES = ("ardu", "apm:", "")

@@ -10,11 +10,11 @@ from eivor.logs.ulog.instances import Topic
 from eivor.signals.recording import ROTARY_WING
 
 #: vehicle_status.vehicle_type, how the vehicle moves at the time; 0 says nothing.
-LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "airship"}
+LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "blimp"}
 #: MAV_TYPE of what does not hover on rotors; types that are not here say nothing against it.
 MAV_TYPES = {
     1.0: "fixed wing",
-    7.0: "airship",
+    7.0: "blimp",
     8.0: "balloon",
     9.0: "rocket",
     10.0: "rover",
