@@ -65,7 +65,7 @@ def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path
     velocity = next(channel for channel in document["channels"] if channel["name"] == "velocity_z")
     assert velocity["duplicated_stamps"] + velocity["backward_stamps"] == 10
     assert len(velocity["gaps"]) == 1
-    assert "1 gap up to 3" in eivor("inspect", path).out
+    assert "1 gap of 3" in eivor("inspect", path).out
 
 
 @pytest.mark.thorough

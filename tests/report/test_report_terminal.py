@@ -166,6 +166,27 @@ def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) 
     assert rates + ends <= words
 
 
+@pytest.mark.thorough
+def test_a_source_is_not_broken_where_it_fits(recording: Recording) -> None:
+    """A name of PX4's that is longer than a third of the window can still be copied whole."""
+    source = "sensor_combined.accelerometer_m_s2[0]"
+    channels = {
+        name: replace(channel, source=source, delay_s=0.0025) for name, channel in recording.channels.items()
+    }
+    found = inspection(replace(recording, channels=channels), _options(), Vertical())
+    text = _text(on_terminal(inspection_document(found)), 80)
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.split().count(source) == len(channels)
+
+
+@pytest.mark.thorough
+def test_what_is_logged_now_and_then_has_a_rate(recording: Recording) -> None:
+    found = inspection(recording, _options(), Vertical())
+    seldom = replace(found, channels=tuple(replace(one, rate_hz=0.0137) for one in found.channels))
+    words = _text(on_terminal(inspection_document(seldom)), 80).split()
+    assert words.count("0.014") == len(found.channels)
+
+
 def _options() -> object:
     from eivor.flights.options import FlightOptions
 

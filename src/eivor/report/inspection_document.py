@@ -79,9 +79,14 @@ def _channel_table(found: Inspection) -> TableOf:
 def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
     return (
         Cell(summary.name, summary.source),
-        Cell(f"{summary.rate_hz:.1f}"),
+        Cell(_rate(summary.rate_hz)),
         Cell(_range(summary), "; ".join(_remarks(summary))),
     )
+
+
+def _rate(rate_hz: float) -> str:
+    """To a tenth; of what happens now and then to two digits, which a tenth would make nothing."""
+    return f"{rate_hz:.1f}" if rate_hz >= 1.0 or not rate_hz else f"{rate_hz:.2g}"
 
 
 def _range(summary: ChannelSummary) -> str:
@@ -96,9 +101,9 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
     count = len(summary.gaps)
     if count:
         longest = max(end - start for start, end in summary.gaps)
-        yield f"{count} {'gap' if count == 1 else 'gaps'} up to {longest:.2g} s"
+        yield f"1 gap of {longest:.2g} s" if count == 1 else f"{count} gaps up to {longest:.2g} s"
     if summary.delay_s:
-        yield f"{1e3 * summary.delay_s:.3g} ms of its own delay taken off its stamps"
+        yield f"{1e3 * summary.delay_s:.2g} ms of its own delay taken off its stamps"
     for number, what in (
         (quality.duplicated_stamps, "repeated stamps"),
         (quality.backward_stamps, "backward stamps"),

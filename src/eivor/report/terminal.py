@@ -140,17 +140,32 @@ class FoldingTable:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[RenderableType]:
         """Choose by what would become of the words in the width that there is."""
-        table = _side_by_side(self.table, whole=options.max_width < NARROW)
-        lines = console.render_lines(table, options, pad=False)
-        shown = Counter("\n".join("".join(part.text for part in line) for line in lines).split())
-        yield table if _words(self.table) <= shown else _folded(self.table, options.max_width)
+        words, whole = _words(self.table), options.max_width < NARROW
+        table = _side_by_side(self.table, whole=whole, names=False)
+        shown = _shown(table, console, options)
+        if not words <= shown:
+            wider = _side_by_side(self.table, whole=whole, names=True)
+            if words <= _shown(wider, console, options):
+                yield wider
+                return
+        yield table if _not_long(words) <= shown else _folded(self.table, options.max_width)
+
+
+def _shown(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
+    """Words of a table as it comes out; of a word that breaks, its parts."""
+    lines = console.render_lines(table, options, pad=False)
+    return Counter("\n".join("".join(part.text for part in line) for line in lines).split())
 
 
 def _words(table: TableOf) -> Counter[str]:
-    """Numbers, and other words that are not too long to stay whole."""
+    """Numbers and all other words."""
     cells = [line for row in table.rows for cell in row for line in (cell.text, cell.below)]
     titles = [column.title for column in table.columns]
-    words = Counter(printable(" ".join((*titles, *cells))).split())
+    return Counter(printable(" ".join((*titles, *cells))).split())
+
+
+def _not_long(words: Counter[str]) -> Counter[str]:
+    """Those that are not too long to stay whole."""
     return Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
 
 
@@ -158,15 +173,18 @@ def _width(text: str) -> int:
     return Text(printable(text)).cell_len
 
 
-def _side_by_side(table: TableOf, *, whole: bool) -> Table:
-    """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
+def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
+    """A column for each; `whole` keeps intervals in one line, else they break between their numbers.
+
+    `names` gives the first column all the width that it asks for: names of channels' sources are long words.
+    """
     shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
     for number, column in enumerate(table.columns):
         short = not number and all(_width(row[0].text) <= LONGEST_WHOLE for row in table.rows)
         shown.add_column(
             Text(printable(column.title)),  # a string would be markup: "[ms]" is a tag
             justify="right" if column.right else "left",
-            no_wrap=(column.whole and whole) or short,
+            no_wrap=(column.whole and whole) or short or (names and not number),
             overflow="fold",
         )
     for row in table.rows:
