@@ -9,14 +9,26 @@ from io import BytesIO
 import numpy as np
 import pytest
 from backports import zstd
-from bag_writer import EPOCH_S, blank, header, stores, vector, write_ros1, write_ros2
+from bag_writer import (
+    EPOCH_S,
+    blank,
+    header,
+    mavros_messages,
+    px4_messages,
+    stores,
+    vector,
+    write_ros1,
+    write_ros2,
+)
+from dataflash_writer import simulated
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from eivor.errors import CorruptLogError, EivorError, InputError, MissingReaderError
+from eivor.logs.bags import topics
 from eivor.logs.bags.definitions import parsed_definition
 from eivor.logs.bags.layouts import UnsoundMessageError, message_layout
-from eivor.logs.bags.messages import decoded
+from eivor.logs.bags.messages import Decoded, decoded
 from eivor.logs.read import read_log
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
@@ -195,6 +207,55 @@ def test_code_in_a_definition_is_never_run(tmp_path, store):
     database.close()
     with pytest.raises(EivorError, match="where its type takes 12"):
         read_log(folder)
+
+
+def of_another_kind(how, values):
+    """What another definition could have in the place of a column; None without one."""
+    kinds = {
+        "text": np.full(len(values), b"ab"),
+        "nan": np.full(len(values), np.nan),
+        "inf": np.full(len(values), np.inf, dtype=np.float32),
+        "least": np.full(len(values), -(2**63)),
+        "most": np.full(len(values), 2**64 - 1, dtype=np.uint64),
+    }
+    return kinds.get(how)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.thorough
+@pytest.mark.parametrize("how", ["text", "nan", "inf", "least", "most", "nothing"])
+@pytest.mark.parametrize("kind", ["mavros", "px4"])
+def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, kind, how):
+    flight = simulated(seed=3, duration=2.0)
+    if kind == "mavros":
+        bag = write_ros1(tmp_path / "m.bag", mavros_messages(store["ros1"], flight), store["ros1"])
+    else:
+        bag = write_ros2(tmp_path / "p", px4_messages(store["ros2"], flight), store["ros2"])
+    known = []
+
+    def changed(payloads, layout_of):
+        """As decoded, but one field of one topic is of another kind."""
+        key = (payloads[0], len(payloads))
+        if key not in cache:
+            cache[key] = decoded(payloads, layout_of)
+            known.extend((key, name) for name in cache[key].fields)
+        fields = dict(cache[key].fields)
+        for name in [name for place, name in wanted if place == key]:
+            other = of_another_kind(how, fields.pop(name))
+            fields |= {} if other is None else {name: other}
+        return Decoded(fields, cache[key].places, cache[key].reason)
+
+    cache, wanted = {}, []
+    monkeypatch.setattr(topics, "decoded", changed)
+    whole = read_log(bag)
+    assert len(known) > 50
+    for one in known:
+        wanted[:] = [one]
+        try:
+            found = read_log(bag)
+        except EivorError:
+            continue
+        assert set(found.channels) <= {*whole.channels, *whole.looked_for}
 
 
 def test_messages_of_other_lengths_stand_beside_each_other():

@@ -76,6 +76,7 @@ def test_fields_by_their_topics(bag, tmp_path):
         ('column = "stamp"', 'column = "t"', "the clock of a bag, 'stamp'.*received 't'"),
         ("/motors.", "/motor.", "a topic '/motor'.*'/motors'.*Did you mean '/motors'"),
         ("angular_velocities[1]", "angular_velocities[7]", r"Did you mean.*angular_velocities\[1\]"),
+        (".point.z\" / 2'", ".header.frame_id\" / 2'", "column|field"),
         (".point.z\" / 2'", '.point.z" / "/motors.normalized"\'', "columns of one topic"),
     ],
 )

@@ -63,7 +63,12 @@ def map_channels(
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
     topics = of_one_clock([one for one in columns if one is not None], findings)
     tables = {one.name: with_derived(one.kind, one.fields) for one in topics}
-    names = [f"{topic}.{field}" for topic, fields in tables.items() for field in fields]
+    names = [
+        f"{topic}.{field}"
+        for topic, fields in tables.items()
+        for field, values in fields.items()
+        if values.dtype.kind != "S"
+    ]
     rules = fitted_rules(chosen, [*CLOCKS, *names], name)
     start = start_ns(topics) if topics else 0
     channels: dict[str, Channel] = {}

@@ -38,6 +38,12 @@ def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, "
     return np.where(out_of_force, np.nan, values.astype(np.float64))
 
 
+def _mask(fields: Fields) -> np.ndarray | None:
+    """What a setpoint leaves free, in bits; None where another definition has something else there."""
+    mask = fields.get("type_mask")
+    return mask if mask is not None and mask.dtype.kind in "iu" else None
+
+
 def _odometry(fields: Fields) -> Fields:
     """The velocity of an odometry message, which is in the body's axes, in those of the world."""
     names = [f"pose.pose.orientation.{part}" for part in _PARTS]
@@ -65,7 +71,7 @@ def _imu(fields: Fields) -> Fields:
 
 
 def _position_target(fields: Fields) -> Fields:
-    mask, frame = fields.get("type_mask"), fields.get("coordinate_frame")
+    mask, frame = _mask(fields), fields.get("coordinate_frame")
     if mask is None or frame is None:
         return {}
     return {
@@ -79,9 +85,10 @@ def _position_target(fields: Fields) -> Fields:
 
 
 def _attitude_target(fields: Fields) -> Fields:
-    mask = fields.get("type_mask")
+    mask = _mask(fields)
     names = [f"orientation.{part}" for part in _PARTS]
-    if mask is None or not all(name in fields for name in (*names, "thrust", "body_rate.z")):
+    rates = [f"body_rate.{axis}" for axis in RATE_BITS]
+    if mask is None or not all(name in fields for name in (*names, *rates, "thrust")):
         return {}
     free = (mask & NO_ATTITUDE) != 0
     turn = np.stack([_masked(fields[name], free) for name in names])

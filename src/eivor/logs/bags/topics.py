@@ -26,6 +26,8 @@ OVERTAKEN_NS = 500_000_000
 SAME_CLOCK_S = 5.0
 #: Stamps beyond these are none: half of what 64 bits hold [ns].
 LAST_NS = 1 << 62
+#: Fields that are texts, by the type of their message; texts in the place of other fields are none.
+TEXTS = frozenset({("mavros_msgs/State", "mode")})
 
 
 @dataclass(slots=True)
@@ -204,7 +206,11 @@ def as_columns(
     if not said.any():
         return None
     kept = _in_order(stamp_ns, np.flatnonzero(said))
-    fields = {name: values[kept] for name, values in made.fields.items()}
+    fields = {
+        name: values[kept]
+        for name, values in made.fields.items()
+        if values.dtype.kind != "S" or (raw.kind, name) in TEXTS
+    }
     record_ns = np.array(raw.record_ns, dtype=np.int64)[made.places][kept]
     return BagTopic(raw.name, raw.kind, fields, stamp_ns[kept], record_ns)
 
@@ -222,7 +228,7 @@ def _stamps(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, " n"] | None:
     if microseconds is not None and microseconds.dtype.kind == "u" and microseconds.dtype.itemsize == 8:
         return np.where(microseconds < LAST_NS // 1000, microseconds, 0).astype(np.int64) * 1000
     seconds, rest = fields.get("header.stamp.sec"), fields.get("header.stamp.nanosec")
-    if seconds is None or rest is None:
+    if seconds is None or rest is None or {seconds.dtype.kind, rest.dtype.kind} - {"i", "u"}:
         return None
     return seconds.astype(np.int64) * 1_000_000_000 + rest.astype(np.int64)
 

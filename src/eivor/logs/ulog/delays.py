@@ -96,7 +96,7 @@ def _mean_length(topic: Topic) -> float:
 def _way(topic: Topic) -> float:
     """Median time from sample to stamp [s]; 0 when it is not known, or of another clock."""
     sampled = topic.fields.get("timestamp_sample")
-    if sampled is None or not sampled.size:
+    if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
         return 0.0
     with np.errstate(over="ignore"):
         ticks = (topic.fields["timestamp"].astype(np.uint64) - sampled.astype(np.uint64)).view(np.int64)
