@@ -33,6 +33,8 @@ def test_numbers_units_sheets_and_the_word():
         (["velocity_z=1 parsec"], "in m/s, or a unit of that kind"),
         (["velocity_z=1", "velocity_z=2"], "twice"),
         (["velocity_z=densty:1"], "density"),
+        (["velocity_z=bandwidth:50"], "sheet of velocity_z; received 'bandwidth:50'. Give --noise"),
+        (["velocity_z=density:0,bandwidth:50"], "above zero of the data sheet of velocity_z"),
         (["estimate", "velocity_z=2"], "estimate alone"),
     ],
 )

@@ -91,6 +91,12 @@ def _sheet(name: str, values: list[str]) -> DataSheet:
             told["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
         else:
             told[word] = _size(name, number, word)
+    if not (told.get("density") or told.get("step")):
+        raise UsageError(
+            f"a noise density or a quantisation step above zero of the data sheet of {name}",
+            f"'{','.join(values)}'",
+            _REMEDY,
+        )
     return DataSheet(**told)
 
 

@@ -160,9 +160,9 @@ def with_gap(problem: ev.SignalRegression) -> ev.SignalRegression:
 def test_a_record_without_spectra_gets_generalized_ivs_answer(
     problem_of: ProblemOf, method: Callable[[], object]
 ) -> None:
-    for problem, why in (
-        (problem_of("rich", 50, 1), "there are 50 samples, and it needs 64"),
-        (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid"),
+    for problem, why, remedy in (
+        (problem_of("rich", 50, 1), "there are 50 samples, and it needs 64", "Give a longer record."),
+        (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid", "stretch between gaps"),
     ):
         with pytest.warns(FallbackWarning, match=why):
             found = ev.identify(problem, method())
@@ -170,6 +170,7 @@ def test_a_record_without_spectra_gets_generalized_ivs_answer(
         np.testing.assert_array_equal(found.best.values, plain.best.values)
         assert found.status is Status.WEAK
         assert why in found.summary()
+        assert remedy in found.reasons[-1].remedy
 
 
 def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:

@@ -62,12 +62,16 @@ def with_grounds(estimate: Estimate, *, settled: bool) -> Estimate:
     return replace(estimate, reasons=tuple(reasons))
 
 
-def fallback(why: str) -> Reason:
-    """Ground on which generalized IV's numbers stand in."""
+#: What to do about numbers that a search did not reach.
+EXCITE = "Excite more, or record longer; and see that the input holds between samples as it was meant to."
+
+
+def fallback(why: str, remedy: str = EXCITE) -> Reason:
+    """Ground on which generalized IV's numbers stand in, and what to do about it."""
     return Reason(
         Status.WEAK,
         f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
-        "Excite more, or record longer; and see that the input holds between samples as it was meant to.",
+        remedy,
     )
 
 

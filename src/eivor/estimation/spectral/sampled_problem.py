@@ -86,15 +86,21 @@ def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
     return with_instruments(problem, driver)
 
 
-def without_spectra(problem: SignalRegression) -> str:
-    """Why a record has no spectra that could be told; empty where it has."""
+def without_spectra(problem: SignalRegression) -> tuple[str, str] | None:
+    """Why a record has no spectra that could be told, and what to do; None where it has."""
     signals = problem.signals
     gaps = 0 if signals.valid is None else int((~signals.valid).sum())
     if gaps:
-        return f"{gaps} of {signals.sample_count} samples are not valid, and it needs a record without gaps"
+        return (
+            f"{gaps} of {signals.sample_count} samples are not valid, and it needs a record without gaps",
+            "Give the longest stretch between gaps, or repair the samples.",
+        )
     if signals.sample_count < FEWEST_SAMPLES:
-        return f"there are {signals.sample_count} samples, and it needs {FEWEST_SAMPLES} at least"
-    return ""
+        return (
+            f"there are {signals.sample_count} samples, and it needs {FEWEST_SAMPLES} at least",
+            "Give a longer record.",
+        )
+    return None
 
 
 def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:

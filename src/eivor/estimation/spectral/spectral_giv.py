@@ -127,9 +127,9 @@ def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
         return start
     checked = problem_of_motion(start.problem, name)
     plain = consistent_estimate(checked)
-    why = without_spectra(checked)
-    if why:
-        return fallen_back(name, plain, fallback(why))
+    lacking = without_spectra(checked)
+    if lacking is not None:
+        return fallen_back(name, plain, fallback(*lacking))
     sampled = replace(sampled_problem(checked, name), noise_sought=start.sought)
     found = _spectral(sampled, plain)
     if isinstance(found, Reason):

@@ -73,9 +73,9 @@ class WhittleLikelihood(Method):
             return whittle_of_flights(self.name, problem)
         checked = problem_of_motion(problem, self.name)
         plain = consistent_estimate(checked)
-        why = without_spectra(checked)
-        if why:
-            return fallen_back(self.name, plain, fallback(why))
+        lacking = without_spectra(checked)
+        if lacking is not None:
+            return fallen_back(self.name, plain, fallback(*lacking))
         sampled = sampled_problem(checked, self.name)
         if sampled.instrument is not None:
             raise MissingNoiseError(
