@@ -147,6 +147,14 @@ def test_what_lies_elsewhere_is_left_alone(whole, tmp_path):
     assert set(read_log(tmp_path / "a.h5").channels) == {"velocity_z"}
 
 
+def test_variables_without_a_space_are_left_out(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"] = file["velocity_z"] = np.arange(50.0)
+        file["input"] = h5py.Empty("f8")
+        file.create_dataset("rows", (50,), dtype=h5py.vlen_dtype("f8"))
+    assert set(read_log(tmp_path / "a.h5").channels) == {"velocity_z"}
+
+
 def test_a_variable_that_says_far_more_than_the_file_holds(whole, tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file.create_dataset("time", (1 << 36,), "f8", chunks=(1 << 20,))

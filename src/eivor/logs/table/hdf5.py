@@ -25,7 +25,7 @@ _CODE = f"""{BEGINNING}
 import h5py
 def visit(name, one):
     if isinstance(one, h5py.Dataset) and one.dtype.kind in "iufb" and not (one.is_virtual or one.external):
-        if one.size <= asked["most"]:
+        if (one.size or 0) <= asked["most"]:
             one[()]
 try:
     with h5py.File(asked["path"], "r") as file:
@@ -89,7 +89,8 @@ def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
         # other files are none of this one's business
         if one.is_virtual or one.external or one.attrs.get("MATLAB_class") in _NO_NUMBERS:
             return
-        if one.dtype.kind in "iufb" and len(one.shape) in (1, 2) and one.size:
+        # one without a space has no shape
+        if one.dtype.kind in "iufb" and one.size and len(one.shape) in (1, 2):
             found[path] = tuple(int(size) for size in one.shape)
 
     content.visititems(visit)
