@@ -403,8 +403,9 @@ def test_telemetry_of_speed_controllers_are_rotor_speeds(tmp_path, functions, na
     if functions[0]:
         first, second = second, first
     assert first.source == "esc_status.esc[0].esc_rpm"
-    np.testing.assert_array_equal(first.values, 9000.0 + 10.0 * np.arange(12))
-    np.testing.assert_array_equal(second.values, 4000.0 + np.arange(12))
+    turn = np.pi / 30.0
+    np.testing.assert_allclose(first.values, turn * (9000.0 + 10.0 * np.arange(12)), rtol=1e-12)
+    np.testing.assert_allclose(second.values, turn * (4000.0 + np.arange(12)), rtol=1e-12)
     assert not first.held
 
 

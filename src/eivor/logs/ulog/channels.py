@@ -37,6 +37,7 @@ from eivor.logs.ulog.topics import (
     RESET_COUNTERS,
     Source,
 )
+from eivor.logs.units import UNITS
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, clean_channel
@@ -256,10 +257,10 @@ def _add_actuators(
 
 
 def _add_rotor_speeds(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Add the speeds of the motors that turn, by telemetry, each under its motor's number."""
+    """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
     topic = reading.topics.get(ESC_TOPIC)
     turning = {
-        place: topic.fields[field].astype(np.float64)
+        place: topic.fields[field].astype(np.float64) * UNITS["rpm"][1]
         for place in range(MAX_ESCS)
         if topic is not None and (field := ESC_SPEED.format(place)) in topic.fields
         if np.any(topic.fields[field])
