@@ -1,6 +1,7 @@
 """What wrong orders of the noises do to the spectral methods, and the command that finds it out.
 
-    python -m validation.efficiency.wrong_orders --kept FILE.jsonl [--size small|full] [--page efficiency.md]
+    python -m validation.efficiency.wrong_orders --kept FILE.jsonl [--size small|full]
+        [--page docs/efficiency.md]
 
 The noises of velocity and acceleration are fractional, and both methods take them as white: their orders are
 held at zero, their strengths are fitted as ever. Every trial is kept in the file; a run that was interrupted
