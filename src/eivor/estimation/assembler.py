@@ -288,7 +288,8 @@ def _check_compensated(moments: Float[np.ndarray, "n n"], compensated: Float[np.
             "regressors whose mean squares exceed the noise that is declared of them, in every direction",
             f"mean squares {powers} and noise variances {variances}, whose difference, in columns of unit "
             f"length, has the eigenvalue {smallest:.3g}",
-            "Declare a smaller noise, or use instruments: generalized_iv.",
+            "Declare a smaller noise, or use instruments that share none of it: extended_iv, or "
+            "generalized_iv with them.",
         )
 
 
