@@ -86,6 +86,22 @@ def test_maps_that_do_not_fit(bag, tmp_path, old, new, words):
         mapped(bag, tmp_path, MAP.replace(old, new))
 
 
+def test_an_empty_bag_says_that_nothing_was_recorded(tmp_path):
+    folder = write_ros2(tmp_path / "flight", [], stores()[1])
+    with pytest.raises(EmptyLogError, match=r"with no messages\. Nothing was recorded"):
+        read_log(folder)
+
+
+def test_a_bag_without_stamps_says_so(tmp_path):
+    _, store = stores()
+    kind = "sensor_msgs/msg/Imu"
+    folder = write_ros2(
+        tmp_path / "flight", [("/imu", kind, 0.0, store.types[kind](**blank(store, kind)))], store
+    )
+    with pytest.raises(EmptyLogError, match=r"/imu without a stamp that can be, .*: 1\. Write a channel map"):
+        read_log(folder)
+
+
 def test_a_bag_of_nothing_that_is_known_names_its_topics(tmp_path):
     _, store = stores()
     kind = "geometry_msgs/msg/Vector3Stamped"

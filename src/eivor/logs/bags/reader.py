@@ -102,6 +102,8 @@ def _nothing(path: Path, contents: Contents, findings: list[Finding]) -> EmptyLo
     said = " ".join(one.message for one in findings)
     return EmptyLogError(
         "a bag with topics of PX4 (px4_msgs) or mavros, or with odometry, poses and inertial sensors",
-        f"'{path.name}' with {shown or 'no messages'}" + (f". {said}" if said else ""),
-        'Write a channel map whose columns are TOPIC.FIELD, and whose clock is "stamp" (--map).',
+        f"'{path.name}' with {shown or 'no messages'}" + (f". {said.rstrip('.')}" if said else ""),
+        'Write a channel map whose columns are TOPIC.FIELD, and whose clock is "stamp" (--map).'
+        if topics
+        else "Nothing was recorded: check the topics that `rosbag record` or `ros2 bag record` was given.",
     )
