@@ -201,6 +201,28 @@ def test_noise_above_the_regressors_own_moments(regressors, noise):
         )
 
 
+@pytest.mark.parametrize(("over", "told"), [(0.9, False), (1.1, True)])
+def test_more_noise_than_there_is_of_a_column_that_is_its_own_instrument(over, told):
+    """Of an instrument that is another column nothing of the kind can be seen, nor said."""
+    noise = np.zeros((3, 3))
+    noise[0, 0] = over * np.mean(PHI[:, 0] ** 2)
+    instruments = np.column_stack([-2.0 * PHI[:, 0], PSI[:, 1:]])
+    shared = np.diag([-2.0, 1.0, 1.0]) @ noise
+    found = ev.identify(
+        ev.regression(
+            response=Y, regressors=PHI, instruments=instruments, instrument_noise_covariance=shared
+        ),
+        ev.methods.generalized_iv(),
+    )
+    assert ("1.05 times its root mean square" in found.summary()) is told
+    other = np.zeros((3, 3))
+    other[1, 0] = 10.0
+    elsewhere = ev.regression(
+        response=Y, regressors=PHI, instruments=instruments, instrument_noise_covariance=other
+    )
+    assert "root mean square" not in ev.identify(elsewhere, ev.methods.generalized_iv()).summary()
+
+
 def test_no_regressors_at_all():
     problem = ev.regression(response=Y, regressors=np.zeros((ROWS, 2)), noise_covariance=np.zeros((3, 3)))
     with pytest.raises(InstrumentError, match="numerical rank below 2"):

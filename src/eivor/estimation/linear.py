@@ -24,13 +24,15 @@ from eivor.estimation.pulled import pulled
 from eivor.estimation.refusals import check_freedom, check_instruments, check_rank
 from eivor.estimation.search import Minimum, Search
 from eivor.estimation.solved import Solved
-from eivor.estimation.strength import weak_instruments
+from eivor.estimation.strength import overstated_noise, weak_instruments
 from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, UnweightedEquations
 from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
 from eivor.inference.covariances.by_row import FEW_ROWS_DEFAULT
 from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
 from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
+from eivor.inference.verdict import Reason
 from eivor.linalg.system import Solution, Solver
+from eivor.models.equation import Parameter
 from eivor.models.linearisable import LinearisableProblem
 from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
@@ -99,8 +101,7 @@ class LinearMethod(Method):
         else:
             moments, parameters, rows = self.moments(problem), problem.parameters, problem
         solved = self.determined(moments, rows)
-        reasons = weak_instruments(moments, solved.system, parameters) + pulled(solved.solution, parameters)
-        return Estimate(self.name, parameters, (Candidate({}, solved),), reasons)
+        return Estimate(self.name, parameters, (Candidate({}, solved),), _reasons(solved, parameters))
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
@@ -181,10 +182,17 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
     found = settled(problem, solve, nearly(problem, method.solve))
     solved = found.solved
     parameters = solved.rows.parameters
-    reasons = weak_instruments(solved.moments, solved.system, parameters) + pulled(
-        solved.solution, parameters
+    candidate = Candidate(found.at, solved, origin=found.origin)
+    return Estimate(method.name, parameters, (candidate,), _reasons(solved, parameters))
+
+
+def _reasons(solved: Solved, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+    """Grounds for the status weak of an estimate of plain rows."""
+    return (
+        *weak_instruments(solved.moments, solved.system, parameters),
+        *overstated_noise(solved.moments, parameters),
+        *pulled(solved.solution, parameters),
     )
-    return Estimate(method.name, parameters, (Candidate(found.at, solved, origin=found.origin),), reasons)
 
 
 # -- problems with nuisances ------------------------------------------------------------------------------

@@ -16,6 +16,9 @@ from eivor.linalg.system import LinearSystem
 from eivor.models.equation import Parameter
 from eivor.shapes import Float
 
+#: Columns whose squared correlation is nearer to one than this are the same.
+SAME_COLUMN = 1e-9
+
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
     """Conditional first-stage F of each regressor; None when the moments do not tell.
@@ -58,6 +61,30 @@ def weak_instruments(
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
     return (reason,)
+
+
+def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+    """Grounds for the status weak where more noise is taken out of a column than there is of it.
+
+    Only of columns that are instruments themselves: their mean squares hold the whole of their noise.
+    """
+    if not isinstance(moments, CrossMoments) or moments.noise is None:
+        return ()
+    if moments.instruments is None or moments.regressors is None:
+        return ()
+    cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
+    powers = np.outer(np.diag(moments.instruments), np.diag(moments.regressors))
+    itself = (powers > 0.0) & (cross**2 >= (1.0 - SAME_COLUMN) * powers)
+    return tuple(
+        Reason(
+            Status.WEAK,
+            f"The noise that is declared of the regressor of {parameters[column].name} is all there is of"
+            f" it, or more: {np.sqrt(noise[row, column] / cross[row, column]):.3g}"
+            " times its root mean square.",
+            "Declare a smaller noise, or use instruments that share none of it.",
+        )
+        for row, column in np.argwhere(itself & (noise * np.sign(cross) >= np.abs(cross))).tolist()
+    )
 
 
 def user_level() -> int:
