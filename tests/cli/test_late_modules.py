@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from importlib import import_module
+
+from eivor.cli.late_modules import load_late
 
 #: Each is loaded with the part of NumPy that it belongs to.
 WITHIN = ("numpy.f2py.crackfortran", "numpy.testing._private.utils")
@@ -49,3 +52,17 @@ def test_asked_twice_is_as_asked_once():
         "print(before == sys.meta_path)"
     )
     assert printed(code) == "True"
+
+
+def test_packages_without_an_init_file_are_found_as_before(tmp_path, monkeypatch):
+    inner = tmp_path / "folder_alone" / "folder_within"
+    inner.mkdir(parents=True)
+    (inner / "found.py").write_text("HERE = True\n")
+    monkeypatch.setattr(sys, "meta_path", sys.meta_path[:])
+    monkeypatch.syspath_prepend(tmp_path)
+    load_late()
+    try:
+        assert import_module("folder_alone.folder_within.found").HERE
+    finally:
+        for name in [name for name in sys.modules if name.startswith("folder_alone")]:
+            del sys.modules[name]

@@ -7,7 +7,7 @@ the .89 s of processor that `eivor identify` took on a log of 3 MB.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import LazyLoader
@@ -21,12 +21,15 @@ class _Late(MetaPathFinder):
     """Finds the modules of `LATE` where they are, and has each loaded by the first look into it."""
 
     def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+        self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the specification of one of `LATE`; None of any other module, which others find."""
+        """Return the specification of one of `LATE`; None of any other module, which others find.
+
+        The folders of a package that has no `__init__.py` are no `Sequence`: they can be iterated over only.
+        """
         if fullname not in LATE:
             return None
-        found = PathFinder.find_spec(fullname, path, target)
+        found = PathFinder.find_spec(fullname, None if path is None else [*path], target)
         if found is not None and found.loader is not None:
             found.loader = LazyLoader(found.loader)
         return found
