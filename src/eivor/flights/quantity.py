@@ -125,6 +125,16 @@ class Unjudged:
         """What a verdict is to allow for beyond the interval."""
         return reserved(self.allowances)
 
+    def times(self, factor: float) -> Unjudged:
+        """Return a multiple of the number, by a factor above zero that is known."""
+        low, high = self.interval
+        return replace(
+            self,
+            value=factor * self.value,
+            std_error=factor * self.std_error,
+            interval=(factor * low, factor * high),
+        )
+
     def judged(self, found: Verdict, wording: Wording) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
         return Quantity(

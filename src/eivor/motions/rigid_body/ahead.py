@@ -17,6 +17,7 @@ from eivor.motions.rigid_body.beside import ALL_DRAG_MOMENTS
 from eivor.motions.rigid_body.carried import CarriedBody
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.logged_state import LoggedState
+from eivor.motions.rigid_body.one_spin import with_spin_moments
 from eivor.motions.rigid_body.parameters import (
     COUPLING,
     DAMPING,
@@ -150,6 +151,7 @@ def rigid_body_ahead(
         damping, drag and lift among them count as zero in the fit.
     """
     first, *_ = models
+    models = with_spin_moments(models, first)
     own = models[first].values
     told = frozenset({*own, EFFECTIVE_LAG}) - refused
     logged = tuple(LoggedState(flight) for flight in flights)

@@ -22,6 +22,7 @@ from eivor.models.instruments import NoInstruments
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.one_spin import spin_of, with_one_spin
 
 #: Filters that a vehicle file may name, and what they are of.
 GYRO, ACCELEROMETER = "gyro_cutoff_hz", "accelerometer_cutoff_hz"
@@ -127,7 +128,9 @@ def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLa
     unfiltered = (
         replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
     )
-    made = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments())
+    made, spin = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments()), spin_of(problem)
+    if spin is not None:
+        made = with_one_spin(made, spin)
     columns = tuple(
         replace(new, instruments=old.instruments)
         for new, old in zip(made.columns, problem.columns, strict=True)

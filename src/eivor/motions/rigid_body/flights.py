@@ -27,6 +27,7 @@ from eivor.motions.rates.axes import AXES
 from eivor.motions.rigid_body.across import lift_moments, squares_across
 from eivor.motions.rigid_body.beside import ALL_DRAG_MOMENTS, ALONG_OTHERS, spin_moment
 from eivor.motions.rigid_body.body_velocity import NEEDED, body_velocity, force_by_velocity, swift_velocity
+from eivor.motions.rigid_body.inertia_ratios import InertiaRatios
 from eivor.motions.rigid_body.inferred_velocity import FROM_HZ as INFERRED_FROM_HZ
 from eivor.motions.rigid_body.inferred_velocity import inferred_velocity
 from eivor.motions.rigid_body.instruments import AxisInstruments, Columns
@@ -60,7 +61,7 @@ from eivor.signals.actuator import actuator_state, shifted_by
 from eivor.signals.input_map import input_map
 
 #: Bands of spectral rows [Hz]: of turning, and of forces.
-TURNING_BAND_HZ = (0.1, 20.0)
+TURNING_BAND_HZ = (0.05, 20.0)
 FORCE_BAND_HZ = (0.05, 8.0)
 #: No band reaches beyond this share of the rate of what is measured.
 BAND_SHARE = 0.2
@@ -178,12 +179,15 @@ class RotorColumns:
         Parameters of all moving columns.
     usual : float
         State of a rotor that drag and damping are told for.
+    one_spin : InertiaRatios, optional
+        By which rotors that spin turn all axes with one inertia; see `eivor.motions.rigid_body.one_spin`.
     """
 
     states: RotorStates
     axis: int
     moving: tuple[Parameter, ...]
     usual: float
+    one_spin: InertiaRatios | None = None
 
     def __call__(self, at: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
@@ -194,7 +198,13 @@ class RotorColumns:
     @cached_property
     def places(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        return tuple(place for place, one in enumerate(self.moving) if one in MOVING[self.axis])
+        own = {*MOVING[self.axis], REACTION} if self._spun_alike else {*MOVING[self.axis]}
+        return tuple(place for place, one in enumerate(self.moving) if one in own)
+
+    @property
+    def _spun_alike(self) -> bool:
+        """Whether the rotors' inertia turns this axis as one with that of yaw."""
+        return self.one_spin is not None and self.axis in (ROLL, PITCH)
 
     @cached_property
     def _sensor(self) -> OnboardFilter | None:
@@ -220,9 +230,15 @@ class RotorColumns:
             GAIN[axis]: arms,
             OFFSET[axis]: mean[0],
             DAMPING[axis]: damped / square,
-            SPIN_MOMENT[axis]: spinning,
+            **self._spun(spinning),
             **beside,
         }
+
+    def _spun(self, spinning: Float[np.ndarray, " n"]) -> dict[Parameter, Float[np.ndarray, " n"]]:
+        """What rotors that spin turn about roll or pitch, by the parameter that it goes with."""
+        if self.one_spin is None:
+            return {SPIN_MOMENT[self.axis]: spinning}
+        return {REACTION: self.one_spin.of_axis(self.axis) * spinning}
 
     def _beside(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
         """What drag beside the centre of mass turns: the means of the velocities at the rotors."""
@@ -372,6 +388,7 @@ def _flight(
             (low, min(high, BAND_SHARE * slowest)),
             flight.usable,
             moving.places,
+            differenced=axis < FORCE_X,
         )
 
     changes = change_over_step(states.rates, signals.step_s)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -40,6 +40,7 @@ from eivor.motions.rigid_body.filters_shown import filters_not_passed
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.motions.rigid_body.one_spin import settled_spin, spin_moments
 from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
 from eivor.motions.rigid_body.physical import PhysicalParameter, physical_parameters
 from eivor.motions.rigid_body.quantities import at_hover, viscous_friction
@@ -141,10 +142,18 @@ class RigidBody(Motion[LaggedRuns]):
         surrogates = tuple(map(noisier, flights))
         return replace(problem, noisier=rigid_body_problem(surrogates, self.layout, NoInstruments()))
 
+    def settled(
+        self, problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate], _options: FlightOptions, /
+    ) -> tuple[LaggedRuns, Estimate]:
+        """With one inertia of the rotors about all axes where the flights tell it, see `one_spin`."""
+        return settled_spin(problem, estimated)
+
     def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
+        joint = joint_quantities(estimate)
         found = {
-            **at_hover(problem, joint_quantities(estimate)),
+            **at_hover(problem, joint),
+            **spin_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
         }

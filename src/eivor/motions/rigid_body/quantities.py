@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -29,13 +28,7 @@ def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Un
     for parameter in (*DRAG, *DAMPING):
         one = found.get(parameter.name)
         if one is not None:
-            low, high = one.interval
-            found[parameter.name] = replace(
-                one,
-                value=ratio * one.value,
-                std_error=ratio * one.std_error,
-                interval=(ratio * low, ratio * high),
-            )
+            found[parameter.name] = one.times(ratio)
     return found
 
 
