@@ -236,11 +236,15 @@ def _candidate(
 ) -> Candidate:
     """Estimate at some values of the discrete nuisances: passes of search and renewed row weights.
 
-    The first pass is spared where a candidate close by has been estimated.
+    The first pass is spared where a candidate close by has been estimated, and all but the last where nearly
+    the same problem was.
     """
-    weights = method.row_weighting.first_pass(problem)
-    if beside is not None and weights.renewal is not None:
-        weights = weights.renewal(beside.theta, beside.at)
+    if problem.begun is not None:
+        weights = method.row_weighting.last_pass(problem, problem.begun.theta, problem.begun.at)
+    else:
+        weights = method.row_weighting.first_pass(problem)
+        if beside is not None and weights.renewal is not None:
+            weights = weights.renewal(beside.theta, beside.at)
     found = _minimum(method, problem, weights, fixed)
     while weights.renewal is not None:
         weights = weights.renewal(found.solution.theta, found.at)

@@ -18,7 +18,7 @@ from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.equation import Parameter
 from eivor.models.regression import Regression, noise_of_surrogate
 from eivor.models.rows import AxisRows, RowLayout, SampleRows
-from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.models.separable import Begun, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.shapes import Bool, Complex, Float
 
@@ -174,6 +174,8 @@ class LaggedRuns(SeparableProblem):
     noisier : LaggedRuns, optional
         The same flights with so much more of every noise that is known: what its columns differ by has the
         covariance of the noises in those of the problem, in time and in each bin.
+    begun : Begun, optional
+        What an estimate has its weights from. Default: it finds them in passes of its own.
 
     Raises
     ------
@@ -191,6 +193,7 @@ class LaggedRuns(SeparableProblem):
     intercepts: bool = True
     noise: Callable[[Values], RowNoise] | None = None
     noisier: LaggedRuns | None = None
+    begun: Begun | None = None
 
     def __post_init__(self) -> None:
         if not any(one.runs for one in self.columns):
@@ -217,6 +220,33 @@ class LaggedRuns(SeparableProblem):
     def axes(self) -> tuple[int, ...]:
         """Numbers of the axes, increasing."""
         return tuple(sorted({one.axis for one in self.columns}))
+
+    def combined(
+        self,
+        columns: tuple[AxisColumns, ...],
+        moving: tuple[Parameter, ...],
+        combination: Float[np.ndarray, "m k"],
+        *,
+        noisier: LaggedRuns | None = None,
+        begun: Begun | None = None,
+    ) -> LaggedRuns:
+        """The same runs with moving columns that are sums of these, of which no spectrum is made twice.
+
+        Parameters
+        ----------
+        columns : tuple of AxisColumns
+            The new ones.
+        moving : tuple of Parameter
+            Parameters of those that move.
+        combination : ndarray, shape (m, k)
+            What each of them has of each of these.
+        noisier, begun : LaggedRuns, Begun, optional
+            In the new parameters, see above.
+        """
+        fixed = self.parameters[: self.columns[0].fixed.shape[1]]
+        found = replace(self, columns=columns, parameters=(*fixed, *moving), noisier=noisier, begun=begun)
+        found._moving_bins.update((at, spectra @ combination) for at, spectra in self._moving_bins.items())
+        return found
 
     def band_hz(self, axis: int) -> tuple[float, float]:
         """Band of an axis' spectral rows [Hz]."""

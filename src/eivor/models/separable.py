@@ -288,6 +288,22 @@ class SampledState:
     driven_density: Float[np.ndarray, " n"]
 
 
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """An estimate of nearly the same columns, whose residuals tell the weights of rows.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        Linear parameters.
+    at : mapping of str to float
+        Every nuisance's value.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    at: Values
+
+
 class SeparableProblem(ABC):
     """A regression for each value of the nuisances.
 
@@ -295,9 +311,12 @@ class SeparableProblem(ABC):
     ----------
     nuisances : tuple of Nuisance
         What moves columns, in the order of results.
+    begun : Begun or None
+        What an estimate has its weights from; by default it finds them in passes of its own.
     """
 
     nuisances: tuple[Nuisance, ...]
+    begun: Begun | None = None
 
     def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> SeparableProblem:
         """Return the same problem, a dataclass, with other grids or priors of its nuisances."""

@@ -16,10 +16,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from eivor.estimation.candidate import Candidate
 from eivor.estimation.estimate import Estimate
 from eivor.flights.predicted import SimpleModel
 from eivor.flights.quantity import Unjudged
+from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns
+from eivor.models.separable import Begun
 from eivor.motions.rigid_body.combinations import Combinations, Formula
 from eivor.motions.rigid_body.flights import RotorColumns
 from eivor.motions.rigid_body.inertia_ratios import (
@@ -54,7 +59,7 @@ def settled_spin(
     ratios = ratios_told(free)
     if ratios is None:
         return problem, free
-    linked = with_one_spin(problem, ratios)
+    linked = with_one_spin(problem, ratios, free.best)
     return linked, estimated(linked)
 
 
@@ -83,7 +88,7 @@ def ratios_told(estimate: Estimate) -> InertiaRatios | None:
     return InertiaRatios.of_values(values)
 
 
-def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios) -> LaggedRuns:
+def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None) -> LaggedRuns:
     """The same problem whose columns of rotors that spin go with J / Izz alone.
 
     Parameters
@@ -92,11 +97,21 @@ def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios) -> LaggedRuns:
         With a parameter for each column.
     ratios : InertiaRatios
         By which J / Ixx and J / Iyy are multiples of it.
+    free : Candidate, optional
+        An estimate of it, where that of the new one begins.
     """
-    parameters = tuple(one for one in problem.parameters if one not in SPIN_MOMENT)
-    columns = tuple(_of_one_spin(one, ratios) for one in problem.columns)
+    moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
+    kept = tuple(one for one in moving if one not in SPIN_MOMENT)
+    combination = np.array([[float(one == other) for other in kept] for one in moving])
+    for axis, one in enumerate(SPIN_MOMENT):
+        combination[moving.index(one), kept.index(REACTION)] = ratios.of_axis(axis)
+    columns = tuple(_of_one_spin(one, kept, ratios) for one in problem.columns)
     noisier = None if problem.noisier is None else with_one_spin(problem.noisier, ratios)
-    return replace(problem, columns=columns, parameters=parameters, noisier=noisier)
+    begun = None
+    if free is not None:
+        stays = [place for place, one in enumerate(problem.parameters) if one not in SPIN_MOMENT]
+        begun = Begun(free.theta[stays], free.at)
+    return problem.combined(columns, kept, combination, noisier=noisier, begun=begun)
 
 
 def spin_of(problem: LaggedRuns) -> InertiaRatios | None:
@@ -135,10 +150,9 @@ def _with_moments(values: Mapping[str, float], ratios: InertiaRatios) -> dict[st
     return {**values, **{one.name: ratios.of_axis(axis) * of_all for axis, one in enumerate(SPIN_MOMENT)}}
 
 
-def _of_one_spin(one: AxisColumns, ratios: InertiaRatios) -> AxisColumns:
+def _of_one_spin(one: AxisColumns, kept: tuple[Parameter, ...], ratios: InertiaRatios) -> AxisColumns:
     if not isinstance(one.moving, RotorColumns):
         return one
-    kept = tuple(parameter for parameter in one.moving.moving if parameter not in SPIN_MOMENT)
     moving = replace(one.moving, moving=kept, one_spin=ratios)
     return replace(one, moving=moving, moved=moving.places)
 
