@@ -1,0 +1,151 @@
+"""One inertia of the rotors for all axes: when it is told, and that it is worth what it claims."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import by_name
+from eivor.flights.options import FlightOptions
+from eivor.flights.predicted import SimpleModel
+from eivor.flights.prepare import prepare
+from eivor.models.instruments import NoInstruments
+from eivor.models.lagged_runs import LaggedRuns
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.effective import effective_parameters
+from eivor.motions.rigid_body.inertia_ratios import (
+    InertiaRatios,
+    by_pitch_coupling,
+    by_roll_coupling,
+    pitch_over_roll,
+)
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.one_spin import ratios_told, spin_of, with_one_spin, with_spin_moments
+from eivor.motions.rigid_body.parameters import PITCH, REACTION, ROLL, SPIN_MOMENT, YAW
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+
+SPEC = shipped_rigid_body_flight("crazyflie")
+INERTIA_OF_A_ROTOR = 5e-8
+SPINNING = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR))
+FIRST, SECOND, THIRD = SPEC.vehicle.inertia[:3]
+MOTION = RigidBody(
+    KnownVehicle(
+        "simulated",
+        tuple((x, y) for x, y, _ in SPEC.vehicle.rotors.positions),
+        SPEC.vehicle.rotors.spins,
+    )
+)
+METHOD = by_name("whitened_least_squares")
+AT = {"actuator_lag": SPEC.vehicle.rotors.lag_up, "delay": 0.0}
+
+
+@pytest.fixture(scope="module")
+def log():
+    """A noisy flight of a vehicle whose rotors have inertia."""
+    (flight,) = simulate_rigid_body_flights([replace(SPEC, vehicle=SPINNING, duration=20.0, seed=3)])
+    return flight.recording
+
+
+@pytest.fixture(scope="module")
+def problem(log) -> LaggedRuns:
+    return MOTION.problem((prepare(log, MOTION, FlightOptions()).shortened,), NoInstruments())
+
+
+def told(vehicle=SPINNING) -> dict[str, float]:
+    """Gains and couplings of a vehicle."""
+    truth = effective_parameters(vehicle)
+    gains = {f"{name}_gain": gain for name, gain in zip(("roll", "pitch"), truth.torque_gains, strict=False)}
+    pairs = zip(("roll", "pitch"), truth.gyroscopic_ratios, strict=False)
+    return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
+
+
+def test_ratios_are_those_of_the_inertias():
+    values = told()
+    assert pitch_over_roll(values) == pytest.approx(SECOND / FIRST)
+    for ratio in (by_roll_coupling, by_pitch_coupling):
+        assert ratio(values) == pytest.approx(THIRD / FIRST)
+    ratios = InertiaRatios.of_values(values)
+    assert (ratios.of_axis(ROLL), ratios.of_axis(PITCH)) == pytest.approx((THIRD / FIRST, THIRD / SECOND))
+
+
+def test_columns_are_sums_of_those_that_they_replace(problem):
+    ratios = InertiaRatios(1.7, 1.5)
+    problem.bins(AT)  # remembers spectra, which the other problem takes
+    linked = with_one_spin(problem, ratios)
+    anew = replace(linked)  # remembers nothing
+    assert spin_of(problem) is None
+    assert spin_of(linked) == ratios
+    assert not set(SPIN_MOMENT) & set(linked.parameters)
+    names = [one.name for one in problem.parameters]
+    kept = [place for place, one in enumerate(problem.parameters) if one not in SPIN_MOMENT]
+    for rows in (linked.bins(AT), anew.bins(AT)):
+        expected = problem.bins(AT).regressors
+        expected[:, names.index(REACTION.name)] += sum(
+            ratio * expected[:, names.index(one.name)]
+            for ratio, one in zip((1.7, 1.5), SPIN_MOMENT, strict=True)
+        )
+        np.testing.assert_allclose(rows.regressors, expected[:, kept], rtol=1e-9, atol=1e-12)
+    axes = linked.rows(AT).layout.axis_of_row
+    reaction = linked.rows(AT).regressors[:, [one.name for one in linked.parameters].index(REACTION.name)]
+    assert all(reaction[axes == axis].any() for axis in (ROLL, PITCH, YAW))
+
+
+@pytest.mark.thorough
+def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, problem):
+    free, found = identify(problem, METHOD), identify_flight(log, model=MOTION, method=METHOD.name)
+    assert spin_of(found.fit.problem) is not None
+    for one, inertia in zip((*SPIN_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
+        low, high = found.quantities[one.name].interval
+        assert low <= INERTIA_OF_A_ROTOR / inertia <= high
+        assert low > 0.0
+    for one in SPIN_MOMENT:  # each by itself is told far worse
+        assert found.quantities[one.name].std_error < 0.7 * free.std_error(one.name)
+    low, high = found.quantities["effective_lag"].interval
+    assert low <= SPEC.vehicle.rotors.lag_up <= high
+
+
+def test_couplings_that_are_not_told_leave_three_columns(problem):
+    free = identify(problem, METHOD)
+    assert ratios_told(free) is not None
+    blind = replace(problem, columns=tuple(uncoupled(one) for one in problem.columns))
+    assert ratios_told(identify(blind, METHOD)) is None
+
+
+def uncoupled(one):
+    """Columns of a flight whose products of rates are hardly there."""
+    return replace(one, fixed=one.fixed * np.where(np.arange(one.fixed.shape[1]) < 3, 1e-9, 1.0))
+
+
+def test_columns_that_say_something_else_than_one_inertia_stay_three(problem):
+    """A reaction of yaw by far larger than that of any inertia, as of a motor that is slow to turn."""
+    free = identify(problem, METHOD)
+    slow = replace(problem, columns=tuple(reacting(one, problem) for one in problem.columns))
+    other = identify(slow, METHOD)
+    assert other.parameters[REACTION.name] > 10.0 * free.parameters[REACTION.name]
+    assert ratios_told(other) is None
+
+
+def reacting(one, problem):
+    """The axis of yaw with a response that has more of a reaction in it."""
+    if one.axis != YAW:
+        return one
+    names = [parameter.name for parameter in problem.parameters[one.fixed.shape[1] :]]
+    place = one.moved.index(names.index(REACTION.name))
+    more = 20.0 * INERTIA_OF_A_ROTOR / THIRD * one.moving(AT)[:, place]
+    return replace(one, responses=one.responses + more[:, None])
+
+
+def test_predictions_know_what_all_axes_have():
+    values = told() | {REACTION.name: INERTIA_OF_A_ROTOR / THIRD}
+    other = {REACTION.name: 2.0}
+    found = with_spin_moments({"fit": SimpleModel("", values), "other": SimpleModel("", other)}, "fit")
+    for one, inertia in zip(SPIN_MOMENT, (FIRST, SECOND), strict=True):
+        assert found["fit"].values[one.name] == pytest.approx(INERTIA_OF_A_ROTOR / inertia)
+        assert found["other"].values[one.name] == pytest.approx(2.0 * THIRD / inertia)
+    before = {"fit": SimpleModel("", values | {SPIN_MOMENT[ROLL].name: 3.0, SPIN_MOMENT[PITCH].name: 4.0})}
+    assert with_spin_moments(before, "fit") == before
