@@ -9,7 +9,6 @@ afterwards.
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import nnls
 
 from eivor.shapes import Float
 
@@ -32,6 +31,8 @@ def rising_power(
     power : ndarray, shape (bins,)
         Power at each.
     """
+    from scipy.optimize import nnls  # late: it brings much, which few ask for
+
     mean = float(power.mean()) if power.size else 0.0
     if not mean > 0.0:
         return np.ones_like(power)
