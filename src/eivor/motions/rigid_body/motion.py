@@ -39,6 +39,7 @@ from eivor.motions.rigid_body.combinations import Combinations
 from eivor.motions.rigid_body.filters_shown import filters_not_passed
 from eivor.motions.rigid_body.flights import rigid_body_problem
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.lags_apart import lags_apart
 from eivor.motions.rigid_body.layout import RotorLayout
 from eivor.motions.rigid_body.one_spin import settled_spin, spin_moments
 from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
@@ -187,12 +188,16 @@ class RigidBody(Motion[LaggedRuns]):
     def diagnostics(
         self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
-        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`, or `wind_shown`."""
+        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`, or our equations.
+
+        That a steady wind blew is `wind_shown`, that axes disagree about the lag `lags_apart`.
+        """
         shown = order_shown(flights, self.layout)
         if shown is not None:
             return shown.numbers
         wind = steady_wind(problem, estimate.best.at, flights)
-        found = {} if wind is None else wind.numbers
+        lags = lags_apart(estimate)
+        found = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}
         if self.pooled and len(flights) == 1:
             return found  # the whole pool is asked about filters
         filters = filters_not_passed(problem, estimate, flights, self.layout)

@@ -7,7 +7,7 @@ Each quantity is judged by the instruments of its own equation, and by its own i
 * provisional: a direct method, for want of references;
 * identified: a half-width of at most a tenth of a gain, a half of a drag or a damping, .1 of a coupling, 10
   ms of the lag;
-* weak otherwise, and drags across where a steady wind blew.
+* weak otherwise, and drags across where a steady wind blew; everything where axes disagree about the lag.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.motions.rigid_body.filters_shown import FiltersNotPassed
+from eivor.motions.rigid_body.lags_apart import LagsApart
 from eivor.motions.rigid_body.parameters import COUPLING, DAMPING, DRAG, FRICTION, GAIN, LIFT, THRUST
 from eivor.motions.rigid_body.rotor_order import Order
 from eivor.motions.rigid_body.wind_shown import ACROSS, SteadyWind
@@ -88,6 +89,9 @@ def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
     order = Order.of_numbers(at.numbers)
     if order is not None:
         reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
+    lags = LagsApart.of_numbers(at.numbers)
+    if lags is not None:
+        reasons.append(Reason(Status.WEAK, lags.sentence, lags.remedy))
     filters = FiltersNotPassed.of_numbers(at.numbers)
     if filters is not None:
         reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))

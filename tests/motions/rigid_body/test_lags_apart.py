@@ -1,0 +1,87 @@
+"""Axes agree about the lag in calm air; not where a delay is given wrong, or air moves the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from eivor.inference.verdict import Status
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body import lags_apart as module
+from eivor.motions.rigid_body.known_number import KnownNumber
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.lags_apart import LagsApart, lags_apart
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.rigid_body.spec import TorqueDisturbance
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
+ROTORS = SPEC.vehicle.rotors
+KNOWN = KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
+DIRECT = "whitened_least_squares"
+
+
+def flown(spec):
+    """The log of a flight."""
+    (flight,) = simulate_rigid_body_flights([spec])
+    return flight.recording
+
+
+@pytest.fixture(scope="module")
+def calm():
+    """What is told of a flight in calm air."""
+    return identify_flight(flown(SPEC), model=RigidBody(KNOWN), method=DIRECT)
+
+
+def test_axes_agree_in_calm_air(calm, monkeypatch):
+    assert lags_apart(calm.fit.estimate) is None
+    assert LagsApart.of_numbers(calm.diagnostics) is None
+    monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
+    found = lags_apart(calm.fit.estimate)
+    assert found.p_value > 0.01
+    assert list(found.changes_s) == ["roll", "pitch", "yaw", "thrust"]
+    lag = calm.quantities["effective_lag"]
+    assert found.lag_s == pytest.approx(lag.value)
+    assert abs(found.changes_s["roll"]) < 4.0 * lag.std_error
+
+
+@pytest.mark.thorough
+def test_instruments_are_not_second_guessed():
+    spec = replace(SPEC, duration=30.0)
+    result = identify_flight(flown(spec), model=RigidBody(KNOWN), method="reference_iv")
+    assert result.method == "reference_iv"
+    assert lags_apart(result.fit.estimate) is None
+
+
+@pytest.mark.thorough
+def test_a_delay_that_was_given_wrong_is_said():
+    late = replace(SPEC, vehicle=replace(SPEC.vehicle, rotors=replace(ROTORS, delay=0.01)), duration=30.0)
+    vehicle = replace(KNOWN, delay=KnownNumber(0.0))
+    found = identify_flight(flown(late), model=RigidBody(vehicle), method=DIRECT)
+    told = LagsApart.of_numbers(found.diagnostics)
+    assert told.p_value < 1e-3
+    assert told.sentence in " ".join(found.verdict.sentences)
+    assert found.verdict.status is Status.PROVISIONAL
+    found = identify_flight(flown(late), model=RigidBody(KNOWN), method=DIRECT)
+    assert LagsApart.of_numbers(found.diagnostics) is None
+
+
+@pytest.mark.thorough
+def test_torques_of_the_air_are_said_where_no_setpoint_is_logged():
+    air = OrnsteinUhlenbeck(4.0, 0.3)
+    log = flown(replace(SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0))
+    found = identify_flight(log, model=RigidBody(KNOWN), method=DIRECT)
+    assert "The axes disagree about the lag" in " ".join(found.verdict.sentences)
+
+
+def test_numbers_and_sentences():
+    told = LagsApart(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
+    assert LagsApart.of_numbers(told.numbers) == told
+    assert LagsApart.of_numbers({}) is None
+    assert told.sentence == (
+        "The axes disagree about the lag (p-value 1e-12). For all of them it is 50 ms; by itself "
+        "roll asks for 52 ms, yaw for a much shorter one, thrust for a much longer one."
+    )
