@@ -124,8 +124,6 @@ class AxisColumns:
     moved : tuple of int, optional
         Which of the other parameters `moving` gives columns of, where the axis' equation has but some of
         them. Default: all.
-    differenced : bool
-        The responses are differences of what was measured, the power of whose noise rises with f^2.
     """
 
     step_s: float
@@ -139,7 +137,6 @@ class AxisColumns:
     band_hz: tuple[float, float] = BAND_HZ
     valid: Bool[np.ndarray, " n"] | None = None
     moved: tuple[int, ...] | None = None
-    differenced: bool = False
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
         """Samples of a run that count; None for all."""
@@ -361,7 +358,6 @@ class LaggedRuns(SeparableProblem):
                     one.axis,
                     run.start,
                     one.counted(run),
-                    one.differenced,
                 )
                 for one, run in self._cut()
             )

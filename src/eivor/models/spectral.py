@@ -50,8 +50,6 @@ class SpectralRun:
         Sample of its flight at which it begins: runs of several axes with one start are of one time.
     counted : ndarray of bool, shape (length,), optional
         Samples that count. Default: all.
-    differenced : bool
-        The response is a difference of what was measured, the power of whose noise rises with f^2.
     """
 
     flight: int
@@ -61,7 +59,6 @@ class SpectralRun:
     axis: int = 0
     start: int = 0
     counted: Bool[np.ndarray, " length"] | None = field(default=None, compare=False, repr=False)
-    differenced: bool = False
 
     @cached_property
     def bins(self) -> slice:

@@ -18,9 +18,8 @@ import numpy as np
 from eivor.estimation.weighting.rows import RowWeighting, WeightedRows
 from eivor.inference.diagnostics.instrument_tests import orthonormal_basis
 from eivor.models.regression import Regression
-from eivor.models.rising_power import rising_power
 from eivor.models.separable import SeparableProblem, Values
-from eivor.models.spectral import SpectralRegression, SpectralRun
+from eivor.models.spectral import SpectralRegression
 from eivor.shapes import Complex, Float
 
 #: Power never falls below this share of its median, so that no bin takes all the weight.
@@ -148,25 +147,17 @@ def residual_spectrum(
     start = 0
     for run in bins.layout.runs:
         here = slice(start, start + run.count)
-        S11, S22, S12 = _smoothed(run, powers[here]).T
+        S11, S22, S12 = run.smoothed(powers[here]).T
         spread = S11 + S22 - 2.0 * S12
         q = np.clip(np.divide(S11 - S12, spread, out=np.full_like(S11, 0.5), where=spread > 0.0), 0.0, 1.0)
         blended = np.abs((1.0 - q) * first[here] + q * last[here]) ** 2
-        S = _smoothed(run, blended[:, None])[:, 0]
+        S = run.smoothed(blended[:, None])[:, 0]
         blend[here] = q
         power[here] = np.maximum(S, POWER_FLOOR * float(np.median(S)) if S.size else 0.0)
         start += run.count
     if not power.all():
         power = np.where(power > 0.0, power, max(float(power.max()), 1.0) * POWER_FLOOR)
     return blend, power
-
-
-def _smoothed(run: SpectralRun, powers: Float[np.ndarray, "bins k"]) -> Float[np.ndarray, "bins k"]:
-    """Means over neighbouring bins; of differences, of the powers beside the shape of the first."""
-    if not run.differenced:
-        return run.smoothed(powers)
-    shape = rising_power(run.frequency_hz, powers[:, 0])[:, None]
-    return run.smoothed(powers / shape) * shape
 
 
 def _whitened(

@@ -388,7 +388,6 @@ def _flight(
             (low, min(high, BAND_SHARE * slowest)),
             flight.usable,
             moving.places,
-            differenced=axis < FORCE_X,
         )
 
     changes = change_over_step(states.rates, signals.step_s)

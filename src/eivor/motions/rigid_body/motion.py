@@ -51,6 +51,7 @@ from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
 from eivor.motions.rigid_body.surrogate import noises_known, noisier
 from eivor.motions.rigid_body.told_vehicle import vehicle_told
 from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
+from eivor.motions.rigid_body.whole_band import settled_band
 from eivor.motions.rigid_body.wind_shown import steady_wind
 from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
 from eivor.shapes import Float
@@ -146,8 +147,11 @@ class RigidBody(Motion[LaggedRuns]):
     def settled(
         self, problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate], _options: FlightOptions, /
     ) -> tuple[LaggedRuns, Estimate]:
-        """With one inertia of the rotors about all axes where the flights tell it, see `one_spin`."""
-        return settled_spin(problem, estimated)
+        """With one inertia of the rotors about all axes where the flights tell it, and in a band that serves.
+
+        See `one_spin` and `whole_band`.
+        """
+        return settled_band(*settled_spin(problem, estimated), estimated)
 
     def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
         """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
