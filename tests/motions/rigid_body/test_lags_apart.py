@@ -14,9 +14,7 @@ from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.lags_apart import LagsApart, lags_apart
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import TorqueDisturbance
 from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
 ROTORS = SPEC.vehicle.rotors
@@ -67,14 +65,6 @@ def test_a_delay_that_was_given_wrong_is_said():
     assert found.verdict.status is Status.PROVISIONAL
     found = identify_flight(flown(late), model=RigidBody(KNOWN), method=DIRECT)
     assert LagsApart.of_numbers(found.diagnostics) is None
-
-
-@pytest.mark.thorough
-def test_torques_of_the_air_are_said_where_no_setpoint_is_logged():
-    air = OrnsteinUhlenbeck(4.0, 0.3)
-    log = flown(replace(SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0))
-    found = identify_flight(log, model=RigidBody(KNOWN), method=DIRECT)
-    assert "The axes disagree about the lag" in " ".join(found.verdict.sentences)
 
 
 def test_numbers_and_sentences():

@@ -26,6 +26,8 @@ from eivor.motions.rigid_body.parameters import FORCE_X
 WHOLE_BAND_HZ = 60.0
 #: It is worth its rows where it is so many times the lower one.
 WIDER = 1.5
+#: Estimates in it, each with the weights of the one before: those of a biased one are not yet the noise's.
+PASSES = 2
 #: Lags within this factor of the one of the lower band are searched.
 NEAR = 2.0
 
@@ -49,10 +51,12 @@ def settled_band(
     whole = in_whole_band(problem)
     if whole is problem:
         return problem, estimate
-    best = estimate.best
-    nuisances = tuple(_near(one, best.at[one.name]) for one in problem.nuisances)
-    whole = replace(whole, nuisances=nuisances, begun=Begun(best.theta, best.at))
-    return whole, estimated(whole)
+    for _ in range(PASSES):
+        best = estimate.best
+        nuisances = tuple(_near(one, best.at[one.name]) for one in problem.nuisances)
+        whole = replace(whole, nuisances=nuisances, begun=Begun(best.theta, best.at))
+        estimate = estimated(whole)
+    return whole, estimate
 
 
 def in_whole_band(problem: LaggedRuns) -> LaggedRuns:

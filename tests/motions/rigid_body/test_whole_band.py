@@ -1,0 +1,73 @@
+"""The whole band: where it reaches, and what it is worth in air that turns the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eivor.estimation.fit import identify
+from eivor.estimation.methods import by_name
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.models.instruments import NoInstruments
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.flights import FORCE_BAND_HZ, TURNING_BAND_HZ
+from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.motions.rigid_body.lags_apart import lags_apart
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.whole_band import WHOLE_BAND_HZ, in_whole_band
+from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
+from eivor.simulation.rigid_body.spec import Logged, TorqueDisturbance
+from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=5.0, seed=2)
+ROTORS = SPEC.vehicle.rotors
+MOTION = RigidBody(KnownVehicle("x", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins))
+DIRECT = "whitened_least_squares"
+
+
+def flown(spec):
+    """The log of a flight."""
+    (flight,) = simulate_rigid_body_flights([spec])
+    return flight.recording
+
+
+def problem_of(log):
+    """The equations of a flight."""
+    return MOTION.problem((prepare(log, MOTION, FlightOptions()).shortened,), NoInstruments())
+
+
+def test_rows_of_turning_reach_up_and_those_of_forces_stay():
+    problem = problem_of(flown(SPEC))
+    whole = in_whole_band(problem)
+    assert [one.band_hz for one in whole.columns[:3]] == [(TURNING_BAND_HZ[0], WHOLE_BAND_HZ)] * 3
+    assert {one.band_hz for one in whole.columns[3:]} == {FORCE_BAND_HZ}
+    assert in_whole_band(whole) is whole
+    at = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
+    assert len(whole.bins(at).responses) > 1.5 * len(problem.bins(at).responses)
+
+
+def test_commands_that_the_log_does_not_hold_end_it():
+    slow = problem_of(flown(replace(SPEC, logged=Logged(rotor_command_hz=125.0))))
+    assert in_whole_band(slow) is slow
+
+
+@pytest.mark.thorough
+def test_what_comes_back_through_the_controller_cancels_in_it():
+    """Torques of the air make the lag of the lower band too short, and that of the whole one by a fifth of it."""
+    air = OrnsteinUhlenbeck(4.0, 0.3)
+    spec = replace(SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0)
+    lower, whole = [], []
+    for (flight,) in (simulate_rigid_body_flights([replace(spec, seed=seed)]) for seed in (10, 11, 12, 13)):
+        alone = identify(problem_of(flight.recording), by_name(DIRECT))
+        assert lags_apart(alone) is not None
+        lower.append(alone.parameters["actuator_lag"] + alone.parameters["delay"] - ROTORS.lag_up)
+        found = identify_flight(flight.recording, model=MOTION, method=DIRECT)
+        assert found.fit.problem.band_hz(0)[1] == WHOLE_BAND_HZ
+        assert "The axes disagree about the lag" in " ".join(found.verdict.sentences)
+        whole.append(found.quantities["effective_lag"].value - ROTORS.lag_up)
+    assert np.mean(lower) < -0.001
+    assert abs(np.mean(whole)) < 0.3 * abs(np.mean(lower))
