@@ -57,7 +57,7 @@ def test_commands_that_the_log_does_not_hold_end_it():
 
 @pytest.mark.thorough
 def test_what_comes_back_through_the_controller_cancels_in_it():
-    """Torques of the air make the lag of the lower band too short, and that of the whole one by a fifth of it."""
+    """Torques of the air make the lag of the lower band too short, and that of the whole one hardly."""
     air = OrnsteinUhlenbeck(4.0, 0.3)
     spec = replace(SPEC, torque_disturbance=TorqueDisturbance(air, air, air), duration=30.0)
     lower, whole = [], []
