@@ -1,12 +1,12 @@
-"""The whole band, in which what comes back through the controller cancels.
+"""The whole band, over which what comes back through the controller has nothing in common with the residual.
 
 A direct method divides rows by the power of their own residual, which is likelihood where the band reaches up
-to half of the sampling rate: what the residual answers to comes before it, and products of a residual that
-is white with what it causes later vanish in the sum over all frequencies, though not in a part of them
-(Ljung 1999, chapter 13, of prediction errors in closed loop). Up to 20 Hz they do not vanish, and what
-disturbs the vehicle biases the lag and the gains. All rows are many, and most are noise; so they are taken
-where the axes disagree about the lag, by an estimate that begins near the one of the lower band, whose
-weights it takes: with equal weights noise far above the motion counts as much as the motion.
+to half of the sampling rate. Over all frequencies a residual that is white has nothing in common with what
+came before it: what it causes later, through the controller, biases nothing (Ljung 1999, chapter 13, of
+prediction errors in closed loop). Over a part of them it has, and up to 20 Hz what disturbs the vehicle
+biases lag and gains. All rows are many, and most are noise; so they are taken where the axes disagree about
+the lag, by an estimate that begins near the one of the lower band, whose weights it takes: with equal weights
+noise far above the motion counts as much as the motion.
 """
 
 from __future__ import annotations
