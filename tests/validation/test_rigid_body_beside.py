@@ -62,7 +62,7 @@ def test_the_table_of_stamps_that_err_has_the_worst_of_each_group():
 
 
 def test_the_page_has_all_tables_and_every_lag_of_them():
-    for kind in (beside.LAGS, beside.SPEEDS, beside.STAMPS):
+    for kind in (beside.LAGS, beside.SPEEDS, *beside.OF_GRID):
         text = page_text(PAGE, kind)
     for up, down in beside.LAGS_S:
         assert text.count(f"| {1e3 * up:.0f}, {1e3 * down:.0f} ms |") == 2

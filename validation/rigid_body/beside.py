@@ -1,4 +1,4 @@
-"""Tables of docs/rigid-body.md beside the grid: rotors with two lags, noisy tachometers, stamps that err.
+"""Tables of docs/rigid-body.md beside the grid: two lags, noisy tachometers, stamps that err, a known delay.
 
     python -m validation.rigid_body.beside [--folder FOLDER] [--kinds WORD] [--page docs/rigid-body.md]
 
@@ -48,9 +48,10 @@ LAGS_S = ((0.072, 0.072), (0.060, 0.072), (0.060, 0.090))
 SPEED_NOISES, SPEED_FLIGHTS = (0.01, 0.03), 12
 #: First seed of both, see `Scenario`.
 LAGS_SEED, SPEED_SEED = 80000, 81000
-#: Scenario of the grid whose stamps err; its own seeds and number of flights.
-OUT_OF_STEP = "stamps out of step, with 1 ms of jitter"
-LAGS, SPEEDS, STAMPS = "two lags", "measured speeds", "erring stamps"
+LAGS, SPEEDS, STAMPS, DELAYS = "two lags", "measured speeds", "erring stamps", "known delay"
+#: Scenarios of the grid, with their own seeds and numbers of flights, of which there is a table.
+NOMINAL = "nominal noise"
+OF_GRID = {STAMPS: "stamps out of step, with 1 ms of jitter", DELAYS: NOMINAL}
 #: What the tables of lags and speeds show, in order.
 SHOWN = (*(one.name for one in GAIN), THRUST.name, DRAG[2].name)
 
@@ -91,17 +92,19 @@ def all_flights() -> list[Flown]:
     """Flights of all tables, those of low numbers first."""
     lags = [Flown(LAGS, case, 0) for case in range(len(LAGS_S))]
     speeds = [Flown(SPEEDS, case, n) for n in range(SPEED_FLIGHTS) for case in range(len(SPEED_NOISES))]
-    stamps = [Flown(STAMPS, 0, number) for number in range(published_grid().scenario(OUT_OF_STEP).count)]
-    return [*lags, *speeds, *stamps]
+    of_grid = [
+        Flown(kind, 0, number)
+        for kind, name in OF_GRID.items()
+        for number in range(published_grid().scenario(name).count)
+    ]
+    return [*lags, *speeds, *of_grid]
 
 
 def rows_of(one: Flown) -> tuple[Row, ...]:
     """Rows of a flight: one for each method and quantity."""
-    if one.kind == STAMPS:
-        return _rows_of_erring(one)
-    scenario = replace(
-        published_grid().scenario("nominal noise"), seed=LAGS_SEED if one.kind == LAGS else SPEED_SEED
-    )
+    if one.kind in OF_GRID:
+        return _rows_of_grid(one)
+    scenario = replace(published_grid().scenario(NOMINAL), seed=LAGS_SEED if one.kind == LAGS else SPEED_SEED)
     spec = flight_of(VEHICLE, scenario, published_grid().seconds, one.number)
     spec, noise = (_two_lags(spec, one.case), None) if one.kind == LAGS else _noisy(spec, one.case)
     (flight,) = simulate_rigid_body_flights([spec])
@@ -116,13 +119,15 @@ def rows_of(one: Flown) -> tuple[Row, ...]:
     )
 
 
-def _rows_of_erring(one: Flown) -> tuple[Row, ...]:
-    """Rows of a flight out of step: its seed is that of the grid's, and so is the flight."""
-    scenario = published_grid().scenario(OUT_OF_STEP)
+def _rows_of_grid(one: Flown) -> tuple[Row, ...]:
+    """Rows of a flight of the grid, by least squares; with its delay where that is to be known."""
+    scenario = published_grid().scenario(OF_GRID[one.kind])
     (flight,) = simulate_rigid_body_flights(
         [flight_of(VEHICLE, scenario, published_grid().seconds, one.number)]
     )
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + one.number)
+    if one.kind == DELAYS:
+        scenario = replace(scenario, taken_delay_s=scenario.delay_s)
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
     told = identified(log, motion, LEAST_SQUARES, None)
     return tuple(_rows(one, LEAST_SQUARES, truth_of(flight.truth.parameters), told))
@@ -177,7 +182,7 @@ def _rows(one: Flown, method: str, truth: Mapping[str, float], found: FlightEsti
 
 def tables(table: StudyTable) -> dict[str, str]:
     """Tables as Markdown, by the names of their parts of the page; of the kinds of which any was flown."""
-    made = {LAGS: _table_of_lags, SPEEDS: _table_of_speeds, STAMPS: _table_of_stamps}
+    made = {LAGS: _table_of_lags, SPEEDS: _table_of_speeds, **dict.fromkeys(OF_GRID, _table_of_grid)}
     of_kind = {kind: table.rows.filter(pl.col("kind") == kind) for kind in made}
     return {kind: make(of_kind[kind]) for kind, make in made.items() if of_kind[kind].height}
 
@@ -227,7 +232,7 @@ def _table_of_speeds(rows: pl.DataFrame) -> str:
     return markdown(header, lines)
 
 
-def _table_of_stamps(rows: pl.DataFrame) -> str:
+def _table_of_grid(rows: pl.DataFrame) -> str:
     found = scores(rows)
     groups = {name: names for name, names in GROUPS.items() if set(names) & set(found)}
     flights = f"{rows['number'].n_unique()}"
