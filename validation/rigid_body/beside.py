@@ -1,4 +1,4 @@
-"""Tables of docs/rigid-body.md beside the grid: two lags, noisy tachometers, stamps that err, a known delay.
+"""Tables of docs/rigid-body.md beside the grid: two lags, noisy tachometers, and more of the grid's flights.
 
     python -m validation.rigid_body.beside [--folder FOLDER] [--kinds WORD] [--page docs/rigid-body.md]
 
@@ -49,9 +49,17 @@ SPEED_NOISES, SPEED_FLIGHTS = (0.01, 0.03), 12
 #: First seed of both, see `Scenario`.
 LAGS_SEED, SPEED_SEED = 80000, 81000
 LAGS, SPEEDS, STAMPS, DELAYS = "two lags", "measured speeds", "erring stamps", "known delay"
+CALM, TORQUES = "further calm", "further torques"
 #: Scenarios of the grid, with their own seeds and numbers of flights, of which there is a table.
 NOMINAL = "nominal noise"
-OF_GRID = {STAMPS: "stamps out of step, with 1 ms of jitter", DELAYS: NOMINAL}
+OF_GRID = {
+    STAMPS: "stamps out of step, with 1 ms of jitter",
+    DELAYS: NOMINAL,
+    CALM: NOMINAL,
+    TORQUES: "torques of the air, and every fourth command",
+}
+#: Of these the flights that follow those of the grid, as many again.
+FURTHER = (CALM, TORQUES)
 #: What the tables of lags and speeds show, in order.
 SHOWN = (*(one.name for one in GAIN), THRUST.name, DRAG[2].name)
 
@@ -120,17 +128,16 @@ def rows_of(one: Flown) -> tuple[Row, ...]:
 
 
 def _rows_of_grid(one: Flown) -> tuple[Row, ...]:
-    """Rows of a flight of the grid, by least squares; with its delay where that is to be known."""
+    """Rows of a flight of the grid, by the method judged; with its delay where that is to be known."""
     scenario = published_grid().scenario(OF_GRID[one.kind])
-    (flight,) = simulate_rigid_body_flights(
-        [flight_of(VEHICLE, scenario, published_grid().seconds, one.number)]
-    )
-    log = jittered(flight.recording, scenario.jitter_s, scenario.seed + one.number)
+    number = one.number + (scenario.count if one.kind in FURTHER else 0)
+    (flight,) = simulate_rigid_body_flights([flight_of(VEHICLE, scenario, published_grid().seconds, number)])
+    log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
     if one.kind == DELAYS:
         scenario = replace(scenario, taken_delay_s=scenario.delay_s)
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
-    told = identified(log, motion, LEAST_SQUARES, None)
-    return tuple(_rows(one, LEAST_SQUARES, truth_of(flight.truth.parameters), told))
+    told = identified(log, motion, scenario.methods[0], None)
+    return tuple(_rows(one, scenario.methods[0], truth_of(flight.truth.parameters), told))
 
 
 def identified(
