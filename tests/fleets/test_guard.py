@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import time
 
 import pytest
 
 from eivor.errors import UsageError
 from eivor.fleets import begun_process
+from eivor.fleets import guard as guard_module
 from eivor.fleets.guard import AbandonedError, Guard, LimitError
 from eivor.fleets.limits import Limits
 from fleets.guarded_answers import answered
@@ -40,6 +42,24 @@ def test_items_are_kept_to_their_limits(tmp_path, monkeypatch):
     assert guard.pid is None
     with pytest.raises(ProcessLookupError):
         os.kill(first, 0)
+
+
+@pytest.mark.thorough
+def test_last_words_are_waited_for(monkeypatch):
+    """On a busy machine a process is gone before what it said was read."""
+    hear = guard_module._Process._hear
+
+    def late(process, pipe):
+        time.sleep(0.5)
+        hear(process, pipe)
+
+    monkeypatch.setattr(guard_module._Process, "_hear", late)
+    guard = Guard(answered, Limits(time_s=5.0, memory_gb=1.0))
+    with (
+        contextlib.closing(guard),
+        pytest.raises(LimitError, match=r"said last: memory allocation of 9 bytes failed\.$"),
+    ):
+        guard("words")
 
 
 def test_an_abandoned_item_is_given_up(monkeypatch):

@@ -31,6 +31,8 @@ BEGIN_S = 120.0
 TRIES = 2
 #: Bytes of what a process that died said last, and what is in those that tell why.
 LAST_WORDS, TELLING_WORD = 4000, "memory"
+#: How long they are waited for once it has died: what it had begun may keep its pipe open [s].
+WORDS_S = 2.0
 
 
 class LimitError(Exception):
@@ -124,11 +126,9 @@ class _Process:
         self._words = bytearray()
         self._items = cast("BinaryIO", self._popen.stdin)
         results, said = cast("BinaryIO", self._popen.stdout), cast("BinaryIO", self._popen.stderr)
-        self._readers = [
-            threading.Thread(target=target, args=(pipe,), daemon=True)
-            for target, pipe in ((self._take, results), (self._hear, said))
-        ]
-        for reader in self._readers:
+        self._taking = threading.Thread(target=self._take, args=(results,), daemon=True)
+        self._hearing = threading.Thread(target=self._hear, args=(said,), daemon=True)
+        for reader in (self._taking, self._hearing):
             reader.start()
         self._is_new = True
         send(self._popen, (function, limits.memory_gb))
@@ -178,6 +178,7 @@ class _Process:
 
     def _last_words(self) -> str:
         code = self._popen.wait()
+        self._hearing.join(WORDS_S)
         lines = self._words.decode("utf-8", "replace").strip().splitlines()
         # what wants memory and gets none says so in its own way, and how to find out more after that
         telling = [line for line in lines if TELLING_WORD in line.lower()] or lines
@@ -190,5 +191,5 @@ class _Process:
         end(self._popen)
         with suppress(OSError):
             self._items.close()
-        for reader in self._readers:
+        for reader in (self._taking, self._hearing):
             reader.join()
