@@ -67,7 +67,7 @@ def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
         (["--to", "statespace", "--prior", "delay"], "a prior NAME=VALUE:STD"),
         (["--to", "statespace", "--prior", "delay=x"], "VALUE or VALUE:STD"),
         (["--to", "px4", "--mass", "-1"], "a mass above zero"),
-        (["--to", "px4", "-o", "fit.json"], "other than the result"),
+        (["--to", "px4", "-o", "fit.json"], "which would replace"),
     ],
 )
 def test_wrong_usage(

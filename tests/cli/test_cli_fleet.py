@@ -77,7 +77,7 @@ def test_run_tells_what_it_found(eivor, logs, tmp_path):
         (("{tmp}/logs", "-o", "{tmp}/fleet", "--vehicle-from", "{tail}"), 2, "a pattern with"),
         (("{tmp}/logs", "-o", "{tmp}/fleet", "--model", "sideways"), 2, "sideways"),
         (("{tmp}/logs", "-o", "{tmp}/fleet", "--log-time", "0"), 2, "a limit time_s above zero"),
-        (("{tmp}/logs", "-o", "{tmp}/logs/a.csv"), 2, "a folder for the fleet"),
+        (("{tmp}/logs", "-o", "{tmp}/logs/a.csv"), 2, "would replace"),
     ],
 )
 def test_run_refuses(eivor, logs, tmp_path, arguments, code, told):

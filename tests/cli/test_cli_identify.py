@@ -224,7 +224,7 @@ def test_a_flight_that_tells_nothing_is_refused_not_failed(
         (("LOG", "--method", "least_squares", "--instruments", "lags"), "least_squares uses none"),
         (("--example", "--method", "total_least_squares", "--instruments", "references"), "uses none"),
         (("LOG", "--figure", "x.gif"), ".png"),
-        (("LOG", "--json", "LOG"), "other than the logs"),
+        (("LOG", "--json", "LOG"), "would replace"),
         (("LOG", "--nonsense"), "No such option"),
     ],
 )

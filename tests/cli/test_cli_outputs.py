@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from fnmatch import fnmatch
+from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import pytest
+import typer
 
-from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, same_file, writing
+from eivor.cli.arguments import FLEET_FILES, FLEET_PARTS, PAPER_FILES, STUDY_FILES, Reads, Writes, fleet_paths
+from eivor.cli.main import app
+from eivor.cli.outputs import declarations, deliver, figure_file, output_file, writing
 from eivor.errors import InputError, UsageError
 
 Caller = Callable[..., Any]
@@ -46,24 +52,259 @@ values = { file = "drive.csv", column = "u" }
 """
 
 
-def test_an_output_must_not_overwrite_what_is_read(tmp_path: Path) -> None:
-    log = tmp_path / "flight.csv"
-    log.touch()
-    (tmp_path / "link.csv").symlink_to(log)
-    os.link(log, tmp_path / "twin.csv")
-    for name in ("./flight.csv", "link.csv", "twin.csv"):
-        with pytest.raises(UsageError, match=r"a file for --json other than the logs.*it would be lost"):
-            keep_apart({"--json": tmp_path / name}, {"the map": [], "the logs": [log]})
-    keep_apart({"--json": tmp_path / "other.csv"}, {"the logs": [log]})
+#: Parameters with a text that names no file. Every other text declares which files it names.
+WORDS = frozenset(
+    (
+        "--window",
+        "--input",
+        "--input-map",
+        "--instruments",
+        "--model",
+        "--method",
+        "--lag",
+        "--pool-friction",
+        "--term",
+        "--noise",
+        "--for",
+        "--height",
+        "--shape",
+        "--home",
+        "--to",
+        "--mass",
+        "--prior",
+        "--dask",
+        "--readings",
+        "--vehicle-from",
+        "[WHAT]",
+        "NAME",
+    )
+)
+#: What the installation of completions brings.
+COMPLETION = frozenset({"install_completion", "show_completion"})
 
 
-def test_outputs_are_different_files(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="two files for --json and --figure"):
-        keep_apart({"--json": tmp_path / "x.svg", "--figure": tmp_path / "." / "x.svg"}, {})
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link").symlink_to("folder")
-    assert same_file(tmp_path / "link" / "new", tmp_path / "folder" / "new")
-    keep_apart({"--out": Path("/dev/null"), "--truth": Path("/dev/null")}, {})
+def commands() -> dict[tuple[str, ...], Any]:
+    """Every command and group, by the words that name it."""
+
+    def below(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+        yield words, command
+        for name, part in getattr(command, "commands", {}).items():
+            yield from below((*words, name), part)
+
+    return dict(below((), typer.main.get_command(app)))
+
+
+COMMANDS = commands()
+
+
+def named(words: tuple[str, ...], kind: type) -> list[Any]:
+    """Parameters of a command that declare one kind of file."""
+    places = declarations(COMMANDS[words])
+    return [one for one in COMMANDS[words].params if isinstance(places.get(one.name), kind)]
+
+
+def label(parameter: Any) -> str:
+    is_argument = parameter.param_type_name == "argument"
+    return str(parameter.metavar) if is_argument else str(max(parameter.opts, key=len))
+
+
+PAIRS = [
+    pytest.param(words, source, output, id=f"{' '.join(words)} {label(source)} {label(output)}")
+    for words in COMMANDS
+    for source in (*named(words, Reads), *named((), Reads))
+    for output in named(words, Writes)
+]
+OUTPUTS = [
+    pytest.param(words, *pair, id=f"{' '.join(words)} {label(pair[0])} {label(pair[1])}")
+    for words in COMMANDS
+    for pair in combinations(named(words, Writes), 2)
+]
+
+
+def place_of(words: tuple[str, ...], parameter: Any) -> Reads | Writes:
+    return {**declarations(COMMANDS[()]), **declarations(COMMANDS[words])}[parameter.name]
+
+
+def called(words: tuple[str, ...], given: dict[str, tuple[Any, str]], folder: Path) -> list[str]:
+    """Arguments of a command with some parameters; other required ones have files of their own."""
+    before: list[str] = []
+    after: list[str] = []
+    for parameter in (*COMMANDS[()].params, *COMMANDS[words].params):
+        text = given.get(parameter.name, (None, ""))[1]
+        if not text and parameter.required:
+            other = folder / f"other-{parameter.name}"
+            if parameter.name == "out":
+                text = f"{other}.csv"
+            else:
+                other.touch()
+                text = str(other)
+        if text and parameter.param_type_name == "argument":
+            after.append(text)
+        elif text:
+            (before if parameter.name == "config" else after).extend((parameter.opts[-1], text))
+    return [*before, *words, *after]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_every_text_of_a_command_declares_its_files() -> None:
+    """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
+    silent = []
+    for words, command in COMMANDS.items():
+        places = declarations(command)
+        known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
+        for parameter in command.params:
+            if parameter.name in COMPLETION:
+                continue
+            kind = known[parameter.name].annotation
+            kinds = str(get_args(kind)[0] if hasattr(kind, "__metadata__") else kind)
+            is_text = any(word in kinds for word in ("str", "Path"))
+            if is_text and parameter.name not in places and label(parameter) not in WORDS:
+                silent.append((*words, label(parameter)))
+    assert silent == []
+    assert len(PAIRS) > 40
+
+
+@pytest.mark.parametrize(("words", "source", "output"), PAIRS)
+def test_no_output_replaces_an_input(
+    eivor: Caller,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    source: Any,
+    output: Any,
+) -> None:
+    reads, writes = place_of(words, source), place_of(words, output)
+    assert isinstance(reads, Reads)
+    assert isinstance(writes, Writes)
+    for number, alias in enumerate(("itself", "dots", "symbolic link", "hard link")):
+        folder = tmp_path / str(number)
+        (folder / "sub").mkdir(parents=True)
+        monkeypatch.chdir(folder)
+        inside = Path(writes.inside[0].replace("*", "0")) if writes.inside else Path()
+        target = folder / "target.toml" / inside
+        read = folder / "read"
+        if reads.paths is fleet_paths:
+            read = read / "flights" / "part-0.parquet"
+        if alias in ("itself", "dots") and reads.paths is fleet_paths:
+            target = read
+        elif alias in ("itself", "dots"):
+            read = target
+        for path in (read, target):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        read.touch()
+        if alias == "symbolic link":
+            target.symlink_to(read)
+        elif alias == "hard link":
+            os.link(read, target)
+        typed = "read" if reads.paths is fleet_paths else os.path.relpath(read)
+        where = target.parents[len(inside.parts) - 1] if inside.parts else target
+        written = f"sub/../{where.relative_to(folder)}" if alias == "dots" else str(where)
+        given = {source.name: (source, typed), output.name: (output, written)}
+        arguments = called(words, given, folder)
+        before = contents(folder)
+        run = eivor(*arguments)
+        assert (run.code, run.out) == (2, ""), (alias, run.err)
+        assert "which would replace" in run.err
+        assert label(output).strip("[]") in run.err
+        assert label(source).strip("[]") in run.err
+        assert contents(folder) == before
+
+
+@pytest.mark.parametrize(("words", "first", "second"), OUTPUTS)
+def test_two_outputs_are_two_files(
+    eivor: Caller,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    first: Any,
+    second: Any,
+) -> None:
+    (tmp_path / "sub").mkdir()
+    monkeypatch.chdir(tmp_path)
+    folders = [one for one in (first, second) if place_of(words, one).inside]  # type: ignore[union-attr]
+    inside = place_of(words, folders[0]).inside[0].replace("*", "0") if folders else ""  # type: ignore[union-attr]
+    for text in ("target.x", "sub/../target.x", "TARGET.X", str(tmp_path / "target.x")):
+        texts = {
+            one.name: (one, "target.x" if one in folders else f"{text}/{inside}".rstrip("/"))
+            for one in (first, second)
+        }
+        if not folders:
+            texts[first.name] = (first, "target.x")
+        arguments = called(words, texts, tmp_path)
+        before = contents(tmp_path)
+        run = eivor(*arguments)
+        assert (run.code, run.out) == (2, ""), run.err
+        assert f"different files for {label(first)} and {label(second)}" in run.err
+        assert contents(tmp_path) == before
+
+
+def test_devices_and_streams_are_no_files(eivor: Caller, log: Path) -> None:
+    run = eivor("inspect", log, "--json", "/dev/null")
+    assert run.code == 0
+    run = eivor("identify", log, "--json", "-", "--html", "-")
+    assert "different files for --json and --html" in run.err
+    assert eivor("plan", "--csv", "/dev/null", "--mavsdk", "/dev/null", "--time", 20).code in (0, 3)
+
+
+def test_windows_folders_and_the_options_file_are_read(
+    eivor: Caller, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "would replace" in eivor("inspect", f"{log}@1:9", "--json", log).err
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (bag / "metadata.yaml").write_text("x", encoding="utf-8")
+    assert (
+        "would replace 'bag/metadata.yaml' of LOG"
+        in eivor("track", "bag", "--json", bag / "metadata.yaml").err
+    )
+    (tmp_path / "eivor.toml").touch()
+    assert "would replace 'eivor.toml' of --config" in eivor("plan", "--csv", "eivor.toml").err
+    fleet = tmp_path / "fleet" / "reports"
+    fleet.mkdir(parents=True)
+    log.rename(fleet / "flight.html")
+    (tmp_path / "logs.txt").write_text("fleet/reports/flight.html", encoding="utf-8")
+    run = eivor("fleet", "run", "logs.txt", "--out", "fleet")
+    assert (run.code, run.out) == (2, "")
+    assert "would replace 'fleet/reports/flight.html' of the logs of logs.txt" in run.err
+
+
+def test_standard_input_is_a_file_too(log: Path) -> None:
+    before = log.read_bytes()
+    code = "from eivor.cli.main import run; run()"
+    with log.open("rb") as stream:
+        run = subprocess.run(
+            [sys.executable, "-c", code, "inspect", "-", "--json", str(log)],
+            stdin=stream,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    assert (run.returncode, run.stdout) == (2, "")
+    assert "would replace '/dev/stdin' of LOG" in run.stderr
+    assert log.read_bytes() == before
+
+
+def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None:
+    from eivor.fleets.fleet_folder import IDENTITY, RUN, UNOPENED
+    from eivor.fleets.own_reports import report_place
+    from eivor.fleets.table import FLIGHTS, PART
+    from eivor.report.paper_figures import figure_files
+    from eivor.report.study_pictures import picture_files
+    from eivor.studies.trial_shards import IDENTITY_FILE, TABLE_FILE
+
+    fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}"}
+    fleet.add(report_place(Path(), "0").as_posix())
+    study = {IDENTITY_FILE, TABLE_FILE, "shards/000000.parquet", *map(str, picture_files(Path()))}
+    for names, patterns in (
+        (fleet, (*FLEET_FILES, FLEET_PARTS)),
+        (study, STUDY_FILES),
+        (set(map(str, figure_files(Path()))), PAPER_FILES),
+    ):
+        assert not [name for name in names if not any(fnmatch(name, one) for one in patterns)]
 
 
 def test_an_output_needs_a_folder(tmp_path: Path) -> None:
@@ -127,13 +368,13 @@ def mapped(log: Path) -> Path:
 @pytest.mark.parametrize("option", ["--json", "--figure"])
 def test_identify_keeps_what_it_reads(eivor: Caller, log: Path, mapped: Path, option: str) -> None:
     link = mapped.with_name("link.svg")
-    for source, what in ((log, "the logs"), (mapped, "the channel map")):
+    for source, what in ((log, "LOG"), (mapped, "--map")):
         before = source.read_bytes()
         link.unlink(missing_ok=True)
         link.symlink_to(source)
         run = eivor("identify", log, "--map", mapped, option, link)
         assert (run.code, run.out) == (2, "")
-        assert f"a file for {option} other than {what}" in run.err
+        assert f"'{link}', which would replace '{source}' of {what}" in run.err
         assert source.read_bytes() == before
         assert link.is_symlink()
 
@@ -149,7 +390,7 @@ def test_outputs_of_identify_do_not_replace_each_other(eivor: Caller, log: Path)
     same = log.parent / "same.svg"
     run = eivor("identify", log, "--json", same, "--figure", same)
     assert (run.code, run.out) == (2, "")
-    assert "two files for --json and --figure" in run.err
+    assert "different files for --json and --figure" in run.err
     assert not same.exists()
 
 
@@ -170,7 +411,7 @@ def test_study_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> Non
     for source in sources:
         run = eivor("study", study, "--workers", 1, "--json", source)
         assert (run.code, run.out) == (2, "")
-        assert "a file for --json other than the study's files" in run.err
+        assert f"'{source}', which would replace" in run.err
     assert [source.read_bytes() for source in sources] == before
     assert not Path("study-study").exists()
 
@@ -188,7 +429,7 @@ def test_study_keeps_its_trials(eivor: Caller, study: Path) -> None:
     study.rename("study.json")
     run = eivor("study", "study.json", "--out", ".")
     assert (run.code, run.out) == (2, "")
-    assert "a file for study.json in --out other than the study's files" in run.err
+    assert "'study.json', which would replace 'study.json' of STUDY.toml" in run.err
     assert Path("study.json").read_text(encoding="utf-8") == text
 
 
@@ -198,7 +439,7 @@ def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> 
         before = source.read_bytes()
         run = eivor("simulate", "scene.toml", "-o", "log.parquet", "--truth", source)
         assert (run.code, run.out) == (2, "")
-        assert "a file for --truth other than the scenario's files" in run.err
+        assert f"'{source}', which would replace '{name}' of " in run.err
         assert source.read_bytes() == before
         assert not Path("log.parquet").exists()
     assert eivor("simulate", "scene.toml", "-o", "drive.csv").code == 2
@@ -210,9 +451,9 @@ def test_outputs_of_paper_do_not_replace_each_other(
     monkeypatch.setattr("eivor.studies.paper.examples.run_paper", None)
     page = tmp_path / "page.md"
     page.write_text("mine", encoding="utf-8")
-    assert "two files for --json and --page" in eivor("paper", "--json", page, "--page", page).err
+    assert "different files for --json and --page" in eivor("paper", "--json", page, "--page", page).err
     run = eivor("paper", "--out", tmp_path, "--json", tmp_path / "figure-2.svg")
-    assert "a file for --json other than the figures of --out" in run.err
+    assert "different files for --out and --json" in run.err
     assert "unreadable: No such file" in eivor("paper", "--page", tmp_path / "none.md").err
     assert page.read_text(encoding="utf-8") == "mine"
 

@@ -50,7 +50,7 @@ def test_a_report_is_written_over_no_log(eivor, log, arguments):
     before = log.read_bytes()
     told = eivor(command, log, option, log)
     assert told.code == 2
-    assert "other than the logs" in told.err
+    assert "would replace" in told.err
     assert log.read_bytes() == before
 
 

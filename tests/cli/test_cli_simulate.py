@@ -285,8 +285,8 @@ def test_scenarios_that_are_none(eivor, tmp_path, text, said):
         (("rich", "-o", "a.xlsx"), 2, "ends in .parquet or .csv"),
         (("rich", "-o", "nowhere/a.parquet"), 1, "does not exist"),
         (("rich", "-o", "a.parquet", "--seed", "-1"), 2, "a seed of zero or more"),
-        (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "two files for --out and --truth"),
-        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "other than the scenario's files"),
+        (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "different files for --out and --truth"),
+        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "would replace 'mine.toml' of SCENARIO.toml"),
         (("backward.toml", "-o", "a.parquet", "--hover"), 2, "an input_gain above zero with --hover"),
     ],
 )

@@ -129,7 +129,7 @@ def test_failures_are_told(eivor, file):
         (["--workers", 2, "--dask", "tcp://x:1"], 2, "Expected --workers or --dask; received both"),
         (["--dask", "x"], 2, "the address of a Dask scheduler"),
         (["--json", "absent/x.json"], 1, "whose folder 'absent' does not exist"),
-        (["--out", "small.toml"], 2, "Expected a folder for the study; received the file"),
+        (["--out", "small.toml"], 2, "which would replace"),
         (["--out", "small.toml/x"], 1, "Not a directory"),
     ],
 )

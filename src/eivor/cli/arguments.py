@@ -1,13 +1,77 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options that several commands have, and what each declares of files: read or written."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-#: The word for standard output.
+from eivor.asked.words import log_argument
+
+#: The word for standard output, and for standard input.
 STANDARD_OUTPUT = "-"
+#: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A part
+#: of a fleet's table is named by its content: it replaces no other file, and a run may find it among the logs.
+STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
+FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
+FLEET_PARTS = "flights/*.parquet"
+PAPER_FILES = ("figure-*.svg", "figure-*.png")
+
+
+def log_paths(text: str) -> Iterable[Path]:
+    """Files of a log as typed: of standard input, of a folder, or of LOG@START:END."""
+    if text == STANDARD_OUTPUT:
+        return [Path("/dev/stdin")]
+    from eivor.logs.folders import folder_files
+
+    path = log_argument(text).path
+    return folder_files(path) if path.is_dir() else [path]
+
+
+def map_paths(text: str) -> Iterable[Path]:
+    """File of PATTERN=MAP."""
+    return [Path(text.rpartition("=")[2])]
+
+
+def fleet_paths(text: str) -> Iterable[Path]:
+    """Files of a fleet's folder."""
+    return [path for pattern in (*FLEET_FILES, FLEET_PARTS) for path in Path(text).glob(pattern)]
+
+
+@dataclass(frozen=True, slots=True)
+class Reads:
+    """Declares that a parameter names what the command reads: the guard of outputs protects it.
+
+    Parameters
+    ----------
+    paths : callable
+        Takes the text that was typed, gives the files that it names; those that do not exist are ignored.
+    default : callable, optional
+        Takes the values of all parameters, gives the file where none is typed.
+    """
+
+    paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
+    default: Callable[[Mapping[str, Any]], str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Writes:
+    """Declares that a parameter names a file that the command writes, or a folder of such files.
+
+    Parameters
+    ----------
+    inside : tuple of str
+        Patterns of the files that are written into the folder; empty for a file.
+    default : callable, optional
+        Takes the values of all parameters, gives the folder where none is typed.
+    """
+
+    inside: tuple[str, ...] = ()
+    default: Callable[[Mapping[str, Any]], str] | None = None
+
 
 WorkersOption = Annotated[
     int | None,
@@ -23,6 +87,7 @@ LogsArgument = Annotated[
         "one vehicle. LOG@START:END takes a window of one log.",
         show_default=False,
     ),
+    Reads(log_paths),
 ]
 ExampleOption = Annotated[
     bool, typer.Option("--example", help="Use the example flight that comes with Eivor.")
@@ -119,6 +184,7 @@ LagFromOption = Annotated[
         help="Take it from another flight of this vehicle, identified with --json.",
         show_default=False,
     ),
+    Reads(),
 ]
 PoolFrictionOption = Annotated[
     str,
@@ -149,6 +215,7 @@ MapOption = Annotated[
         "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
         show_default=False,
     ),
+    Reads(),
 ]
 ModelOption = Annotated[
     str,
@@ -167,6 +234,7 @@ VehicleOption = Annotated[
         "vertical motion takes the radius of its rotors.",
         show_default=False,
     ),
+    Reads(),
 ]
 JsonOption = Annotated[
     str,
@@ -176,4 +244,5 @@ JsonOption = Annotated[
         help="Write JSON; - prints it instead of the table.",
         show_default=False,
     ),
+    Writes(),
 ]

@@ -43,8 +43,7 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
     try:
         return command(*args, **kwargs)
     except EivorError as error:
-        complain(str(error))
-        return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
+        return reported(error)
     except KeyboardInterrupt:
         complain("interrupted")
         return ExitCode.INTERRUPTED
@@ -62,3 +61,9 @@ def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) 
             f"{DEBUG_VARIABLE}=1 shows where it happened.",
         )
         return ExitCode.FAILED
+
+
+def reported(error: EivorError) -> ExitCode:
+    """Print the message of an error, and return its exit code."""
+    complain(str(error))
+    return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED

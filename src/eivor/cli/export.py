@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from eivor.asked.supplied import supplied
-from eivor.cli.arguments import STANDARD_OUTPUT
+from eivor.cli.arguments import STANDARD_OUTPUT, Reads, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import keep_apart, output_file, write_out, writing
+from eivor.cli.outputs import write_out, writing
 from eivor.cli.terminal import complain
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.whole_file import write_whole
@@ -45,6 +45,7 @@ def export(
     fit: Annotated[
         Path,
         typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        Reads(),
     ],
     *,
     to: Annotated[
@@ -98,10 +99,12 @@ def export(
             "Without it that of the result, when it has one.",
             show_default=False,
         ),
+        Reads(),
     ] = "",
     output: Annotated[
         str,
         typer.Option("-o", "--output", metavar="FILE", help="Where to; without it on standard output."),
+        Writes(),
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
     """Write a result's numbers where they are used, with intervals; only what is identified."""
@@ -116,8 +119,6 @@ def export(
     given = supplied(mass, prior or [], vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    if output != STANDARD_OUTPUT:
-        keep_apart({"-o": output_file(output, option="-o")}, {"the result": [fit]})
     from eivor.report.read_fit import load_fit
 
     result = load_fit(fit)

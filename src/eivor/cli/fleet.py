@@ -15,7 +15,7 @@ from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import deliver, keep_apart, output_file, write_out
+from eivor.cli.outputs import deliver, keep_inputs, write_out
 from eivor.cli.readable_help import ReadableCommand, ReadableGroup
 from eivor.cli.terminal import complain, console, show, step
 from eivor.errors import UsageError
@@ -42,7 +42,11 @@ app = typer.Typer(
     cls=ReadableGroup,
 )
 
-FleetArgument = Annotated[str, typer.Argument(metavar="FLEET", help="Folder of eivor fleet run.")]
+FleetArgument = Annotated[
+    str,
+    typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."),
+    arguments.Reads(arguments.fleet_paths),
+]
 
 
 @app.command(
@@ -62,10 +66,13 @@ def run_command(
             help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
             "line, a .csv with a column 'path'.",
         ),
+        arguments.Reads(),
     ],
     *,
     out: Annotated[
-        str, typer.Option("-o", "--out", metavar="FLEET", help="Folder of the fleet, new or begun before.")
+        str,
+        typer.Option("-o", "--out", metavar="FLEET", help="Folder of the fleet, new or begun before."),
+        arguments.Writes(arguments.FLEET_FILES),
     ],
     model: arguments.ModelOption = DEFAULT_MODEL,
     vehicle: arguments.VehicleOption = "",
@@ -78,6 +85,7 @@ def run_command(
             "more. Without, a shipped map whose columns all match.",
             show_default=False,
         ),
+        arguments.Reads(arguments.map_paths),
     ] = None,
     vehicle_from: Annotated[
         str,
@@ -134,6 +142,7 @@ def run_command(
         )
         with step(f"Looking for logs in {logs}"):
             found = logs_found(logs)
+        keep_inputs(f"the logs of {logs}", (Path(log.path) for log in found.logs))
         executor = _executor(workers, dask, len(found.logs))
         try:
             with _bar() as progress:
@@ -259,20 +268,20 @@ def query(
         typer.Option(
             metavar="FILE", help="Write the answer as CSV; - for standard output.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
 ) -> ExitCode:
     """Ask a fleet's table what is asked most often."""
     from eivor.fleets.queries import query as answer_of
     from eivor.fleets.table import read_flights
 
-    place = csv if csv in ("", STANDARD_OUTPUT) else str(output_file(csv, option="--csv"))
     answer = answer_of(read_flights(Path(fleet)), what)
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
     if csv:
         buffer = io.StringIO()
         answer.write_csv(buffer)
-        write_out(buffer.getvalue(), place)
+        write_out(buffer.getvalue(), csv)
     return ExitCode.IDENTIFIED
 
 
@@ -295,6 +304,7 @@ def report(
             "explains are not told as changes of the vehicle.",
             show_default=False,
         ),
+        arguments.Reads(),
     ] = "",
     json: arguments.JsonOption = "",
     html: Annotated[
@@ -302,16 +312,10 @@ def report(
         typer.Option(
             metavar="FILE", help="Write one page that opens anywhere, FILE.html.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
 ) -> ExitCode:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
-    places = {
-        option: output_file(text, option=option)
-        for option, text in (("--json", json), ("--html", html))
-        if text and not (option == "--json" and text == STANDARD_OUTPUT)
-    }
-    keep_apart(places, {"the covariates": [Path(covariates)] if covariates else []})
-
     from eivor.fleets.given_covariates import given_covariates
     from eivor.fleets.reports import fleet_reports
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,7 +15,7 @@ from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import deliver, figure_file, keep_apart, output_file, write_out, writing
+from eivor.cli.outputs import deliver, figure_file, write_out, writing
 from eivor.cli.recordings import ChosenLogs, chosen_logs
 from eivor.cli.terminal import show, step
 from eivor.motions import DEFAULT as DEFAULT_MODEL
@@ -94,12 +94,14 @@ def identify(
         typer.Option(
             metavar="FILE", help="Draw the fit: FILE.png, FILE.svg or FILE.pdf.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
     html: Annotated[
         str,
         typer.Option(
             metavar="FILE", help="Write everything as one page that opens in any browser.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
     card: Annotated[
         bool, typer.Option("--card", help="Print the flight card too: what to fly and to log instead.")
@@ -108,7 +110,7 @@ def identify(
     """Identify a motion from logs: the vertical one of a drone, or another with --model."""
     motion = named_motion(model, vehicle)
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
-    outputs = chosen_outputs(json, figure, chosen.files, html)
+    outputs = Outputs(json, figure_file(figure) if figure else None, html, card)
     options = flight_options(
         motion,
         window=window,
@@ -128,7 +130,7 @@ def identify(
         noise=noise or (),
     )
     result = result_of(chosen, motion, options)
-    deliver(*deliveries(result, replace(outputs, card=card)))
+    deliver(*deliveries(result, outputs))
     return exit_code(result)
 
 
@@ -143,27 +145,6 @@ def result_of(chosen: ChosenLogs, motion: Motion[Any], options: FlightOptions) -
     recordings, windows = chosen.read(options)
     with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
         return identified(recordings, motion, options, windows)
-
-
-def chosen_outputs(json: str, figure: str, inputs: Mapping[str, Iterable[Path]], html: str = "") -> Outputs:
-    """Outputs that can be written, and over nothing that is read.
-
-    Raises
-    ------
-    UsageError
-        When one of them is a log, the map, or another one.
-    InputError
-        When one cannot be written.
-    """
-    files: dict[str, Path] = {}
-    if json not in ("", STANDARD_OUTPUT):
-        files["--json"] = output_file(json, option="--json")
-    if figure:
-        files["--figure"] = figure_file(figure)
-    if html:
-        files["--html"] = output_file(html, option="--html")
-    keep_apart(files, inputs)
-    return Outputs(json, files.get("--figure"), html)
 
 
 def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[], None]]:

@@ -10,7 +10,6 @@ from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.identify import chosen_outputs
 from eivor.cli.outputs import deliver, write_out
 from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show, step
@@ -42,7 +41,6 @@ def inspect(
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
     motion = named_motion(model, vehicle)
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
-    chosen_outputs(json, "", chosen.files)
     options = flight_options(
         motion, window=window, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map
     )

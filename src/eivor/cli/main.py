@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eivor.cli import plain_text
+from eivor.cli.arguments import Reads
 from eivor.cli.empty_options import refuse_empty_options
 from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
 from eivor.cli.interruptible import InterruptibleGroup
@@ -109,6 +110,7 @@ def _eivor(
             help=f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
             show_default=False,
         ),
+        Reads(default=lambda _values: FILE),
     ] = "",
     version: Annotated[
         bool,

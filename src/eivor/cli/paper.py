@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption
+from eivor.cli.arguments import PAPER_FILES, STANDARD_OUTPUT, JsonOption, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import deliver, keep_apart, output_file, write_out, writing
+from eivor.cli.outputs import deliver, output_file, write_out, writing
 from eivor.cli.terminal import console, show, step
 from eivor.errors import InputError, UsageError
 
@@ -41,6 +41,7 @@ def paper(
             help="Write figures 2 to 8 of the nearest reading here, as SVG and PNG.",
             show_default=False,
         ),
+        Writes(PAPER_FILES),
     ] = "",
     readings: Annotated[
         str,
@@ -63,6 +64,7 @@ def paper(
         typer.Option(
             metavar="FILE.md", help="Put the tables between the marks of this page.", show_default=False
         ),
+        Writes(),
     ] = "",
 ) -> ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
@@ -86,7 +88,13 @@ def paper(
             "The paper has 100 runs.",
         )
     folder = _folder(out) if out else None
-    _check_files(json, page, folder)
+    if page:
+        _page_text(page)
+    if folder:
+        from eivor.report.paper_figures import figure_files
+
+        for path in figure_files(folder):
+            output_file(str(path), option="--out")
     from eivor.studies.paper.examples import run_paper
 
     begun = time.perf_counter()
@@ -99,33 +107,6 @@ def paper(
     report = partial(_print_report if named else _print_overview, results)
     deliver(*_deliveries(results, seconds, report, json=json, page=page, folder=folder))
     return ExitCode.IDENTIFIED
-
-
-def _check_files(json: str, page: str, folder: Path | None) -> None:
-    """Refuse, before anything runs, files that cannot be written and files that are one.
-
-    Raises
-    ------
-    UsageError
-        When two of them are one file.
-    InputError
-        When one cannot be written, or the page cannot be read.
-    """
-    outputs = {
-        option: output_file(text, option=option)
-        for option, text in (("--json", json), ("--page", page))
-        if text not in ("", STANDARD_OUTPUT)
-    }
-    if page:
-        _page_text(page)
-    figures: tuple[Path, ...] = ()
-    if folder:
-        from eivor.report.paper_figures import figure_files
-
-        figures = figure_files(folder)
-        for path in figures:
-            output_file(str(path), option="--out")
-    keep_apart(outputs, {"the figures of --out": figures})
 
 
 def _page_text(page: str) -> str:

@@ -13,7 +13,7 @@ from eivor.asked.planned import check_mission, flight_limits, place_of
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import deliver, keep_apart, output_file, write_out
+from eivor.cli.outputs import deliver, write_out
 from eivor.cli.terminal import complain, show, step
 from eivor.errors import UsageError
 
@@ -40,6 +40,7 @@ def plan(
             "numbers. Without it the options below.",
             show_default=False,
         ),
+        arguments.Reads(),
     ] = "",
     *,
     for_what: Annotated[
@@ -81,19 +82,23 @@ def plan(
     ] = "",
     seed: Annotated[int, typer.Option(metavar="N", help="Of phases, step heights and wind.")] = 0,
     csv: Annotated[
-        str, typer.Option("--csv", metavar="FILE", help="Write the setpoints as a table.", show_default=False)
+        str,
+        typer.Option("--csv", metavar="FILE", help="Write the setpoints as a table.", show_default=False),
+        arguments.Writes(),
     ] = "",
     mavsdk: Annotated[
         str,
         typer.Option(
             "--mavsdk", metavar="FILE.py", help="Write a MAVSDK program that flies it.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
     qgc: Annotated[
         str,
         typer.Option(
             "--qgc", metavar="FILE.plan", help="Write a QGroundControl plan; steps only.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
     home: Annotated[
         str,
@@ -104,6 +109,7 @@ def plan(
         typer.Option(
             "--rotorpy", metavar="FILE.py", help="Write a trajectory of RotorPy.", show_default=False
         ),
+        arguments.Writes(),
     ] = "",
     json: arguments.JsonOption = "",
 ) -> ExitCode:
@@ -111,10 +117,7 @@ def plan(
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
     files = {"--csv": csv, "--mavsdk": mavsdk, "--qgc": qgc, "--rotorpy": rotorpy}
     check_mission(qgc, home, shape)
-    outputs = {option: output_file(text, option=option) for option, text in files.items() if text}
-    if json not in ("", STANDARD_OUTPUT):
-        outputs["--json"] = output_file(json, option="--json")
-    keep_apart(outputs, {"what is planned for": [Path(source)] if source else []})
+    outputs = {option: Path(text) for option, text in files.items() if text}
     limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
     from eivor.report.planned import plan as planned

@@ -5,10 +5,14 @@ from __future__ import annotations
 import inspect
 from typing import Any
 
+from typer import Exit
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from eivor.cli.empty_options import refuse_empty_options
+from eivor.cli.exit_codes import reported
+from eivor.cli.outputs import guard_outputs
 from eivor.cli.repeated_options import tell_repeated_options
+from eivor.errors import EivorError
 
 
 class ReadableCommand(TyperCommand):
@@ -25,9 +29,13 @@ class ReadableCommand(TyperCommand):
         return _readable(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command, and say first which options it has from a file."""
+        """Run the command, after checks of its options and of the files that it writes."""
         tell_repeated_options(ctx)
         refuse_empty_options(ctx)
+        try:
+            guard_outputs(ctx)
+        except EivorError as error:
+            raise Exit(int(reported(error))) from None
         return super().invoke(ctx)
 
 

@@ -53,14 +53,6 @@ class ChosenLogs:
                 "Leave the map out: the example has canonical channels.",
             )
 
-    @property
-    def files(self) -> dict[str, list[Path]]:
-        """Files that are read, by what they are called in messages."""
-        return {
-            "the logs": [log.path for log in self.logs],
-            "the channel map": [Path(self.channel_map)] if self.channel_map else [],
-        }
-
     def read(self, options: FlightOptions) -> tuple[list[Recording], list[Window | None]]:
         """Recordings, and the window of each that has one of its own; those of one file name told apart.
 

@@ -9,10 +9,9 @@ from typing import Annotated, Any, get_type_hints
 import typer
 
 from eivor.asked.options import flight_options, named_motion
-from eivor.cli.arguments import STANDARD_OUTPUT
+from eivor.cli.arguments import STANDARD_OUTPUT, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
 from eivor.cli.identify import exit_code, identify, result_of, write_page
-from eivor.cli.outputs import keep_apart, output_file
 from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show
 from eivor.errors import UsageError
@@ -29,6 +28,7 @@ NOT_HERE = ("json", "figure", "html", "card")
 OutOption = Annotated[
     str,
     typer.Option("--out", "-o", metavar="FILE", help="The page, such as flight.html.", show_default=False),
+    Writes(),
 ]
 
 
@@ -40,8 +40,6 @@ def report(*, out: str = "", **asked: Any) -> ExitCode:
     chosen = chosen_logs(logs, example=example, channel_map=channel_map)
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
-    if out != STANDARD_OUTPUT:
-        keep_apart({"--out": output_file(out, option="--out")}, chosen.files)
     terms, noise = asked.pop("term") or (), asked.pop("noise") or ()
     result = result_of(chosen, motion, flight_options(motion, terms=terms, noise=noise, **asked))
     write_page(result, out)

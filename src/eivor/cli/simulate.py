@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
+from eivor.cli.arguments import Reads, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import keep_apart, output_file, write_out, writing
+from eivor.cli.outputs import keep_inputs, write_out, writing
 from eivor.cli.terminal import complain, step, write
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
 
@@ -42,10 +43,13 @@ def simulate(
             metavar="SCENARIO.toml",
             help="The scenario, or the name of one that comes with Eivor, such as flight or rich.",
         ),
+        Reads(),
     ],
     *,
     out: Annotated[
-        str, typer.Option("--out", "-o", metavar="FILE", help="The log, which ends in .parquet or .csv.")
+        str,
+        typer.Option("--out", "-o", metavar="FILE", help="The log, which ends in .parquet or .csv."),
+        Writes(),
     ],
     seed: Annotated[
         int, typer.Option(metavar="N", help="Of all randomness: the same gives the same log.")
@@ -57,6 +61,7 @@ def simulate(
             help="Write the parameters and the noises that were added.",
             show_default=False,
         ),
+        Writes(),
     ] = "",
     vehicle: Annotated[
         str,
@@ -65,6 +70,7 @@ def simulate(
             help="Write the vehicle file that `eivor identify --model rigid-body` asks for.",
             show_default=False,
         ),
+        Writes(),
     ] = "",
     hover: Annotated[
         bool, typer.Option("--hover", help="Add the input that carries the weight, g / K_u.")
@@ -84,17 +90,15 @@ def simulate(
     """
     if seed < 0:
         raise UsageError("a seed of zero or more", f"--seed {seed}", "Any such integer will do.")
-    log_path = output_file(out, option="--out")
+    log_path = Path(out)
     if log_path.suffix not in LOG_FORMATS:
         raise UsageError(
             f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", "The ending chooses the format."
         )
-    beside = {"--truth": truth, "--vehicle": vehicle}
-    outputs = {"--out": log_path} | {key: output_file(to, option=key) for key, to in beside.items() if to}
     source = Path(scenario_file)
     scenario, files = _scenario(source)
     vehicle_file = _vehicle_text(scenario, source.stem) if vehicle else ""
-    keep_apart(outputs, {"the scenario's files": files})
+    keep_inputs(source.name, files)
     from eivor.logs.table.written import write_recording
 
     try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT, JsonOption, WorkersOption
+from eivor.cli.arguments import STANDARD_OUTPUT, STUDY_FILES, JsonOption, Reads, WorkersOption, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import deliver, keep_apart, output_file, write_out, writing
+from eivor.cli.outputs import deliver, keep_inputs, write_out, writing
 from eivor.cli.terminal import complain, console, show, step
 from eivor.errors import UsageError
 
@@ -37,7 +37,9 @@ EXIT_CODES = (
 @guarded
 def study(
     study_file: Annotated[
-        str, typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed.")
+        str,
+        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
+        Reads(),
     ],
     *,
     out: Annotated[
@@ -47,6 +49,7 @@ def study(
             help="Folder of the trials; default: the study's file name with -study, here.",
             show_default=False,
         ),
+        Writes(STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
     ] = "",
     runs: Annotated[
         int | None,
@@ -72,7 +75,6 @@ def study(
     json: JsonOption = "",
 ) -> ExitCode:
     """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
-    outputs = {"--json": output_file(json, option="--json")} if json not in ("", STANDARD_OUTPUT) else {}
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
     from eivor.studies.study_file import study_from_table
@@ -84,7 +86,7 @@ def study(
         chosen = replace(chosen, runs=runs)
     executor = _executor(chosen, workers, dask)
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
-    _keep_files(chosen, folder, outputs, table.files, figures=figures)
+    keep_inputs(Path(study_file).name, table.files)
     from eivor.studies.metrics import scores
     from eivor.studies.run import run_study
 
@@ -127,29 +129,6 @@ def _bar(name: str) -> Iterator[Progress]:
     with Progress(*columns, console=screen, transient=True) as bar:
         task = bar.add_task(printable(name), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _keep_files(
-    study: Study, folder: Path, outputs: Mapping[str, Path], inputs: set[Path], *, figures: bool
-) -> None:
-    """Refuse to write over the study's own description, or over its trials.
-
-    Raises
-    ------
-    UsageError
-        For the first two that are one file.
-    """
-    from eivor.studies.trial_shards import TrialShards
-
-    shards = TrialShards(study, folder)
-    own = [*shards.tables, *shards.path(0).parent.glob("*")]
-    if figures:
-        from eivor.report.study_pictures import picture_files
-
-        own += picture_files(folder)
-    keep_apart(outputs, {"the study's files": inputs, "the files of its trials": own})
-    for path in own:
-        keep_apart({f"{path.name} in --out": path}, {"the study's files": inputs})
 
 
 def _deliveries(

@@ -14,8 +14,8 @@ from eivor.asked.options import flight_options, named_motion
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.identify import chosen_outputs, result_of
-from eivor.cli.outputs import deliver, write_out, writing
+from eivor.cli.identify import result_of
+from eivor.cli.outputs import deliver, figure_file, write_out, writing
 from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show, step
 from eivor.motions import DEFAULT as DEFAULT_MODEL
@@ -41,6 +41,7 @@ def track(
             help="One log, as of eivor identify; LOG@START:END takes a window.",
             show_default=False,
         ),
+        arguments.Reads(arguments.log_paths),
     ] = "",
     *,
     example: arguments.ExampleOption = False,
@@ -75,12 +76,13 @@ def track(
     figure: Annotated[
         str,
         typer.Option(metavar="FILE", help="Draw it: FILE.png, FILE.svg or FILE.pdf.", show_default=False),
+        arguments.Writes(),
     ] = "",
 ) -> ExitCode:
     """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
     motion = named_motion(DEFAULT_MODEL)
     chosen = chosen_logs([log] if log else None, example=example, channel_map=channel_map)
-    outputs = chosen_outputs(json, figure, chosen.files)
+    picture = figure_file(figure) if figure else None
     options = flight_options(
         motion,
         window=window,
@@ -100,7 +102,7 @@ def track(
 
     with step("Following it over the flight"):
         found = followed(result, memory)
-    deliver(*_deliveries(found, outputs.json, outputs.figure))
+    deliver(*_deliveries(found, json, picture))
     return ExitCode.IDENTIFIED if found.told else ExitCode.NOT_IDENTIFIED
 
 

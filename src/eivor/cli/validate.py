@@ -13,8 +13,8 @@ from eivor.asked import words
 from eivor.cli import arguments
 from eivor.cli.arguments import STANDARD_OUTPUT
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.identify import Outputs, chosen_outputs
-from eivor.cli.outputs import deliver, write_out, writing
+from eivor.cli.identify import Outputs
+from eivor.cli.outputs import deliver, figure_file, write_out, writing
 from eivor.cli.recordings import chosen_logs
 from eivor.cli.terminal import show, step
 
@@ -36,10 +36,12 @@ def validate(
     fit: Annotated[
         Path,
         typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        arguments.Reads(),
     ],
     log: Annotated[
         str,
         typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),
+        arguments.Reads(arguments.log_paths),
     ],
     *,
     window: arguments.WindowOption = "",
@@ -53,13 +55,14 @@ def validate(
             help="Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf.",
             show_default=False,
         ),
+        arguments.Writes(),
     ] = "",
 ) -> ExitCode:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
     from eivor.flights.options import FlightOptions
 
     chosen = chosen_logs([log], example=False, channel_map=channel_map)
-    outputs = chosen_outputs(json, figure, {**chosen.files, "the result": [fit]})
+    outputs = Outputs(json, figure_file(figure) if figure else None)
     options = FlightOptions(window=words.window(window) if window else None)
     from eivor.report.read_fit import load_fit
 

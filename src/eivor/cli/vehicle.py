@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from eivor.cli.arguments import STANDARD_OUTPUT
+from eivor.cli.arguments import STANDARD_OUTPUT, Reads, Writes
 from eivor.cli.exit_codes import ExitCode, guarded
-from eivor.cli.outputs import output_file, write_out
+from eivor.cli.outputs import write_out
 from eivor.cli.readable_help import ReadableCommand, ReadableGroup
 from eivor.cli.terminal import show, write
 from eivor.errors import UsageError
@@ -35,13 +36,14 @@ def new(
         typer.Argument(
             metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
         ),
+        Writes(),
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
     """Write a vehicle file to begin with: every key, with what it means."""
     from eivor.motions.rigid_body.vehicle_file import ENDING, vehicle_template
 
     if file != STANDARD_OUTPUT:
-        path = output_file(file, option="FILE.toml")
+        path = Path(file)
         if path.suffix != ENDING:
             raise UsageError(f"a vehicle file that ends in {ENDING}", f"'{file}'", "Add the ending.")
         if os.path.lexists(path):
@@ -83,6 +85,7 @@ def show_vehicle(
     vehicle: Annotated[
         str,
         typer.Argument(metavar="NAME|FILE.toml", help="A name out of eivor vehicle list, or a file."),
+        Reads(),
     ],
 ) -> ExitCode:
     """Check a vehicle's file, and print it."""
