@@ -286,7 +286,11 @@ def test_scenarios_that_are_none(eivor, tmp_path, text, said):
         (("rich", "-o", "nowhere/a.parquet"), 1, "does not exist"),
         (("rich", "-o", "a.parquet", "--seed", "-1"), 2, "a seed of zero or more"),
         (("rich", "-o", "a.parquet", "--truth", "a.parquet"), 2, "different files for --out and --truth"),
-        (("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"), 2, "would replace 'mine.toml' of SCENARIO.toml"),
+        (
+            ("mine.toml", "-o", "a.parquet", "--truth", "mine.toml"),
+            2,
+            "would replace 'mine.toml' of SCENARIO.toml",
+        ),
         (("backward.toml", "-o", "a.parquet", "--hover"), 2, "an input_gain above zero with --hover"),
     ],
 )

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
+from rich.console import Console
 from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.errors import InputError
@@ -24,13 +26,15 @@ from eivor.fleets.reports import fleet_reports
 from eivor.fleets.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.report.fleet_document import fleet_document
+from eivor.report.terminal import on_terminal
 from eivor.report.told_fleet import few_told, interval_told, next_told
 from eivor.simulation.fleets.fleet_rows import fleet_rows
 from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 from fleets.fleet_rows import row, write_fleet
 
 VERTICAL = motion_by_name("vertical")
-GAIN, FRICTION = "input_gain", "viscous_friction"
+GAIN, FRICTION, HOVER = "input_gain", "viscous_friction", "hover_input"
 
 
 def reported(spec: FleetSpec, change: pl.DataFrame | None = None) -> FleetReport:
@@ -39,6 +43,21 @@ def reported(spec: FleetSpec, change: pl.DataFrame | None = None) -> FleetReport
 
 def of(report: FleetReport, quantity: str) -> pl.DataFrame:
     return report.vehicles.filter(pl.col("quantity") == quantity)
+
+
+def plain(report: FleetReport) -> str:
+    """Text of the report, as the terminal has it, in one line."""
+    screen = Console(width=100)
+    with screen.capture() as captured:
+        screen.print(on_terminal(fleet_document(report, "fleet")))
+    return " ".join(captured.get().split())
+
+
+def of_hover(table: pl.DataFrame, value: np.ndarray, error: float) -> pl.DataFrame:
+    """Table with other hover inputs, of one standard error as a share of them."""
+    reach = 1.96 * error * value
+    numbers = {"value": value, "std_error": error * value, "low": value - reach, "high": value + reach}
+    return table.with_columns(pl.Series(f"{HOVER}.{part}", one) for part, one in numbers.items())
 
 
 def at(table: pl.DataFrame, column: str, rows: dict[int, object]) -> pl.DataFrame:
@@ -112,13 +131,92 @@ def test_a_single_flight_has_a_mean_and_no_interval():
     assert told["low"] < told["mean"] < told["high"]
 
 
-def test_vehicles_nobody_knows_are_one():
-    table = fleet_rows(FleetSpec(vehicles=2, flights=4)).with_columns(
-        vehicle=pl.lit(None, pl.String), type=pl.lit(None, pl.String)
+def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
+    """Ten logs of nobody knows how many vehicles; three of them say their type, one path has two contents."""
+    table = fleet_rows(FleetSpec(vehicles=3, flights=10, between_vehicles=0.3, weather=0.05, seed=6))
+    nobody = (pl.col("vehicle") == "v0001").alias("nobody")
+    table = table.with_columns(
+        vehicle=pl.when(nobody).then(None).otherwise("vehicle"),
+        type=pl.when(nobody & (pl.col("name") > "v0001-0002.ulg")).then(None).otherwise("type"),
     )
-    assert of(reported(FleetSpec(), table), GAIN).select("type", "vehicle", "pooled").rows() == [
-        ("unknown", "unknown", 8)
+    table = at(table, "name", {11: table["name"][10]})
+    report = reported(FleetSpec(), table)
+    alone = of(report, GAIN).filter(pl.col("vehicle").str.starts_with("log "))
+    assert alone["pooled"].to_list() == [1] * 10
+    assert alone["vehicle"].n_unique() == 10
+    assert alone["only_low"].null_count() == alone["low"].len() - alone["low"].null_count() == 0
+    assert alone["differs"].sum() == 0
+    (kind,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
+    assert (kind["type"], kind["pooled"]) == ("quad", 2)
+    known = reported(FleetSpec(), table.filter(pl.col("vehicle").is_not_null()))
+    assert_frame_equal(report.types, known.types)
+    assert_frame_equal(report.covariates, known.covariates)
+    named = ~pl.col("vehicle").str.starts_with("log ")
+    assert_frame_equal(report.vehicles.filter(named), known.vehicles)
+    text = plain(report)
+    assert "2 vehicles of 1 type; 10 logs without a vehicle, each by itself" in text
+    assert "A log without a vehicle id stands alone under its own name" in text
+
+
+def test_vehicles_of_no_known_type_are_of_no_type() -> None:
+    table = fleet_rows(FleetSpec(vehicles=2, flights=12, weather=0.05, seed=6))
+    report = reported(FleetSpec(), table.with_columns(type=pl.lit(None, pl.String)))
+    assert of(report, GAIN).select("type", "vehicle", "pooled").rows() == [
+        ("unknown", "v0000", 12),
+        ("unknown", "v0001", 12),
     ]
+    assert report.types.height == 0
+    assert set(report.covariates["type"]) == {"unknown, v0000", "unknown, v0001"}
+    assert "2 vehicles of 0 types" in plain(report)
+
+
+def test_the_intervals_of_a_share_stay_within_its_bounds() -> None:
+    """Two vehicles of a type that hover at .12 and at .93: by logarithms up to 140,000 times full command."""
+    table = fleet_rows(FleetSpec(vehicles=2, flights=3, between_flights=0.2, seed=3))
+    value = np.array([0.1, 0.15, 0.12, 0.9, 0.97, 0.93])
+    table = of_hover(table, value, 0.05)
+    report = reported(FleetSpec(), table)
+    hover = [of(report, HOVER), report.types.filter(pl.col("quantity") == HOVER)]
+    for rows in hover:
+        for name in ("mean", "low", "high", "next_low", "next_high"):
+            assert rows[name].drop_nulls().is_between(0.0, 1.0).all(), name
+        assert (rows["low"] < rows["mean"]).all()
+        assert (rows["mean"] < rows["high"]).all()
+    assert hover[1]["next_high"].to_list() == [None]
+    single = reported(FleetSpec(), of_hover(table, value, 0.8)[5:])
+    assert of(single, HOVER)["only_high"].to_list() == [1.0]
+
+
+def test_a_share_above_its_bound_is_left_out_and_another_unit_has_no_bound() -> None:
+    table = fleet_rows(FleetSpec(vehicles=1, flights=6))
+    value = np.array([0.5, 0.52, 1.4, 0.48, 0.51, 0.49])
+    report = reported(FleetSpec(), of_hover(table, value, 0.05))
+    assert of(report, HOVER)["pooled"].to_list() == [5]
+    assert report.left_out.filter(quantity=HOVER)["reason"].to_list() == ["not below 1, the largest share"]
+    speeds = reported(FleetSpec(), of_hover(table, 1000.0 * value, 0.05))  # of rotors, in rad/s
+    (told,) = of(speeds, HOVER).rows(named=True)
+    assert told["pooled"] == 6
+    assert told["low"] < 600.0 < told["high"]
+
+
+def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
+    """Voltage that hardly varies: its slope is what was expected, 1 +- 1 of the gain; density is told."""
+    spec = FleetSpec(vehicles=4, flights=12, weather=0.05, battery=1e-4, seed=2)
+    report = reported(spec)
+    told = report.covariates.filter(pl.col("quantity") == GAIN)["covariate"].to_list()
+    assert told == ["air_density"]
+    text = plain(report)
+    assert "goes with battery voltage (type" not in text
+    assert (
+        "The flights do not tell how input gain, effective lag or hover input goes with battery voltage"
+        in text
+    )
+    assert "battery voltage is not known of enough flights" not in text
+    table = fleet_rows(spec).with_columns(load=pl.lit(2.0))  # of which nothing was expected beforehand
+    report = fleet_report(table, VERTICAL, ["load"])
+    assert "load" not in report.covariates["covariate"].to_list()
+    few = reported(FleetSpec(vehicles=5, flights=1, weather=0.05, battery=0.05))
+    assert few.covariates.height == 0
 
 
 def test_flights_without_a_time_are_pooled_and_have_no_course():
@@ -281,7 +379,7 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
     )
     reports = fleet_reports(fleet)
     assert [report.motion.name for report in reports] == ["rates", "vertical"]
-    assert of(reports[1], FRICTION)["pooled"].to_list() == [2]
+    assert of(reports[1], FRICTION)["pooled"].to_list() == [1, 1]
     assert set(wanted_columns(across_of(VERTICAL))) >= {"air_density", f"{GAIN}.std_error"}
 
 

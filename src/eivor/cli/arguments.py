@@ -13,8 +13,8 @@ from eivor.asked.words import log_argument
 
 #: The word for standard output, and for standard input.
 STANDARD_OUTPUT = "-"
-#: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A part
-#: of a fleet's table is named by its content: it replaces no other file, and a run may find it among the logs.
+#: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
+#: part of a fleet's table is named by its content: it replaces no other file, and a run may find it as a log.
 STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
 FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
 FLEET_PARTS = "flights/*.parquet"

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 import polars as pl
 
-from eivor.fleets.pooled_rows import VEHICLE, compared, groups_of
+from eivor.fleets.pooled_rows import TOGETHER, VEHICLE, compared, groups_of
 from eivor.flights.across import AcrossFlights, Covariate
 from eivor.inference.courses.deviation import deviation_p_values
 from eivor.inference.courses.drift import Drifts, drifts
@@ -38,6 +38,8 @@ FEWEST_FLIGHTS, FEWEST_VEHICLES = 6, 4
 KNOWN = 0.8
 #: What a step has to explain beyond a drift, since its place was searched for.
 SEARCHED = 5.0
+#: A logarithm of a covariate that lies so near to the mean of its type differs from it by rounding only.
+ROUNDING = 1e-9
 STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
 
 
@@ -50,15 +52,18 @@ class Corrected:
     ordered : Ordered
         By vehicle, over flight hours.
     vehicles : Groups
-        Of each type.
+        Of each set: the vehicles of a type, or one vehicle alone.
+    sets : polars.Series
+        Type of each set; of one vehicle alone that and the vehicle.
     used : tuple of Covariate
         Covariates, in the order of the slopes.
     slopes : SharedSlopes
-        Of each type.
+        Of each set.
     """
 
     ordered: Ordered
     vehicles: Groups
+    sets: pl.Series
     used: tuple[Covariate, ...]
     slopes: SharedSlopes
 
@@ -73,8 +78,8 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
     across : AcrossFlights
         The quantity.
     """
-    about, groups = groups_of(rows, *VEHICLE)
-    _, vehicles = groups_of(about, "type")
+    about, groups = groups_of(rows, *VEHICLE, TOGETHER)
+    sets, vehicles = groups_of(about, "type", TOGETHER)
     y, v = (rows.select(one).to_series().to_numpy() for one in compared(across))
     used = tuple(one for one in across.covariates if _is_known(rows, one.name))
     x = (
@@ -90,7 +95,7 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
     found, slopes, between = given.without(given.errors(y), given.between(y, v), at[None, :])
     if used:  # again, beside the step that is seen now
         found, slopes, _ = given.without(found.errors, between, np.stack([at, after_step(found)]))
-    return Corrected(found, vehicles, used, slopes)
+    return Corrected(found, vehicles, sets[TOGETHER], used, slopes)
 
 
 @dataclass(frozen=True)
@@ -167,9 +172,10 @@ def _is_known(rows: pl.DataFrame, name: str) -> bool:
 
 
 def _about_the_type(name: str) -> pl.Expr:
-    """Logarithm of a covariate about that of the type; zero where it is not known."""
+    """Logarithm of a covariate about that of the type; zero where it is not known or does not vary."""
     log = pl.when(pl.col(name) > 0.0).then(pl.col(name)).log()
-    return (log - log.mean().over("type")).fill_null(0.0)
+    about = log - log.mean().over(TOGETHER)
+    return pl.when(about.abs() > ROUNDING).then(about).otherwise(0.0)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,11 +18,16 @@ from eivor.inference.quantiles import normal_quantile
 from eivor.inference.random_effects.groups import Groups
 from eivor.inference.verdict import Status
 
-#: A flight whose vehicle or type is not known.
-UNKNOWN = "unknown"
+#: Type of a flight whose type is not known, and what stands before the name of a log that has no vehicle.
+UNKNOWN, LOG = "unknown", "log "
 HOUR_S = 3600.0
 #: Columns by which rows belong together.
 VEHICLE = ("type", "vehicle")
+#: Columns of ordered rows: with which vehicles a vehicle is pooled, which is its type where both are known
+#: and the vehicle alone elsewhere; and whether the log has no vehicle.
+TOGETHER, SINGLE = "together", "single"
+#: Column of rows of a quantity: whether it is a share, below `AcrossFlights.largest`.
+SHARE = "is_share"
 #: Why rows are left out, in this order.
 NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
     "the log gave no result",
@@ -30,6 +36,8 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
     f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
     "not positive",
 )
+#: What a share is above that is left out.
+NOT_BELOW = "not below {:g}, the largest share"
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
@@ -70,16 +78,29 @@ def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
 def in_order(table: pl.DataFrame) -> pl.DataFrame:
     """Rows by type, vehicle and time, without copies, with the hours flown before the middle of each flight.
 
+    A log without a vehicle is a vehicle of its own, named after the log: two such logs may be of one vehicle
+    or of two, so that neither its flights nor its type are pooled.
+
     Parameters
     ----------
     table : polars.DataFrame
         Rows of one motion.
     """
     duration = pl.col("duration_s").fill_null(0.0)
+    kind, vehicle = (pl.col(name).cast(pl.String) for name in VEHICLE)
+    earlier = pl.when(pl.col("name").is_duplicated()).then(pl.format(" {}", pl.col("sha256").str.head(12)))
+    log = pl.concat_str(pl.lit(LOG), "name", earlier.fill_null(""))  # of a log that changed
+    own = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
     return (
         table.filter(pl.col("verdict") != COPY)
-        .with_columns(pl.col(name).cast(pl.String).fill_null(UNKNOWN) for name in VEHICLE)
-        .sort(*VEHICLE, "start", "name", nulls_last=True)
+        .with_columns(
+            kind.fill_null(UNKNOWN),
+            vehicle.fill_null(log),
+            vehicle.is_null().alias(SINGLE),
+            (kind.is_null() | vehicle.is_null()).alias(TOGETHER),
+        )
+        .sort(SINGLE, "type", TOGETHER, "vehicle", "start", "name", nulls_last=True)
+        .with_columns(pl.when(TOGETHER).then(own).otherwise("type").alias(TOGETHER))
         .with_columns(((duration.cum_sum() - 0.5 * duration) / HOUR_S).over(VEHICLE).alias("hours"))
     )
 
@@ -111,18 +132,37 @@ def why_left_out(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
         .then(pl.lit(NOT_EXCITED))
         .when((value <= 0.0) & across.logarithm)
         .then(pl.lit(NOT_POSITIVE))
+        .when(pl.col(SHARE) & (value >= across.largest))
+        .then(pl.lit(NOT_BELOW.format(across.largest)))
         .otherwise(None)
     )
 
 
+def is_share(across: AcrossFlights) -> pl.Expr:
+    """`SHARE` of ordered rows: whether half of the positive values of those that are pooled are below it."""
+    value = pl.col(f"{across.name}.value")
+    share = value.filter(value > 0.0).median().over(TOGETHER) < across.largest
+    return (share.fill_null(value=False) & math.isfinite(across.largest)).alias(SHARE)
+
+
 def compared(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
-    """The number that is compared, and its variance."""
+    """The number of which changes are compared, and its variance."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     return (value.log(), (error / value) ** 2) if across.logarithm else (value, error**2)
 
 
+def pooled(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """The number that is pooled, and its variance: as `compared`, of a share its logit."""
+    y, v = compared(across)
+    left = across.largest - pl.col(f"{across.name}.value")
+    return (
+        pl.when(SHARE).then(y - left.log()).otherwise(y),
+        pl.when(SHARE).then(v * (across.largest / left) ** 2).otherwise(v),
+    )
+
+
 def own_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
-    """`low` and `high` that a flight tells by itself; by its standard error where it has none."""
+    """`low` and `high` that a flight tells by itself, or by its standard error; within the bounds."""
     reach = normal_quantile(0.95) * _error(across)
     low, high = (
         pl.coalesce(
@@ -130,6 +170,9 @@ def own_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
         ).alias(end)
         for end, sign in (("low", -1.0), ("high", 1.0))
     )
+    if across.logarithm:
+        top = pl.when(SHARE).then(across.largest).otherwise(math.inf)
+        low, high = low.clip(lower_bound=0.0), pl.min_horizontal(high, top).alias("high")
     return low, high
 
 

@@ -21,7 +21,15 @@ from eivor.fleets.course import (
     differing_p_values,
 )
 from eivor.fleets.pool import pooled_types, pooled_vehicles
-from eivor.fleets.pooled_rows import VEHICLE, across_of, in_order, own_interval, wanted_columns, why_left_out
+from eivor.fleets.pooled_rows import (
+    VEHICLE,
+    across_of,
+    in_order,
+    is_share,
+    own_interval,
+    wanted_columns,
+    why_left_out,
+)
 from eivor.fleets.table import COPY, FAILED
 from eivor.flights.across import AcrossFlights
 from eivor.flights.motion import Motion
@@ -44,6 +52,8 @@ DEVIATING = pl.DataFrame(
         **dict.fromkeys(("value", "std_error", "low", "high", "expected", "p_value"), pl.Float64),
     }
 )
+#: A slope is told by the flights where its error is at most this share of what it was beforehand.
+MOVED = 0.9
 #: Tests of a quantity: for a drift, and for a step.
 FORMS = 2
 
@@ -68,12 +78,14 @@ class FleetReport:
     left_out : polars.DataFrame
         `quantity`, `reason`, `flights`.
     covariates : polars.DataFrame
-        `type`, `quantity`, `covariate`, `slope`, `std_error`: what was taken out.
+        `type`, `quantity`, `covariate`, `slope`, `std_error`: what the flights told and was taken out.
     deviating : polars.DataFrame
         Flights that deviate: `type`, `vehicle`, `name`, `start`, `hours`, `quantity`, `value`, `std_error`,
         `low`, `high`, `expected`, `p_value` (times the number of tests).
     flights : polars.DataFrame
-        Rows in order, with the hours flown before each.
+        Rows in order, with the hours flown before each; see `pooled_rows.in_order`.
+    expected : frozenset of (str, str)
+        Quantities and covariates that the flights know, whether or not they tell the slope.
     """
 
     motion: Motion[Any]
@@ -85,6 +97,7 @@ class FleetReport:
     covariates: pl.DataFrame
     deviating: pl.DataFrame
     flights: pl.DataFrame
+    expected: frozenset[tuple[str, str]] = frozenset()
 
 
 def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str] = ()) -> FleetReport:
@@ -127,6 +140,11 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         _concat([COVARIATES, *(one.covariates() for one in told)]),
         _concat([DEVIATING, *deviating]).sort("p_value"),
         rows,
+        frozenset(
+            (one.across.name, known.name)
+            for one in told
+            for known in (one.corrected.used if one.corrected else ())
+        ),
     )
 
 
@@ -167,7 +185,9 @@ class _Quantity:
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
-        marked = rows.with_columns(why_left_out(across, rows.columns).alias("why"))
+        marked = rows.with_columns(is_share(across)).with_columns(
+            why_left_out(across, rows.columns).alias("why")
+        )
         used = marked.filter(pl.col("why").is_null())
         timed = used.filter(pl.col("start").is_not_null())
         if not timed.height:
@@ -278,19 +298,19 @@ class _Quantity:
         )
 
     def covariates(self) -> pl.DataFrame:
-        """What was taken out, type by type."""
+        """Slopes that the flights told, type by type; those that they left as expected are none."""
         if self.corrected is None or not self.corrected.used:
             return COVARIATES
         slopes = self.corrected.slopes
-        types = self.course.about["type"].unique(maintain_order=True) if self.course else pl.Series()
+        types = pl.DataFrame({"type": self.corrected.sets.str.replace("\n", ", ", literal=True)})
         return pl.concat(
             [
-                pl.DataFrame({"type": types}).with_columns(
+                types.with_columns(
                     quantity=self.name,
                     covariate=pl.lit(one.name),
                     slope=pl.Series(slopes.values[:, place]),
                     std_error=pl.Series(np.sqrt(slopes.covariance[:, place, place])),
-                )
+                ).filter(pl.col("std_error").is_between(0.0, MOVED * one.uncertainty, closed="right"))
                 for place, one in enumerate(self.corrected.used)
             ]
         )

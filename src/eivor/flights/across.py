@@ -36,6 +36,10 @@ class AcrossFlights:
         Compared as its logarithm: what changes it multiplies it, and it is positive.
     covariates : tuple of Covariate
         What it goes with.
+    largest : float
+        Bound of a quantity that is a share, such as 1: means and intervals are those of its logit,
+        log(x / (largest - x)), so that they stay between zero and the bound. It needs `logarithm`. A type
+        whose flights lie above it for the most part has another unit, and no bound.
     told_by : tuple of str
         Parameters by whose first-stage F a flight tells it: where its excitation cannot tell them it is left
         out, and nowhere else, since leaving out by the value itself would bias the mean.
@@ -43,5 +47,6 @@ class AcrossFlights:
 
     name: str
     logarithm: bool = False
+    largest: float = math.inf
     covariates: tuple[Covariate, ...] = ()
     told_by: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import polars as pl
 
+from eivor.fleets.pooled_rows import SINGLE, UNKNOWN, VEHICLE
 from eivor.fleets.report import FleetReport
 from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
 from eivor.report.flight_document import section
@@ -22,6 +23,7 @@ from eivor.report.told_fleet import (
     mean_told,
     next_told,
     only_told,
+    singles_told,
 )
 
 #: Vehicles in a table, at most.
@@ -48,7 +50,9 @@ def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | N
 def about_fleet(report: FleetReport) -> str:
     """How many logs, vehicles and types there are."""
     flights = report.flights
-    vehicles, types = flights.select("type", "vehicle").n_unique(), flights["type"].n_unique()
+    known = flights.filter(~pl.col(SINGLE))
+    vehicles = known.select(VEHICLE).n_unique()
+    types = known.filter(pl.col("type") != UNKNOWN)["type"].n_unique()
     counts = [_count(report.logs["logs"], "log")]
     if report.logs["copies"]:
         counts.append(
@@ -57,6 +61,8 @@ def about_fleet(report: FleetReport) -> str:
     if report.logs["failed"]:
         counts.append(f"{report.logs['failed']} without a result")
     told = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
+    if flights.height > known.height:
+        told += f"; {_count(flights.height - known.height, 'log')} without a vehicle, each by itself"
     return f"{report.motion.words.title}: {', '.join(counts)}; {told}"
 
 
@@ -70,10 +76,11 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
         yield from section("Left out", Bullets, left_out_told(report))
         return
     types = list(report.types.iter_rows(named=True))
-    yield Section("By type", (_types(report, types), *_notes(few_told(types, "vehicles"))))
+    if types:
+        yield Section("By type", (_types(report, types), *_notes(few_told(types, "vehicles"))))
     shown = _shown(report.vehicles)
     vehicles = list(shown.iter_rows(named=True))
-    notes = [*few_told(vehicles, "flights"), *only_told(vehicles)]
+    notes = [*few_told(vehicles, "flights"), *only_told(vehicles), *singles_told(report)]
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         notes.append(
             f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."

@@ -7,6 +7,7 @@ from typing import Any
 
 from eivor.fleets.course import DRIFTS, STEPS
 from eivor.fleets.pool import ONLY
+from eivor.fleets.pooled_rows import SINGLE
 from eivor.fleets.report import FleetReport
 from eivor.flights.across import AcrossFlights
 from eivor.flights.quantity import Wording
@@ -53,6 +54,15 @@ def only_told(rows: Sequence[Row]) -> Iterator[str]:
     """Return what the mark of `mean_told` means, where there is one."""
     if any(map(_is_of_one_flight, rows)):
         yield "† of its only flight: how much flights differ is not in it."
+
+
+def singles_told(report: FleetReport) -> Iterator[str]:
+    """Return what is done with logs that have no vehicle, where there are any."""
+    if report.flights[SINGLE].any():
+        yield (
+            "A log without a vehicle id stands alone under its own name, and counts for no type. "
+            "eivor fleet run --vehicle-from says which vehicle each log is of."
+        )
 
 
 def _two_digits(number: float) -> str:
@@ -152,7 +162,7 @@ def left_out_told(report: FleetReport) -> list[str]:
 
 
 def covariates_told(report: FleetReport) -> list[str]:
-    """Return what was taken out before anything was said of changes, and what could not be."""
+    """Return which slopes the flights told, which were taken as expected, and what is not known."""
     told = []
     taken = report.covariates.iter_rows(named=True) if report.covariates.height else ()
     for row in taken:
@@ -165,11 +175,18 @@ def covariates_told(report: FleetReport) -> list[str]:
         else set()
     )
     missing: dict[str, list[str]] = {}
+    expected: dict[str, list[str]] = {}
     for across in report.quantities:
         for one in across.covariates:
             if (across.name, one.name) not in used:
-                missing.setdefault(one.name, []).append(report.motion.wording[across.name].words)
+                place = expected if (across.name, one.name) in report.expected else missing
+                place.setdefault(one.name, []).append(report.motion.wording[across.name].words)
     shown = _at_most(told, "slopes were estimated")
+    shown += [
+        f"The flights do not tell how {_listed(words)} goes with {name.replace('_', ' ')}: what was expected "
+        "beforehand is allowed for, with its uncertainty."
+        for name, words in expected.items()
+    ]
     shown += [
         f"{name.replace('_', ' ')} is not known of enough flights: what looks like a change of "
         f"{_listed(words)} may be it."

@@ -71,6 +71,7 @@ ACROSS = (
     AcrossFlights(
         "hover_input",
         logarithm=True,
+        largest=1.0,
         covariates=(
             Covariate("air_density", -0.75, 0.3),
             Covariate("battery_voltage", -0.75, 0.75),

@@ -9,7 +9,7 @@ import polars as pl
 
 from eivor.fleets.course import DRIFTS, STEPS
 from eivor.fleets.pool import ONLY
-from eivor.fleets.pooled_rows import VEHICLE, own_interval, why_left_out
+from eivor.fleets.pooled_rows import SHARE, VEHICLE, is_share, own_interval, why_left_out
 from eivor.fleets.report import FleetReport
 from eivor.flights.across import AcrossFlights
 from eivor.report.document import Document, Section
@@ -115,12 +115,16 @@ def _forest_row(
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
     """Flights of a few vehicles over their hours, those that change first."""
     chosen = shown_vehicles(report.vehicles).head(MOST_LINES).select(VEHICLE)
+    rows = report.flights.with_columns(
+        is_share(across).name.suffix(f".{across.name}") for across in report.quantities
+    )
     for kind, vehicle in chosen.iter_rows():
         own = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
-        flights, means = report.flights.filter(own), report.vehicles.filter(own)
+        flights, means = rows.filter(own), report.vehicles.filter(own)
         for across in report.quantities:
             row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
-            used = flights.filter(why_left_out(across, flights.columns).is_null())
+            used = flights.with_columns(pl.col(f"{SHARE}.{across.name}").alias(SHARE))
+            used = used.filter(why_left_out(across, used.columns).is_null())
             if row is not None and used.height > 1:
                 yield _line(report, across, row, used, links)
 
