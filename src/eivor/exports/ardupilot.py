@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from typing import final
 
-from eivor.exports.autopilot_parameters import Autopilot, Parameter, chosen_parameters
+from eivor.exports.autopilot_parameters import Autopilot, chosen_parameters
 from eivor.exports.comments import hash_comments
 from eivor.exports.fitted import Exported, Fitted, Supplied
 from eivor.exports.px4 import single
 from eivor.exports.target import Target
+from eivor.motions.vertical.curve_family import MOT_THST_EXPO, AutopilotParameter
 
+#: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
 ARDUPILOT = Autopilot(
-    "ArduPilot", Parameter("MOT_THST_HOVER", 0.2, 0.8), Parameter("MOT_THST_EXPO", -1.0, 1.0), ("ulog",)
+    "ArduPilot", AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875), MOT_THST_EXPO, ("ulog",)
 )
 
 

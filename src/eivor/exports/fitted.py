@@ -13,6 +13,7 @@ from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.signals.input_map import InputMap, input_map
+from eivor.signals.recording import CurveSide
 
 #: Name in documents of the motion that exports are made of.
 VERTICAL = "vertical_motion"
@@ -134,6 +135,10 @@ class Fitted:
         Channel, or family of channels, that drove the vehicle.
     map_name : str
         Input map, see `eivor.signals.input_map`.
+    curve_side : CurveSide
+        Where the input stands to the autopilot's thrust curve.
+    curve_in_force : mapping of str to float
+        Parameters of that curve that the logs hold, by the autopilot's names.
     input_measured : bool
         Whether the rotor speeds themselves were logged, which do not lag.
     formats : tuple of str
@@ -154,6 +159,8 @@ class Fitted:
     quantities: Mapping[str, Quantity]
     input: str
     map_name: str
+    curve_side: CurveSide
+    curve_in_force: Mapping[str, float]
     input_measured: bool
     formats: tuple[str, ...]
     logs: tuple[tuple[str, str], ...]
@@ -172,7 +179,8 @@ class Fitted:
         yield f"Written by Eivor {self.version}."
         for name, sha256 in self.logs:
             yield f"Log: {name}, SHA-256 {sha256 or 'unknown'}"
-        yield f"Command: {self.input}, input map {self.map_name}."
+        side = f", {self.curve_side.value} the autopilot's thrust curve" if self.curve_side.value else ""
+        yield f"Command: {self.input}{side}, input map {self.map_name}."
 
     def check_vertical(self, target: str) -> None:
         """Refuse results of other motions.

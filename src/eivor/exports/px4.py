@@ -7,14 +7,13 @@ from typing import final
 
 import numpy as np
 
-from eivor.exports.autopilot_parameters import Autopilot, Parameter, chosen_parameters
+from eivor.exports.autopilot_parameters import Autopilot, chosen_parameters
 from eivor.exports.comments import hash_comments
 from eivor.exports.fitted import Exported, Fitted, Supplied
 from eivor.exports.target import Target
+from eivor.motions.vertical.curve_family import THR_MDL_FAC, AutopilotParameter
 
-PX4 = Autopilot(
-    "PX4", Parameter("MPC_THR_HOVER", 0.1, 0.8), Parameter("THR_MDL_FAC", 0.0, 1.0), ("dataflash",)
-)
+PX4 = Autopilot("PX4", AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8), THR_MDL_FAC, ("dataflash",))
 #: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
 REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"

@@ -26,7 +26,7 @@ from eivor.flights.spread import spread_alike
 from eivor.shapes import Bool, Float
 from eivor.signals.fast_length import fast_length
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import Channel, Finding, Recording, interval_within
+from eivor.signals.recording import Channel, Finding, Recording, common_side, interval_within
 from eivor.signals.signals import Signals, stretches
 
 #: Runs shorter than this are left out, and flights with less than this to use [s].
@@ -99,6 +99,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
         noise=told,
         states=tuple(channel.name for channel in selected.states.values()),
+        curve_side=common_side(command.curve_side for command in selected.commands),
     )
 
 

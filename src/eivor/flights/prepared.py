@@ -16,7 +16,7 @@ from eivor.flights.selection import InputFamily
 from eivor.models.spectral import SpectralRun
 from eivor.shapes import Bool, Float, Int
 from eivor.signals.families import family_members
-from eivor.signals.recording import Finding, Recording
+from eivor.signals.recording import CurveSide, Finding, Recording
 from eivor.signals.signals import Signals
 
 #: An input whose standard deviation is below this share of its mean is constant.
@@ -65,6 +65,8 @@ class PreparedFlight:
         Measurement noise by channel.
     states : tuple of str
         Channels of the selection's states, which are regressors.
+    curve_side : CurveSide
+        Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ.
     """
 
     recording: Recording
@@ -85,6 +87,7 @@ class PreparedFlight:
     unlogged_step_s: float = 0.0
     noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
     states: tuple[str, ...] = ()
+    curve_side: CurveSide = CurveSide.UNKNOWN
 
     @cached_property
     def shortened(self) -> PreparedFlight:

@@ -31,6 +31,11 @@ A map states::
                                     # of a data sheet, noise_density (in `unit` per root hertz),
                                     # noise_bandwidth_hz and quantisation (the step, in `unit`)
 
+    [channels.rotor_command_1]
+    column = "motor1"
+    curve_side = "behind"           # optional, of commands: "before" or "behind" the thrust curve that the
+                                    # autopilot inverts (THR_MDL_FAC, MOT_THST_EXPO); unknown by default
+
     [channels.cos_tilt]
     quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
 
@@ -54,7 +59,7 @@ from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
 from eivor.signals.canonical import canonical_channel, canonical_channels
 from eivor.signals.data_sheet import DataSheet
 from eivor.signals.input_map import input_map
-from eivor.signals.recording import Frame
+from eivor.signals.recording import CurveSide, Frame
 from eivor.toml_table import TomlTable, read_toml, toml_table
 
 ESTIMATOR = "estimator"
@@ -63,6 +68,8 @@ SOURCES = ("sensor", ESTIMATOR)
 LONGEST_DELAY_S = 1.0
 #: More elements than a cell of a log has.
 LONGEST_LIST = 100_000
+#: Channels, or families of them, that stand on one side of a thrust curve.
+COMMANDS = ("input", "rotor_command", "rotor_speed", "actuator_output")
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -102,6 +109,8 @@ class ChannelRule:
         The sensor's own delay [s]: a value is of so long before its stamp; below zero, of after it.
     noise : float or DataSheet, optional
         Measurement noise of a sample in SI units, see `Channel`.
+    curve_side : CurveSide
+        Of a command, see `Channel`.
     """
 
     name: str
@@ -114,6 +123,7 @@ class ChannelRule:
     estimated: bool = False
     delay_s: float = 0.0
     noise: float | DataSheet | None = None
+    curve_side: CurveSide = CurveSide.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,9 +302,25 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         section.choice("source", SOURCES, source) == ESTIMATOR,
         _delay_s(section),
         _noise(section, to_si),
+        _curve_side(name, section),
     )
     section.finish()
     return rule
+
+
+def _curve_side(name: str, section: TomlTable) -> CurveSide:
+    """Side of the thrust curve that the map states; unknown where it states none."""
+    if not section.has("curve_side"):
+        return CurveSide.UNKNOWN
+    if name.rstrip("0123456789").rstrip("_") not in COMMANDS:
+        raise section.wrong(
+            "curve_side",
+            f"this key for commands only ({', '.join(COMMANDS)})",
+            f"it in {name}",
+            "Leave it out.",
+        )
+    sides = (CurveSide.BEFORE.value, CurveSide.BEHIND.value)
+    return CurveSide(section.choice("curve_side", sides, sides[0]))
 
 
 def _sign(section: TomlTable) -> float:

@@ -360,4 +360,5 @@ def _channel(rule: ChannelRule, time_s: Float[np.ndarray, " n"], ranged: Mapping
         estimated=rule.estimated,
         delay_s=rule.delay_s,
         noise=rule.noise,
+        curve_side=rule.curve_side,
     )

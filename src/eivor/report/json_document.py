@@ -24,6 +24,7 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.flights.telemetry import TELEMETRY
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
+from eivor.motions.vertical.curve_told import curve_in_force
 from eivor.report.identify_schema import SCHEMA
 from eivor.report.json_ahead import ahead_json
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
@@ -65,6 +66,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
             "input": first.input.name,
             "input_map": first.input_map,
             "input_measured": first.input.measured,
+            "autopilot_curve": _autopilot_curve(result.prepared),
         },
         "method": told.method,
         "instruments": told.instruments,
@@ -96,6 +98,12 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
             "options": _options(result.options),
         },
     }
+
+
+def _autopilot_curve(flights: tuple[PreparedFlight, ...]) -> Json:
+    """Side of the thrust curve that the input is on, null for unknown, and its parameters in force."""
+    side, in_force = curve_in_force(flights)
+    return {"side": side.value or None, "in_force": in_force}
 
 
 def _implied(one: Implied) -> dict[str, Json]:

@@ -26,6 +26,7 @@ from eivor.motions.rigid_body.vehicle_file import load_vehicle
 from eivor.notebook import html_table
 from eivor.report.drawn_candidates import SavedCandidate, drawn_at, drawn_at_all
 from eivor.shapes import Float
+from eivor.signals.recording import CurveSide
 
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
@@ -248,11 +249,14 @@ class SavedFit:
         """What exports take of it."""
         model, provenance = self.document["model"], self.document["provenance"]
         vehicle = self.prediction.get("vehicle")
+        curve = model.get("autopilot_curve") or {}  # older documents have none
         return Fitted(
             model=str(model["name"]),
             quantities=self.quantities,
             input=str(model["input"]),
             map_name=str(model["input_map"]),
+            curve_side=CurveSide(curve.get("side") or ""),
+            curve_in_force={str(name): float(value) for name, value in curve.get("in_force", {}).items()},
             input_measured=bool(model["input_measured"]),
             formats=tuple(str(log["format"]) for log in self.document["logs"]),
             logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),

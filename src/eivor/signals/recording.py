@@ -15,7 +15,7 @@ Conventions, settled here once:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -48,6 +48,14 @@ class Frame(Enum):
 
     Z_UP = "z up (world east-north-up, body forward-left-up)"
     NED = "z down (world north-east-down, body forward-right-down)"
+
+
+class CurveSide(Enum):
+    """Where a command stands to the autopilot's own thrust curve, which makes motor signals of setpoints."""
+
+    BEFORE = "before"
+    BEHIND = "behind"
+    UNKNOWN = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +105,8 @@ class Channel:
     noise : float or DataSheet, optional
         What is known of the measurement noise: the standard deviation of a sample in `unit`, or what the
         sensor's data sheet says.
+    curve_side : CurveSide
+        Of a command: before the autopilot's thrust curve (a thrust setpoint) or behind it (a motor signal).
 
     Raises
     ------
@@ -116,6 +126,7 @@ class Channel:
     estimated: bool = False
     delay_s: float = 0.0
     noise: float | DataSheet | None = None
+    curve_side: CurveSide = CurveSide.UNKNOWN
 
     def __post_init__(self) -> None:
         if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
@@ -169,6 +180,7 @@ def clean_channel(
     estimated: bool = False,
     delay_s: float = 0.0,
     noise: float | DataSheet | None = None,
+    curve_side: CurveSide = CurveSide.UNKNOWN,
 ) -> Channel:
     """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
 
@@ -200,7 +212,7 @@ def clean_channel(
         time, first, quality = _rising(time, quality)
         series = series[first]
     quality = replace(quality, missing_values=int(np.isnan(series).sum()))
-    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s, noise)
+    return Channel(name, time, series, unit, source, held, quality, estimated, delay_s, noise, curve_side)
 
 
 def _rise(time_s: Float[np.ndarray, " n"]) -> bool:
@@ -374,6 +386,12 @@ class Recording:
         from eivor.motions.log_signals import log_signals  # the house's exception: a door upwards
 
         return log_signals(self, actuator_lag=actuator_lag, delay=delay, model=model, **choices)
+
+
+def common_side(sides: Iterable[CurveSide]) -> CurveSide:
+    """Return the side of the thrust curve that all commands have; unknown where they differ."""
+    found = set(sides)
+    return found.pop() if len(found) == 1 else CurveSide.UNKNOWN
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

@@ -52,8 +52,9 @@ class SihParameters(Target):
         }
         hover = value["mass"] * GRAVITY / (made.count * largest)
         remarks = [*REMARKS, *delay_comments(made, NAME)]
-        if PX4.hover.lowest <= hover <= PX4.hover.highest:
-            values["MPC_THR_HOVER"] = hover
+        beyond = PX4.hover.beyond((hover, (hover, hover)))
+        if beyond:
+            remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
         else:
-            remarks.append(f"MPC_THR_HOVER is not written: PX4 does not take {hover:.4g}.")
+            values["MPC_THR_HOVER"] = hover
         return Exported(qgroundcontrol((*made.comments, *remarks), values), made.left_out)

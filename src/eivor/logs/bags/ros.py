@@ -12,12 +12,14 @@ from eivor.logs.bags.ros_sources import CHANNEL_SOURCES, MAVROS, RosSource
 from eivor.logs.bags.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns
 from eivor.logs.silences import silenced
 from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0
 #: Rotor outputs in microseconds: none can be told from a share without its range.
 PULSES = "rc/out"
+#: Sides of the autopilot's thrust curve, by channel or topic: setpoints of thrust, and what motors are sent.
+CURVE_SIDES = {"input": CurveSide.BEFORE, PULSES: CurveSide.BEHIND}
 
 
 def is_known(name: str, kind: str) -> bool:
@@ -130,6 +132,7 @@ def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Chann
         source=f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
         held=held_by_default(name),
         estimated=source.estimated,
+        curve_side=CURVE_SIDES.get(source.topic if source.topic == PULSES else name, CurveSide.UNKNOWN),
     )
 
 

@@ -9,7 +9,7 @@ from eivor.logs.dataflash.motors import OUTPUTS, disagreement, motor_columns, mo
 from eivor.logs.dataflash.reading import Reading
 from eivor.logs.units import UNITS
 from eivor.shapes import Float
-from eivor.signals.recording import Finding
+from eivor.signals.recording import CurveSide, Finding
 
 MAX_ESCS = 32
 
@@ -27,7 +27,7 @@ def add_outputs(reading: Reading) -> None:
     known = motor_range(reading.parameters)
     if known is None:
         for motor, one in widths.items():
-            reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}")
+            reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
         sentence = (
             "RCOU holds pulse widths in microseconds, and no parameter tells their range (MOT_PWM_MIN and "
             "MOT_PWM_MAX, or RC3_MIN and RC3_MAX): they stay as they are, and no input map fits an offset."
@@ -36,7 +36,7 @@ def add_outputs(reading: Reading) -> None:
         return
     shares = {motor: known.share(one) for motor, one in widths.items()}
     for motor, one in shares.items():
-        reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}")
+        reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
     sentence = (
         f"RCOU holds pulse widths in microseconds: they are read as shares of the range {known.low:g} to "
         f"{known.high:g} ({known.names}), of which {known.spin_min:g} to {known.spin_max:g} is in use."
@@ -46,7 +46,7 @@ def add_outputs(reading: Reading) -> None:
     thrust = np.mean([known.thrust(one, voltage) for one in shares.values()], axis=0)
     throttle = reading.channels.get("input")
     if throttle is None:
-        reading.add("input", table, thrust, "RCOU through the thrust curve")
+        reading.add("input", table, thrust, "RCOU through the thrust curve", CurveSide.BEFORE)
         return
     asked = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(one > 0.0) & (one < 1.0) for one in shares.values()], axis=0)
@@ -91,4 +91,5 @@ def add_rotor_speeds(reading: Reading) -> None:
         one = table.where(instances == instance)
         speeds = one.values("RPM") * UNITS["rpm"][1]
         if np.any(np.nan_to_num(speeds)):
-            reading.add(f"rotor_speed_{motors.get(instance, instance + 1)}", one, speeds, "ESC.RPM")
+            name = f"rotor_speed_{motors.get(instance, instance + 1)}"
+            reading.add(name, one, speeds, "ESC.RPM", CurveSide.BEHIND)

@@ -41,7 +41,7 @@ from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.log_format import HEAD_BYTES as SNIFFED_BYTES
 from eivor.logs.stamps import believable
 from eivor.shapes import Float
-from eivor.signals.recording import Finding, Frame, Recording
+from eivor.signals.recording import CurveSide, Finding, Frame, Recording
 
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5
@@ -237,4 +237,5 @@ def _add(reading: Reading, name: str, source: Source) -> None:
         estimated=source.estimated,
         delay_s=delay_of(name, reading.parameters),
         is_setpoint=source.is_setpoint,
+        curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
     )

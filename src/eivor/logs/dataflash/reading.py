@@ -14,7 +14,7 @@ from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.silences import silenced
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
 
 #: Of stamps that take more, those of one table at a time are kept [bytes].
 LONG_BYTES = 1 << 23
@@ -111,9 +111,16 @@ class Reading:
             self._clocks[asked] = (table.places, stamps)
         return self._clocks[asked][1]
 
-    def add(self, name: str, table: Messages, values: Float[np.ndarray, " n"], label: str) -> None:
+    def add(
+        self,
+        name: str,
+        table: Messages,
+        values: Float[np.ndarray, " n"],
+        label: str,
+        curve_side: CurveSide = CurveSide.UNKNOWN,
+    ) -> None:
         """Add a channel of values that are at hand, when it has one."""
-        self.add_made(name, table, lambda: values, label)
+        self.add_made(name, table, lambda: values, label, curve_side=curve_side)
 
     def add_made(
         self,
@@ -125,6 +132,7 @@ class Reading:
         estimated: bool = False,
         delay_s: float = 0.0,
         is_setpoint: bool = False,
+        curve_side: CurveSide = CurveSide.UNKNOWN,
     ) -> None:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
@@ -138,6 +146,7 @@ class Reading:
                 held=held_by_default(name),
                 estimated=estimated,
                 delay_s=delay_s,
+                curve_side=curve_side,
             )
 
         def in_force() -> Channel:

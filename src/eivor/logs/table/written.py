@@ -23,7 +23,7 @@ from eivor.logs.table.parquet import METADATA_KEY
 from eivor.shapes import Float
 from eivor.signals.canonical import held_by_default
 from eivor.signals.log_origin import LogOrigin
-from eivor.signals.recording import Channel, Finding, Frame, Recording
+from eivor.signals.recording import Channel, CurveSide, Finding, Frame, Recording
 from eivor.whole_file import whole_file
 
 _VERSION = 1
@@ -112,6 +112,7 @@ def _check_csv(recording: Recording) -> None:
         f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
     ]
     lost += [f"the delay of {c.name}" for c in recording.channels.values() if c.delay_s]
+    lost += [f"the curve_side of {c.name}" for c in recording.channels.values() if c.curve_side.value]
     lost += [f"that an estimator made {c.name}" for c in recording.channels.values() if c.estimated]
     if lost:
         raise UsageError(
@@ -142,6 +143,7 @@ def _metadata(recording: Recording) -> str:
                     "held": c.held,
                     "estimated": c.estimated,
                     "delay_s": c.delay_s,
+                    "curve_side": c.curve_side.value,
                     "own_clock": c.time_s.size != rows,
                     "overflowed": c.quality.overflowed,
                     "saturated": c.quality.saturated,
@@ -218,6 +220,7 @@ def _restored(channel: Channel, content: object) -> Channel:
         quality=quality,
         estimated=_flag(content.get("estimated", channel.estimated)),
         delay_s=_finite(content.get("delay_s", channel.delay_s)),
+        curve_side=CurveSide(content.get("curve_side", channel.curve_side.value)),
     )
 
 

@@ -40,7 +40,7 @@ from eivor.logs.ulog.topics import (
 from eivor.logs.units import UNITS
 from eivor.shapes import Bool, Float
 from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
 
 #: Stamps further than this from the log's start are damaged [s].
 MAX_SPAN_S = 1e6
@@ -179,6 +179,7 @@ def _add(
         _channel(name, clocks[source.topic], values, source.label),
         estimated=source.estimated,
         delay_s=reading.delays_s[source.topic],
+        curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
     )
     if channel.time_s.size == 0:
         return
@@ -191,9 +192,21 @@ def _add(
 
 
 def _channel(
-    name: str, time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], label: str
+    name: str,
+    time_s: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, " n"],
+    label: str,
+    curve_side: CurveSide = CurveSide.UNKNOWN,
 ) -> Channel:
-    return clean_channel(name, time_s, values, unit_of(name), source=label, held=held_by_default(name))
+    return clean_channel(
+        name,
+        time_s,
+        values,
+        unit_of(name),
+        source=label,
+        held=held_by_default(name),
+        curve_side=curve_side,
+    )
 
 
 def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
@@ -241,7 +254,7 @@ def _add_actuators(
 
     Those in microseconds become shares, where parameters tell their range.
     """
-    for topic_name, stem in ACTUATOR_SOURCES:
+    for topic_name, stem, side in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
         used = varying_fields(topic, stem) if topic is not None else []
         if topic is None or not used:
@@ -252,7 +265,7 @@ def _add_actuators(
             reading.findings.append(finding)
         for number, (place, column) in enumerate(values.items(), start=1):
             name, source = f"actuator_output_{number}", f"{topic_name}.{stem}[{place}]"
-            reading.channels[name] = _channel(name, clocks[topic_name], column, source)
+            reading.channels[name] = _channel(name, clocks[topic_name], column, source, side)
         return
 
 
@@ -272,7 +285,7 @@ def _add_rotor_speeds(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, 
     for place, speeds in turning.items():
         name = f"rotor_speed_{told[place] if known else place + 1}"
         label = f"{ESC_TOPIC}.{ESC_SPEED.format(place)}"
-        reading.channels[name] = _channel(name, clocks[ESC_TOPIC], speeds, label)
+        reading.channels[name] = _channel(name, clocks[ESC_TOPIC], speeds, label, CurveSide.BEHIND)
 
 
 def _motor_of(topic: Topic, place: int) -> int:

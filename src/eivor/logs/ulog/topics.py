@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from eivor.signals.recording import CurveSide
+
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"
 
@@ -149,10 +151,11 @@ ATTITUDE_SETPOINT, RATES_SETPOINT = "vehicle_attitude_setpoint", "vehicle_rates_
 
 #: Motor outputs as they are sent: pulse widths, or counts of DShot.
 PULSES_TOPIC = "actuator_outputs"
-#: Motor outputs: topic and field stem, the preferred one first.
-ACTUATOR_SOURCES: tuple[tuple[str, str], ...] = (
-    ("actuator_motors", "control"),
-    (PULSES_TOPIC, "output"),
+#: Motor outputs: topic, field stem and side of the thrust curve, the preferred one first. PX4 inverts the
+#: curve (THR_MDL_FAC) between the two topics: in `FunctionMotors`, and in the mixer of older firmware.
+ACTUATOR_SOURCES: tuple[tuple[str, str, CurveSide], ...] = (
+    ("actuator_motors", "control", CurveSide.BEFORE),
+    (PULSES_TOPIC, "output", CurveSide.BEHIND),
 )
 MAX_ACTUATORS = 16
 #: Telemetry of electronic speed controllers: rotor speeds [rpm], of motor 1, 2, ... where a field of the same
@@ -167,7 +170,7 @@ NEEDED_TOPICS: tuple[str, ...] = tuple(
     sorted(
         {source.topic for sources in CHANNEL_SOURCES.values() for source in sources}
         | {CONTROLLER_VELOCITY.topic, NAVIGATION_STATE.topic, RATES_SETPOINT}
-        | {topic for topic, _ in ACTUATOR_SOURCES}
+        | {topic for topic, *_ in ACTUATOR_SOURCES}
         | {ESC_TOPIC}
     )
 )
@@ -258,5 +261,7 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
     "input_open_loop": (_with_profile(NAVIGATION_STATE),),
     "pilot_sets_attitude": (_with_profile(NAVIGATION_STATE),),
-    "actuator_output_1": tuple(f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem in ACTUATOR_SOURCES),
+    "actuator_output_1": tuple(
+        f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem, _ in ACTUATOR_SOURCES
+    ),
 }

@@ -1,41 +1,84 @@
-"""What a curve of thrust that was found out means for an autopilot: the parameter that it would set.
-
-PX4's THR_MDL_FAC and ArduPilot's MOT_THST_EXPO are both the share s of thrust = (1 - s) u + s u^2, u the
-signal to a motor. Commands of thrust come before that curve: an autopilot with the parameter s_0 has put them
-through its inverse already, so what is left of the curve is seen, and s is that of both together.
-"""
+"""What a thrust curve that was fitted means for the autopilot's parameter, in a sentence."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
-from eivor.motions.vertical.curve_family import family_of, share_of_both
+from eivor.motions.vertical.curve_family import (
+    CURVE_PARAMETERS,
+    AutopilotParameter,
+    Interval,
+    family_of_fitted,
+    proposed,
+)
 from eivor.signals.input_map import input_map
-from eivor.signals.recording import Finding
+from eivor.signals.recording import CurveSide, Finding, common_side
 
-#: Parameters of autopilots that are shares of a thrust curve.
-CURVE_PARAMETERS = {"THR_MDL_FAC": "PX4", "MOT_THST_EXPO": "ArduPilot"}
+#: What to do where a log does not say on which side of the curve its command is.
+DECLARE = 'Of a table, declare curve_side = "before" or "behind" of the command in its channel map (--map).'
+#: Why nothing is proposed of a command before a curve that is not known.
+NOT_IN_FORCE = (
+    "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
+    "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."
+)
+
+
+def curve_in_force(flights: tuple[PreparedFlight, ...]) -> tuple[CurveSide, dict[str, float]]:
+    """Side of the thrust curve that commands are on, and parameters of it that all logs agree on."""
+    logged = [flight.recording.parameters for flight in flights]
+    return common_side(flight.curve_side for flight in flights), {
+        one.name: logged[0][one.name]
+        for one in CURVE_PARAMETERS
+        if len({parameters.get(one.name, math.nan) for parameters in logged}) == 1
+        and math.isfinite(logged[0].get(one.name, math.nan))
+    }
 
 
 def curve_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
 ) -> tuple[Finding, ...]:
     """The parameter that a curve would set; none where the curve or the hover input is not told."""
-    curve, hover = quantities.get("thrust_curve"), quantities["hover_input"].value
-    if curve is None or curve.verdict is Status.REFUSED or not 0.0 < hover < 1.0:
+    curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
+    told = curve is not None and Status.REFUSED not in (curve.verdict, hover.verdict)
+    if curve is None or not told or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
         return ()
-    family = family_of(input_map(flights[0].input_map))
-    logged = flights[0].recording.parameters
-    known = {name: logged[name] for name in CURVE_PARAMETERS if name in logged}
-    in_force = next(iter(known.values()), 0.0) if family.of_share else 0.0
-    value, low, high = (share_of_both(family, one, hover, in_force) for one in (curve.value, *curve.interval))
-    names = " or ".join(known) or " or ".join(f"{name} ({pilot})" for name, pilot in CURVE_PARAMETERS.items())
-    now = "".join(f"; the log has {name} {one:.2g}" for name, one in known.items())
-    sentence = (
-        f"The thrust curve that was found is a share of {value:.2f} [{low:.2f}, {high:.2f}] of the square of "
-        f"a motor's signal, which {names} would be set to{now}."
+    side, in_force = curve_in_force(flights)
+    if side is CurveSide.UNKNOWN:
+        sentence = (
+            f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
+            f"thrust curve: no parameter is proposed. {DECLARE}"
+        )
+        return (Finding("thrust_curve", sentence),)
+    family = family_of_fitted(input_map(flights[0].input_map))
+    before = side is CurveSide.BEFORE
+    sentences = []
+    for parameter in [one for one in CURVE_PARAMETERS if one.name in in_force or not (in_force or before)]:
+        value = in_force.get(parameter.name)
+        if before and value is not None and not parameter.takes(value):
+            continue
+        share, _ = proposed(
+            parameter,
+            family,
+            (curve.value, curve.interval),
+            (hover.value, hover.interval),
+            value if before else None,
+        )
+        sentences.append(_sentence(parameter, share, value, curve.verdict))
+    return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
+
+
+def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | None, verdict: Status) -> str:
+    """What the curve would set a parameter to, or why it does not."""
+    now = "" if in_force is None else f" The log has {parameter.name} {in_force:.2g}."
+    beyond = parameter.beyond(share)
+    if beyond:
+        return f"No {parameter.name} is proposed: {beyond}{now}"
+    value, (low, high) = share
+    return (
+        f"{parameter.name} ({parameter.autopilot}) would be set to {value:.2f} [{low:.2f}, {high:.2f}] by "
+        f"the thrust curve that was fitted, which is {verdict.value}.{now}"
     )
-    return (Finding("thrust_curve", sentence),)

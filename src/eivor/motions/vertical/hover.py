@@ -14,7 +14,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.shapes import Bool, Float
-from eivor.signals.recording import Channel, Finding
+from eivor.signals.recording import Channel, CurveSide, Finding
 
 #: Parameters in which an autopilot keeps its own idea of the hover input.
 HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
@@ -36,13 +36,19 @@ def hover_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
 ) -> tuple[Finding, ...]:
     """What the autopilots of flights hold their hover input to be; compared where it is identified."""
-    flying = [flight for flight in flights if flight.runs and flight.input.name == "input"]
+    flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
     found = [one for flight in flying for one in _standing_at_an_end(flight)]
     hover = quantities["hover_input"]
     if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and flying:
         found.extend(_of_parameters(flying[0], hover.value))
         found.extend(_of_estimates(flying, hover))
     return tuple(found)
+
+
+def _is_setpoint(flight: PreparedFlight) -> bool:
+    """Whether the input is a thrust setpoint, which the autopilot's hover input is a value of."""
+    unknown = flight.curve_side is CurveSide.UNKNOWN
+    return flight.curve_side is CurveSide.BEFORE or (unknown and flight.input.name == "input")
 
 
 def _of_parameters(flight: PreparedFlight, hover: float) -> list[Finding]:
