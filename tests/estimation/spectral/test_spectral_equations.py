@@ -13,7 +13,7 @@ from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
 from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
-from eivor.estimation.spectral.weights import corrected_spectrum, signal_weights
+from eivor.estimation.spectral.weights import corrected_spectrum, power_around, signal_weights
 from eivor.estimation.spectral.whitened_rows import solved_rows, whitened_rows
 
 ProblemOf = Callable[[str, int, int], ev.SignalRegression]
@@ -79,15 +79,19 @@ def test_the_compensation_matters(sampled: SampledProblem, solution: SpectralSol
     assert lost > 0.2 * noise > 0.0
 
 
-def test_weights_do_not_read_their_own_bin() -> None:
+def test_weights_read_their_own_bin_at_lines_only() -> None:
     rng = np.random.default_rng(0)
+    noise_variance = 0.5
     bins = rng.standard_normal(200) + 1j * rng.standard_normal(200)
-    before = signal_weights(bins, 0.5)
-    bins[100] *= 50.0
-    after = signal_weights(bins, 0.5)
-    assert after[100] == pytest.approx(before[100], rel=1e-9)
-    assert (after[[99, 101]] > before[[99, 101]]).all()
-    assert ((after >= 1e-6) & (after <= 1.0)).all()
+    before = signal_weights(bins, noise_variance)
+    around = power_around(bins)[100]
+    for factor, line in ((11.0, False), (13.0, True)):
+        bins[100] = np.sqrt(factor * around)
+        after = signal_weights(bins, noise_variance)
+        expected = (1.0 - noise_variance / (factor * around)) ** 2 if line else before[100]
+        assert after[100] == pytest.approx(expected, rel=1e-9)
+        assert (after[[99, 101]] > before[[99, 101]]).all()
+        assert ((after >= 1e-6) & (after <= 1.0)).all()
 
 
 def test_a_wrong_model_is_corrected_by_the_residuals(solution: SpectralSolution) -> None:

@@ -14,6 +14,8 @@ from eivor.shapes import Complex, Float
 
 #: Neighbours of a bin, on each side, that tell the power of its input without itself.
 INPUT_NEIGHBOURS = 3
+#: A bin is a line of the input where its power exceeds its noise and its neighbours' power by this factor.
+LINE = 12.0
 #: Least share of signal in the input's power.
 LEAST_SHARE = 1e-3
 #: Squared distance of a pair of residuals beyond which it is held back.
@@ -28,8 +30,14 @@ LARGEST_LEVERAGE = 3.0
 def signal_weights(
     spectrum: Complex[np.ndarray, " bins"], noise_variance: float
 ) -> Float[np.ndarray, " bins"]:
-    """w, the squared share of signal in the input's power near each bin, without the bin itself."""
-    share = 1.0 - noise_variance / power_around(spectrum)
+    """w, the squared share of signal in the input's power near each bin.
+
+    The power is that of the neighbours. A bin's own power would correlate its weight with its noise, which
+    biases the equations. Only a line counts its own: its weight is near one whatever its noise.
+    """
+    own, around = np.abs(spectrum) ** 2, power_around(spectrum)
+    line = own > LINE * np.maximum(around, noise_variance)
+    share = 1.0 - noise_variance / np.where(line, own, around)
     weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
     return weights
 
