@@ -11,13 +11,14 @@ from flight_logs import FRICTION, GAIN, LAG_S, flown
 
 import eivor as ev
 from eivor.flights.diagnostics import FitDiagnostics
-from eivor.flights.pool_verdict import agreement, not_below
+from eivor.flights.pool_verdict import agreement
 from eivor.flights.result import FlightEstimate
 from eivor.inference.diagnostics.over_identification import OverIdentification
 from eivor.inference.quantiles import t_quantile
-from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import LAG_GRID_S
 from eivor.motions.vertical.motion import Vertical
+from eivor.report.told import told_flight
 from eivor.signals.recording import Recording
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
@@ -159,17 +160,15 @@ def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
     assert agreement([]) is None
 
 
-@pytest.mark.parametrize(
-    ("found", "in_pool", "alone", "told"),
-    [
-        ("refused", ["identified", "identified", "refused"], ["refused"] * 3, "identified"),
-        ("refused", ["weak", "refused", "refused"], ["refused", "weak", "refused"], "weak"),
-        ("weak", ["refused", "refused"], ["refused", "refused"], "weak"),
-        ("weak", ["identified", "weak", "weak"], ["weak"] * 3, "weak"),
-    ],
-)
-def test_a_pool_is_not_judged_below_half_its_flights(found, in_pool, alone, told):
-    reasons = (Reason(Status(found), "The mean is rough.", "Fly on."),)
-    verdict = not_below(Verdict(Status(found), reasons), [*map(Status, in_pool)], [*map(Status, alone)])
-    assert verdict.status is Status(told)
-    assert all(reason.status is Status(told) for reason in verdict.reasons)
+def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
+    """Each flight of `one_sine` has its friction identified, and their mean is not."""
+    order = list(Status)
+    for pool in (alike, one_sine):
+        headline = [pool.quantities[name] for name in pool.motion.headline]
+        assert pool.verdict.status is max((one.verdict for one in headline), key=order.index)
+        assert bool(pool.verdict.reasons) == (pool.verdict.status is not Status.IDENTIFIED)
+    assert {row.verdict for row in one_sine.by_flight} == {Status.IDENTIFIED}
+    assert one_sine.quantities[K].verdict is not Status.IDENTIFIED
+    told = told_flight(one_sine)
+    assert "viscous friction" in told.summary
+    assert told.reasons

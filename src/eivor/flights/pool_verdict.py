@@ -1,9 +1,8 @@
-"""What is said of a pool as a whole: agreement of its instruments, the least verdict, what stands out."""
+"""What is said of a pool as a whole: agreement of its instruments, and what stands out."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from eivor.flights.circumstances import Circumstances
 from eivor.flights.diagnostics import FitDiagnostics
 from eivor.flights.motion import Motion
 from eivor.inference.diagnostics.over_identification import OverIdentification
-from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
 from eivor.signals.recording import Finding
 
@@ -34,42 +32,12 @@ def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
     return OverIdentification(sum(one.J for one in found), sum(one.degrees for one in found), p_value, None)
 
 
-def not_below(found: Verdict, in_pool: Sequence[Status], alone: Sequence[Status]) -> Verdict:
-    """Verdict of a pool, but not below what half of its flights tell.
-
-    A mean over flights that differ may be told worse than any of them.
-
-    Parameters
-    ----------
-    found : Verdict
-        Of the pool's own values.
-    in_pool, alone : sequence of Status
-        Of each flight, with what the pool says of it and by itself: the better one counts.
-    """
-    order = list(Status)
-    ranks = sorted(min(order.index(one), order.index(own)) for one, own in zip(in_pool, alone, strict=True))
-    least = ranks[(len(ranks) + 1) // 2 - 1]
-    if order.index(found.status) <= least:
-        return found
-    allowed = order[least]
-    if allowed is Status.IDENTIFIED:
-        return Verdict(allowed)
-    return Verdict(
-        allowed,
-        tuple(
-            replace(one, status=allowed) if order.index(one.status) > least else one for one in found.reasons
-        ),
-    )
-
-
 def linear_names(pool: Pooled) -> tuple[str, ...]:
     """Linear parameters of a flight, in their order."""
     return tuple(parameter.name for parameter in pool.estimates[0].best.rows.parameters)
 
 
-def pool_findings(
-    motion: Motion[Any], pool: Pooled, at: Circumstances, *, judged_by_flight: bool
-) -> Iterator[Finding]:
+def pool_findings(motion: Motion[Any], pool: Pooled, at: Circumstances) -> Iterator[Finding]:
     """What stands out in a pool."""
     own = " and ".join(motion.wording[name].words for name in pool.own)
     if pool.differs:
@@ -96,9 +64,4 @@ def pool_findings(
             "lag_by_differences",
             f"The references of all flights have one frequency ({at.single_frequency_hz:.2g} Hz), at which "
             f"lag and {own} act alike: the lag rests on the differences of the {own} between flights.",
-        )
-    if judged_by_flight:
-        yield Finding(
-            "judged_by_flight",
-            "The verdict is that of the flights, half of which at least tell so much: their mean tells less.",
         )

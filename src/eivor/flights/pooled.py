@@ -30,7 +30,7 @@ from eivor.flights.given_lag import with_given_lag
 from eivor.flights.instruments import Instruments, instruments
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
-from eivor.flights.pool_verdict import agreement, linear_names, not_below, pool_findings
+from eivor.flights.pool_verdict import agreement, linear_names, pool_findings
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.recipe import circumstances, known_lag, with_fit
 from eivor.flights.result import Fit, FlightEstimate, FlightRow, Unaided, pooled_traces
@@ -48,17 +48,14 @@ class Member:
     ----------
     logged, flight : PreparedFlight
         The flight as logged, and as it was estimated: with its sensors aligned where that was asked for.
-    alone : FlightEstimate
-        Its own result.
     fit : Fit
-        Behind that, by whitened instruments.
+        Its own fit, by whitened instruments.
     exogenous : bool
         Its instruments do not answer the vehicle.
     """
 
     logged: PreparedFlight
     flight: PreparedFlight
-    alone: FlightEstimate
     fit: Fit
     exogenous: bool
 
@@ -113,7 +110,7 @@ def _members(
     """Flights with an estimate by whitened instruments; those that answer no vehicle, if there are any."""
     method = by_name(options.method)
     found = [
-        Member(flight, own.prepared[0], own, own.fit, instruments((flight,), options, method).exogenous)
+        Member(flight, own.prepared[0], own.fit, instruments((flight,), options, method).exogenous)
         for flight, own in zip(prepared, alone, strict=True)
         if own.fit is not None and _by_whitened_instruments(own.fit)
     ]
@@ -180,8 +177,6 @@ class _Pool:
         )
         whole = with_fit(motion, flights, self.options, fit, at)
         by_flight = tuple(self._by_flight(pool, fit, at))
-        alone = [one.alone.verdict.status for one in self.members]
-        verdict = not_below(whole.verdict, [row.verdict for row in by_flight], alone)
         tests = {
             "pool_own_p_value": pool.own_p_value,
             "pool_shared_p_value": pool.shared_p_value,
@@ -189,12 +184,11 @@ class _Pool:
         }
         findings = (
             *motion.findings(flights, whole.quantities),
-            *pool_findings(motion, pool, at, judged_by_flight=verdict != whole.verdict),
+            *pool_findings(motion, pool, at),
             *noticed,
         )
         return replace(
             whole,
-            verdict=verdict,
             by_flight=by_flight,
             diagnostics={**whole.diagnostics, **tests},
             findings=findings,
