@@ -18,7 +18,7 @@ from eivor.estimation.solved import Solved
 from eivor.inference.diagnostics.constancy import GROUPS, Constancy, constancy
 from eivor.inference.diagnostics.diagnostic import Diagnostic, Subject
 from eivor.inference.diagnostics.endogeneity import Endogeneity, endogeneity
-from eivor.inference.diagnostics.excitation import BandPower, Information, band_power, information
+from eivor.inference.diagnostics.excitation import BandPower, Information, band_power, information, largest
 from eivor.inference.diagnostics.influences import influences
 from eivor.inference.diagnostics.leverage import SegmentLeverage, segment_leverage
 from eivor.inference.diagnostics.over_identification import OverIdentification, robust_over_identification
@@ -80,13 +80,18 @@ class Evidence:
         """Whether the rows are bins of spectra, whitened."""
         return self.record.thinning is not None
 
-    @property
+    @cached_property
     def fits_exactly(self) -> bool:
         """Whether the residual is nothing but rounding."""
-        record = self.record
+        record, products = self.record, self.record.products
+        theta = np.abs(self.solved.solution.theta)
+        # The products settle it without a pass: no value is above the root of its sum of squares.
+        roots = np.sqrt(np.diag(products.regressor_mean)[: theta.size])
+        if float(products.power.sum()) > (ROUNDING * products.count * float(theta @ roots)) ** 2:
+            return False
         parts = zip(record.factors, record.columns, strict=True)
-        size = sum((abs(factor) * float(np.abs(one).max()) for factor, one in parts), start=0.0)
-        return float(np.abs(record.residual).max()) <= ROUNDING * size
+        size = sum((abs(factor) * largest(one) for factor, one in parts), start=0.0)
+        return largest(record.residual) <= ROUNDING * size
 
     @cached_property
     def subject(self) -> Subject:
@@ -110,20 +115,24 @@ class Evidence:
         time = signals.start_s + sample * signals.step_s
         return f"{time:.4g} s (sample {signals.offset + sample})"
 
+    @property
+    def in_one_flight(self) -> bool:
+        """Whether all rows are of one flight, and share its time."""
+        if isinstance(self.solved.problem, SignalRegression):
+            return True
+        flights = self.solved.rows.layout.flight_of_row
+        return not bool((flights != flights[:1]).any())
+
     @cached_property
     def times(self) -> Float[np.ndarray, " samples"] | None:
-        """When each sample of the residual is, gaps counted; None for several flights."""
-        rows, count = self.solved.rows, self.record.residual.size
-        if np.unique(rows.layout.flight_of_row).size > 1:
-            return None
+        """Time of each sample of the residual of one flight; None where samples are one step apart."""
         step, problem = self.record.step_s or 1.0, self.solved.problem
-        if isinstance(rows.layout, BinRows):
-            places = np.concatenate([run.start + np.arange(run.length) for run in rows.layout.runs])
-        elif isinstance(problem, SignalRegression) and problem.used is not None:
-            places = np.flatnonzero(problem.used)
-        else:
-            places = np.arange(count)
-        return step * places
+        if isinstance(problem, SignalRegression):
+            return None if problem.used is None else step * np.flatnonzero(problem.used)
+        layout = self.solved.rows.layout
+        if not isinstance(layout, BinRows):
+            return None
+        return step * np.concatenate([run.start + np.arange(run.length) for run in layout.runs])
 
 
 def _strength(evidence: Evidence) -> Strength | None:
@@ -206,15 +215,15 @@ def periodicity(evidence: Evidence, left_over: tuple[Swing, ...] | None = None) 
     Periodicity or None
         None for several flights, which share no time, for few samples and for a residual of rounding.
     """
-    record, times = evidence.record, evidence.times
+    record = evidence.record
     counts = record.products.counts
-    if times is None or counts.size < LEAST_BLOCKS or evidence.fits_exactly:
+    if not evidence.in_one_flight or counts.size < LEAST_BLOCKS or evidence.fits_exactly:
         return None
-    step = record.step_s or 1.0
+    step, times = record.step_s or 1.0, evidence.times
     made = influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
     if left_over is None and not evidence.in_frequency:
         residual = blocks_of(record.residual, times, step, counts.size)
-        left_over = strongest_swings(residual, (("the response", ""),), 1.0 / times.size)
+        left_over = strongest_swings(residual, (("the response", ""),), 1.0 / record.residual.size)
     blocks = block_sums(made, counts, times, step)
     unit = "rows" if record.step_s is None else "s"
     parameters = strongest_swings(

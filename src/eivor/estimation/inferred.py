@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
 import scipy.linalg
 
+from eivor.estimation.products.folded_lags import filtered_instruments, lags_without_gaps
 from eivor.estimation.solved import Solved
 from eivor.inference.covariances.covariance import unit_scale
 from eivor.inference.diagnostics.instrument_tests import (
@@ -29,6 +30,7 @@ from eivor.inference.diagnostics.instrument_tests import (
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.quantiles import chi_square_tail
 from eivor.linalg.least_squares import row_lengths
+from eivor.linalg.row_blocks import COPIED_ROWS, made_ahead, row_blocks
 from eivor.linalg.triangular import merged_roots, triangular_root
 from eivor.models.regression import Regression, RowBlock
 from eivor.models.rows import SampleRows
@@ -202,19 +204,33 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     combinations = combinations[:equations]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-    tests = (psi_of(*one) @ combinations for one in _with_nuisance(solved, blocks))
+
+    def in_combinations(combinations: Float[np.ndarray, "p n"]) -> Iterator[Callable[[], RowBlock]]:
+        # of each block a function that makes it, with combinations of the test functions as its instruments
+        problem = solved.problem
+        if not searched and solved.assembler.needs_instruments and lags_without_gaps(problem):
+            for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
+                yield partial(filtered_instruments, problem, combinations, *ends)
+            return
+        for block, nuisance in _with_nuisance(solved, blocks):
+            # Columns stay contiguous, as those of a block are.
+            psi = (combinations.T @ psi_of(block, nuisance).T).T
+            yield partial(replace, block, instruments=psi)
+
+    tests = (made().instruments for made in in_combinations(combinations))
     S = _coordinates_of(tests, np.sqrt(power) * pseudo)
     combinations = over_root(combinations, S)
     combined = constant @ combinations
 
+    def in_coordinates(made: Callable[[], RowBlock]) -> EquationRows:
+        block = made()
+        residual = block.response - block.regressors @ theta
+        scores = block.instruments * residual[:, None]
+        scores += combined
+        return EquationRows(block.instruments, residual, scores, block.flights, combined)
+
     def rows() -> Iterator[EquationRows]:
-        for block, nuisance in _with_nuisance(solved, blocks):
-            # Columns stay contiguous, as those of a block are.
-            psi = (combinations.T @ psi_of(block, nuisance).T).T
-            residual = block.response - block.regressors @ theta
-            scores = psi * residual[:, None]
-            scores += combined
-            yield EquationRows(psi, residual, scores, block.flights, combined)
+        return made_ahead(in_coordinates, in_combinations(combinations))
 
     prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
     return EstimatingEquation(

@@ -186,7 +186,7 @@ def _of_leverage(leverage: SegmentLeverage | None, places: dict[str, int]) -> di
 def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
     """Swings of the residual of each axis, before any whitening; none but of rows in frequency."""
     layout = record.evidence.solved.rows.layout
-    if not isinstance(layout, BinRows) or record.evidence.times is None:
+    if not isinstance(layout, BinRows) or not record.evidence.in_one_flight:
         return ()
     found: list[Swing] = []
     # A log without velocity, for one, tells some axes only: those have traces.

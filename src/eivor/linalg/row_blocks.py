@@ -5,7 +5,14 @@ The sizes trade calls against memory. Sums are added block by block: another siz
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from itertools import chain, islice
+from typing import TypeVar
+
+Block, Made = TypeVar("Block"), TypeVar("Made")
 
 #: Rows that pass through several steps: a dozen columns of them fit in a second-level cache.
 PASSED_ROWS = 16_384
@@ -13,6 +20,8 @@ PASSED_ROWS = 16_384
 MULTIPLIED_ROWS = 32_768
 #: Rows of which a copy is made: so many that calls cost nothing, so few that the copy is small.
 COPIED_ROWS = 65_536
+#: Fewer blocks are not worth threads.
+THREADED_FROM = 8
 
 
 def row_blocks(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
@@ -27,3 +36,29 @@ def row_blocks(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
     """
     for start in range(first, stop, size):
         yield start, min(start + size, stop)
+
+
+def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterator[Made]:
+    """What is made of each block, in order; of many blocks by threads, a few ahead of what is used.
+
+    Parameters
+    ----------
+    make : callable
+        Makes something of one block, without side effects. What it makes does not depend on the threads.
+    blocks : iterable
+        The blocks.
+    """
+    remaining = iter(blocks)
+    first = list(islice(remaining, THREADED_FROM))
+    if len(first) < THREADED_FROM:
+        yield from map(make, first)
+        return
+    workers = os.cpu_count() or 1
+    with ThreadPoolExecutor(workers) as pool:
+        waiting: deque[Future[Made]] = deque()
+        for block in chain(first, remaining):
+            waiting.append(pool.submit(make, block))
+            if len(waiting) > workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

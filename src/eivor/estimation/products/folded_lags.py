@@ -9,15 +9,20 @@ G[p + last - l, p]. Only A is a copy, of one block; G is summed over the blocks 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeGuard
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 
 from eivor.models.column import Column
+from eivor.models.regression import LinearProblem, RowBlock
+from eivor.models.signal_regression import SignalRegression
 from eivor.shapes import Float
 
 #: Samples folded into one row.
 FOLD = 8
+#: Taps of a filter that `np.correlate` computes fast; longer filters are sums of such.
+FAST_TAPS = 11
 
 
 def folded_products(
@@ -71,3 +76,41 @@ def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
     if len(lags) < 2 or not alike or not columns[0].channel or columns[0].gain_channel:
         return None
     return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None
+
+
+def lags_without_gaps(problem: LinearProblem | None) -> TypeGuard[SignalRegression]:
+    """Whether every sample of signals is a row, and the instruments are successive lags of one channel."""
+    return (
+        isinstance(problem, SignalRegression)
+        and problem.used is None
+        and problem.instrument_count > 0
+        and successive_lags(problem.instrument_columns) is not None
+    )
+
+
+def filtered_instruments(
+    problem: SignalRegression, combinations: Float[np.ndarray, "p n"], start: int, stop: int
+) -> RowBlock:
+    """Rows from sample `start` to `stop`, with combinations of successive lags in the instruments' place.
+
+    Each combination is a filter of the channel, so that no array of lags is made.
+    """
+    lags = problem.instrument_columns
+    reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
+    taps = lags[0].gain * combinations[::-1].T
+    psi = np.empty((len(taps), stop - start))
+    for row, one in zip(psi, taps, strict=True):
+        _filter(reached, one, row)
+    response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
+    regressors = problem.columns_between(problem.regressor_columns, start, stop)
+    return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
+
+
+def _filter(
+    series: Float[np.ndarray, " reached"], taps: Float[np.ndarray, " p"], filtered: Float[np.ndarray, " rows"]
+) -> None:
+    """Fill in the sums of as many successive samples as there are taps, weighted by them."""
+    filtered[:] = 0.0
+    for at in range(0, taps.size, FAST_TAPS):
+        some = taps[at : at + FAST_TAPS]
+        filtered += np.correlate(series[at : at + filtered.size - 1 + some.size], some, "valid")

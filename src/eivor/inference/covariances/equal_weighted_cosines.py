@@ -54,14 +54,39 @@ def cosine_sums(
     scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int
 ) -> Float[np.ndarray, "averages n"]:
     """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
-    total, start = None, 0
+    moments, middles, sums, start = [], [], [], 0
+    step = np.pi * np.arange(1, averages + 1)[:, None] / count
     for block in scores:
-        found = _block_sums(block, start, count, averages)
-        total = found if total is None else total + found
-        start += block.shape[0]
-    if total is None:
+        samples = block.shape[0]
+        longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+        length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
+        groups = samples // length if length >= SHORTEST_GROUP else 0
+        grouped = groups * length
+        if groups:
+            moments.append(block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length))
+            middles.append(start + 0.5 * length + length * np.arange(groups))
+        if grouped < samples:
+            sums.append(np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:])
+        start += samples
+    if moments:
+        sums.append(_sums_of_groups(np.concatenate(moments, axis=1), step * np.concatenate(middles)))
+    if not sums:
         raise ValueError("no block of scores")
-    return total
+    return np.asarray(sum(sums))
+
+
+def _sums_of_groups(
+    moments: Float[np.ndarray, "n groups powers"], middles: Float[np.ndarray, "averages groups"]
+) -> Float[np.ndarray, "averages n"]:
+    """Sums of the scores times each cosine, from moments of groups around their middle angles."""
+    cosine, sine = np.cos(middles), np.sin(middles)
+    order = np.arange(1, middles.shape[0] + 1)[:, None]
+    return np.asarray(
+        sum(
+            sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
+            for power, sign in enumerate(SIGNS)
+        )
+    )
 
 
 def cosine_averages(
@@ -92,30 +117,6 @@ def long_run_sum_covariance(
 def long_run_mean_variance(series: Float[np.ndarray, " samples"], averages: int = COSINE_AVERAGES) -> float:
     """Variance of the mean of an autocorrelated series, by the same cosine averages."""
     return float(long_run_sum_covariance(series[:, None], averages)[0, 0]) / series.size**2
-
-
-def _block_sums(
-    block: Float[np.ndarray, "samples n"], start: int, count: int, averages: int
-) -> Float[np.ndarray, "averages n"]:
-    """Sum over a block that begins at sample `start`: groups by their moments, the rest one by one."""
-    samples = block.shape[0]
-    step = np.pi * np.arange(1, averages + 1)[:, None] / count
-    longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
-    length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
-    groups = samples // length if length >= SHORTEST_GROUP else 0
-    grouped = groups * length
-    sums: Float[np.ndarray, "averages n"] = np.zeros((averages, block.shape[1]))
-    if groups:
-        moments = block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length)
-        centre = step * (start + 0.5 * length + length * np.arange(groups))
-        cosine, sine = np.cos(centre), np.sin(centre)
-        order = np.arange(1, averages + 1)[:, None]
-        for power, sign in enumerate(SIGNS):
-            turned = sine if power % 2 else cosine
-            sums += sign * order**power * (turned @ moments[:, :, power].T)
-    if grouped < samples:
-        sums += np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:]
-    return sums
 
 
 @lru_cache(maxsize=8)

@@ -134,6 +134,11 @@ class BandPower(Diagnostic):
                 )
 
 
+def largest(series: Float[np.ndarray, " rows"]) -> float:
+    """Largest absolute value, without an array of them."""
+    return max(float(series.max()), -float(series.min()))
+
+
 def information(products: EquationProducts, *, instrumental: bool) -> Information:
     """Information about the parameters, scaled. Performs no checks.
 
@@ -185,9 +190,6 @@ def band_power(
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
     bins = length // 2
     power = np.zeros((len(columns) + 1, bins))
-    squares = np.array(
-        [(factor * float(np.abs(one).max())) ** 2 for factor, one in zip(factors, columns, strict=True)]
-    )
     for start in np.linspace(0, residual.size - length, number).astype(np.int64):
         block = np.stack([series[start : start + length] for series in (*columns, residual)])
         block = (block - block.mean(axis=1, keepdims=True)) * window
@@ -203,11 +205,16 @@ def band_power(
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)
     frequency = np.arange(1, bins + 1) * (rate_hz / length)
+    moving = [
+        # The sum of squares is above the largest: what exceeds its share needs no search for that.
+        power > VANISHING * factor**2 * float(one @ one) or power > VANISHING * (factor * largest(one)) ** 2
+        for power, factor, one in zip(total.tolist(), factors, columns, strict=True)
+    ]
     return BandPower(
         frequency[edges[:-1]],
         frequency[edges[1:] - 1],
         banded[:, :-1],
         banded[:, -1],
         # A constant column, or one without a part in the model, has no spectrum to compare.
-        np.divide(above, total, out=np.full_like(total, np.nan), where=total > VANISHING * squares),
+        np.divide(above, total, out=np.full_like(total, np.nan), where=np.array(moving, dtype=np.bool_)),
     )

@@ -175,7 +175,7 @@ class BlockSums:
 def block_sums(
     sums: Float[np.ndarray, "K s"],
     counts: Float[np.ndarray, " K"],
-    times: Float[np.ndarray, " rows"],
+    times: Float[np.ndarray, " rows"] | None,
     step: float,
 ) -> BlockSums:
     """Sums that are made, with the times that they are of.
@@ -186,21 +186,26 @@ def block_sums(
         The sums.
     counts : ndarray, shape (K,)
         Rows in each block.
-    times : ndarray, shape (rows,)
-        When each row is.
+    times : ndarray, shape (rows,), or None
+        Time of each row; None for rows one step apart.
     step : float
         Time that one row is of.
     """
-    first = np.concatenate([[0.0], np.cumsum(counts)[:-1]]).astype(np.int64)
-    middle = np.add.reduceat(times, first) / counts
-    return BlockSums(sums, middle, step * times.size / counts.size, step * np.unique(times).size)
+    first = np.concatenate([[0.0], np.cumsum(counts)[:-1]])
+    if times is None:
+        span = step * float(counts.sum())
+        return BlockSums(sums, step * (first + 0.5 * (counts - 1.0)), span / counts.size, span)
+    middle = np.add.reduceat(times, first.astype(np.int64)) / counts
+    # times of one axis rise: only those of several are sorted
+    distinct = times.size if bool((times[1:] > times[:-1]).all()) else np.unique(times).size
+    return BlockSums(sums, middle, step * times.size / counts.size, step * distinct)
 
 
 def blocks_of(
-    series: Float[np.ndarray, " rows"], times: Float[np.ndarray, " rows"], step: float, blocks: int
+    series: Float[np.ndarray, " rows"], times: Float[np.ndarray, " rows"] | None, step: float, blocks: int
 ) -> BlockSums:
     """Sums of one series over blocks that differ by one row at most; see `block_sums`."""
-    edges = block_edges(times.size, min(blocks, times.size))
+    edges = block_edges(series.size, min(blocks, series.size))
     sums = np.add.reduceat(series, edges[:-1])[:, None]
     return block_sums(sums, np.diff(edges).astype(np.float64), times, step)
 
