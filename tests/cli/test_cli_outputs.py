@@ -19,6 +19,7 @@ import typer
 from eivor.cli.arguments import FLEET_FILES, FLEET_PARTS, PAPER_FILES, STUDY_FILES, Reads, Writes, fleet_paths
 from eivor.cli.main import app
 from eivor.cli.outputs import declarations, deliver, figure_file, output_file, writing
+from eivor.cli.readable_help import ReadableCommand
 from eivor.errors import InputError, UsageError
 
 Caller = Callable[..., Any]
@@ -153,6 +154,7 @@ def test_every_text_of_a_command_declares_its_files() -> None:
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
     silent = []
     for words, command in COMMANDS.items():
+        assert hasattr(command, "commands") or isinstance(command, ReadableCommand)  # which guards outputs
         places = declarations(command)
         known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
         for parameter in command.params:
