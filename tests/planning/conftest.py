@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
 import pytest
 
 from eivor.inference.verdict import Status
@@ -21,6 +25,18 @@ def planned(kind: str) -> FlightPlan:
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
     return FlightPlan(VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))
+
+
+def written_module(text: str, folder: Path) -> Any:
+    """The text as a module, from a file."""
+    path = folder / "written.py"
+    path.write_text(text, encoding="utf-8")
+    spec = spec_from_file_location("written", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="session")

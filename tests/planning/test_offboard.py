@@ -1,143 +1,161 @@
-"""The program that flies a plan, against a simulated system, through every branch."""
+"""The program that flies a plan: its limits, and flights with the real MAVSDK and an autopilot over UDP.
+
+A flight is a process of its own. Messages that were in a socket when the mode message came may still arrive.
+"""
 
 from __future__ import annotations
 
 import ast
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from eivor.planning.plan import FlightPlan
 from eivor.planning.written.offboard import MARK, mavsdk_text
-from planning.fake_mavsdk import FlightMode, Vehicle, fly
+from planning.conftest import planned, written_module
+from planning.fake_autopilot import Autopilot, Received
+
+#: After a mode message: setpoints that are still in a socket [s].
+IN_FLIGHT_S = 0.2
+#: Setpoints of a short plan at 20 Hz, and its duration [s].
+SHORT = 25
+SHORT_S = 0.05 * SHORT
+#: Waits of the program that are made shorter.
+QUICK = {
+    "LISTEN_S = 5.0": "LISTEN_S = 0.5",
+    "SETTLE_S = 1.0": "SETTLE_S = 0.3",
+    "WAIT_S = 10.0": "WAIT_S = 5.0",
+    '"battery": 6.0': '"battery": 1.0',
+    '"in_air": 3.0': '"in_air": 1.2',
+}
+Event = Callable[[Autopilot, Received | None], None]
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="signals and /proc of Linux")
 
 
-@pytest.fixture
-def flight(
-    multisine: FlightPlan,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-):
-    """Fly the plan with a vehicle; returns the exit code and what was printed."""
-
-    def flown(vehicle: Vehicle, *, begin: bool = True) -> tuple[int, str]:
-        code = fly(mavsdk_text(multisine), vehicle, monkeypatch, tmp_path, begin=begin)
-        return code, capsys.readouterr().out
-
-    return flown
+# Limits, without a vehicle.
 
 
-def at(number: int, **changes: object):
-    """What happens at a setpoint: attributes of the vehicle change."""
-
-    def happens(vehicle: Vehicle, sent: int) -> None:
-        if sent >= number:
-            for name, value in changes.items():
-                setattr(vehicle, name, value)
-
-    return happens
+@pytest.fixture(scope="module")
+def program(multisine: FlightPlan, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The program as a module."""
+    return written_module(mavsdk_text(multisine), tmp_path_factory.mktemp("program"))
 
 
-def test_a_flight_to_the_end_ends_in_hold(flight, multisine: FlightPlan) -> None:
-    vehicle = Vehicle(height=5.4)
-    code, out = flight(vehicle)
-    assert code == 0
-    assert "Flown to the end" in out
-    assert vehicle.calls == ["connect udpin://0.0.0.0:14540", "offboard", "hold"]
-    assert vehicle.mode is FlightMode.HOLD
-    # the first setpoint before the mode, then all of them, at the heights of the plan
-    np.testing.assert_allclose(vehicle.heights[1:], multisine.height[::5], atol=1e-3)
+def telemetry(program: Any, **changes: Any) -> Any:
+    """Fresh telemetry of a hover at 5.5 m, with changes; `old` names streams that are old."""
+    value = {
+        "mode": program.FlightMode.HOLD,
+        "height": 5.5,
+        "climb": 0.0,
+        "roll": 0.0,
+        "yaw": 30.0,
+        "east": 0.0,
+        "down": -25.5,
+        "batteries": {0: 90.0},
+        "in_air": True,
+        "position_ok": True,
+        "global_ok": True,
+        "old": (),
+    } | changes
+    seen = program.Seen()
+    odometry = SimpleNamespace(
+        position=SimpleNamespace(north_m=1.0, east_m=value["east"], down_m=value["down"]),
+        velocity=SimpleNamespace(north_m_s=0.0, east_m_s=0.0, down_m_s=-value["climb"]),
+    )
+    for name, content in {
+        "mode": value["mode"],
+        "position": SimpleNamespace(relative_altitude_m=value["height"]),
+        "odometry": odometry,
+        "attitude": SimpleNamespace(roll_deg=value["roll"], pitch_deg=0.0, yaw_deg=value["yaw"]),
+        "in_air": value["in_air"],
+        "health": SimpleNamespace(
+            is_local_position_ok=value["position_ok"], is_global_position_ok=value["global_ok"]
+        ),
+    }.items():
+        seen.take(name, content)
+    for number, percent in value["batteries"].items():
+        seen.take("battery", SimpleNamespace(id=number, remaining_percent=percent))
+    for name in value["old"]:
+        if name.startswith("battery "):
+            key = int(name.split()[1])
+            seen.batteries[key] = (seen.batteries[key][0], time.monotonic() - 7.0)
+        else:
+            seen.since[name] = time.monotonic() - 7.0
+    return seen
 
 
-def test_without_the_command_nothing_starts(flight) -> None:
-    vehicle = Vehicle()
-    code, out = flight(vehicle, begin=False)
-    assert code == 0
-    assert "add --start" in out
-    assert vehicle.calls == ["connect udpin://0.0.0.0:14540"]
-    assert not vehicle.heights
+NAN = math.nan
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"battery": 40.0}, "battery at 40 %"),
-        ({"battery": float("nan")}, "battery at nan %"),
-        ({"mode": FlightMode.MANUAL}, "change to hold or position mode"),
+        ({"batteries": {0: 40.0}}, "battery at 40 %"),
+        ({"batteries": {1: 40.0, 0: 90.0}}, "battery at 40 %"),
+        ({"batteries": {0: NAN, 1: 90.0}}, "battery at nan %"),
         ({"height": 3.2}, "height 3.2 m: hover at 5.5 m"),
+        ({"height": NAN}, "height nan m"),
         ({"in_air": False}, "take off first"),
         ({"position_ok": False}, "no local position"),
+        ({"down": NAN}, "no local position"),
+        ({"yaw": NAN}, "no local position"),
         ({"climb": 0.9}, "hover still"),
-        ({"roll_deg": 30.0}, "tilted"),
-        ({"silent": True}, "no telemetry of"),
+        ({"climb": NAN}, "hover still"),
+        ({"roll": 30.0}, "tilted"),
+        ({"roll": NAN}, "tilted"),
+        ({"old": ["attitude"]}, "no telemetry of attitude"),
+        ({"old": ["battery 0"], "batteries": {0: 90.0, 1: 90.0}}, "no telemetry of battery 0"),
     ],
 )
-def test_checks_that_are_not_met_leave_it_alone(flight, changes, words) -> None:
-    vehicle = Vehicle(**changes)
-    code, out = flight(vehicle)
-    assert code == 1
-    assert words in out
-    assert vehicle.calls == ["connect udpin://0.0.0.0:14540"]
-
-
-def test_no_vehicle_answers(flight) -> None:
-    code, out = flight(Vehicle(connected=False))
-    assert code == 1
-    assert "No vehicle answers" in out
+def test_checks_before_the_flight(program: Any, changes: dict[str, Any], words: str) -> None:
+    assert program.objections(telemetry(program)) == []
+    assert words in "; ".join(program.objections(telemetry(program, **changes)))
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "code", "words"),
     [
-        ({"height": 8.3}, "height 8.30 m outside 3.0 to 8.0 m"),
-        ({"height": 2.8}, "height 2.80 m outside 3.0 to 8.0 m"),
-        ({"height": float("nan")}, "height nan m outside"),
-        ({"climb": -2.4}, "sink rate 2.40 m/s"),
-        ({"roll_deg": 25.0}, "tilt beyond 20.0 degrees"),
-        ({"east": 4.0}, "sideways"),
-        ({"battery": 25.0}, "battery below 30 %"),
-        ({"in_air": False}, "no longer in the air"),
-        ({"silent": True}, "the link is lost"),
+        ({"height": 8.3}, 10, "height 8.30 m outside 3.0 to 8.0 m"),
+        ({"height": 2.8}, 10, "height 2.80 m outside 3.0 to 8.0 m"),
+        ({"height": NAN}, 10, "height nan m outside"),
+        ({"climb": -2.4}, 11, "sink rate 2.40 m/s"),
+        ({"climb": NAN}, 11, "sink rate nan m/s"),
+        ({"roll": 25.0}, 12, "tilt beyond 20.0 degrees"),
+        ({"roll": -170.0}, 12, "tilt beyond 20.0 degrees"),
+        ({"roll": NAN}, 12, "tilt beyond 20.0 degrees"),
+        ({"east": 4.0}, 13, "sideways"),
+        ({"batteries": {0: 25.0}}, 14, "battery at 25 %"),
+        ({"batteries": {1: 25.0, 0: 90.0}}, 14, "battery at 25 %"),
+        ({"batteries": {0: NAN, 1: 90.0}}, 14, "battery at nan %"),
+        ({"in_air": False}, 15, "no longer in the air"),
+        ({"position_ok": False}, 16, "local position is lost"),
+        ({"global_ok": False}, 16, "local position is lost"),
+        ({"east": NAN}, 16, "local position is lost"),
+        ({"down": NAN}, 16, "local position is lost"),
+        ({"old": ["health"]}, 17, "no telemetry of health"),
+        ({"old": ["in_air"]}, 17, "no telemetry of in_air"),
+        ({"old": ["battery 1"], "batteries": {1: 90.0, 0: 90.0}}, 17, "no telemetry of battery 1"),
     ],
 )
-def test_a_breach_on_the_way_ends_in_hold(flight, changes, words) -> None:
-    vehicle = Vehicle(happens=at(60, **changes))
-    code, out = flight(vehicle)
-    assert code == 2
-    assert words in out
-    assert vehicle.calls[-1] == "hold"
-    assert vehicle.mode is FlightMode.HOLD
-    assert 60 <= len(vehicle.heights) < 300
-
-
-def test_the_pilot_takes_over_and_keeps_the_mode(flight) -> None:
-    vehicle = Vehicle(happens=at(60, mode=FlightMode.POSCTL))
-    code, out = flight(vehicle)
-    assert code == 2
-    assert "has taken over" in out
-    assert vehicle.calls[-1] == "offboard"
-    assert vehicle.mode is FlightMode.POSCTL
-
-
-def test_offboard_mode_that_is_refused_ends_in_hold(flight) -> None:
-    vehicle = Vehicle(refuses_offboard=True)
-    code, out = flight(vehicle)
-    assert code == 2
-    assert "STOPPED: denied" in out
-    assert vehicle.calls[-2:] == ["offboard", "hold"]
-
-
-@pytest.mark.thorough
-def test_hold_is_tried_again_and_its_failure_is_told(flight) -> None:
-    vehicle = Vehicle(refuses_hold=2)
-    code, out = flight(vehicle)
-    assert (code, vehicle.mode) == (0, FlightMode.HOLD)
-    assert out.count("Hold was not accepted") == 2
-    code, out = flight(Vehicle(refuses_hold=3))
-    assert "TAKE OVER" in out
+def test_limits_on_the_way(program: Any, changes: dict[str, Any], code: int, words: str) -> None:
+    start = SimpleNamespace(north_m=1.0, east_m=0.0, down_m=-25.5)
+    assert program.breach(telemetry(program), start, True) is None
+    found, sentence = program.breach(telemetry(program, **changes), start, True)
+    assert (found, words in sentence) == (code, True), sentence
 
 
 def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan) -> None:
@@ -152,3 +170,474 @@ def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan
             assert isinstance(statement, ast.Assign)
             value = np.array(ast.literal_eval(statement.value), dtype=float)
             assert np.isfinite(value).all()
+
+
+def test_another_mavsdk_is_refused_with_the_installation_line(multisine: FlightPlan, tmp_path: Path) -> None:
+    package = tmp_path / "mavsdk"
+    package.mkdir()
+    (package / "__init__.py").write_text("class LegacyModuleError(Exception): ...\nraise LegacyModuleError\n")
+    (tmp_path / "fly.py").write_text(mavsdk_text(multisine), encoding="utf-8")
+    run = subprocess.run([sys.executable, tmp_path / "fly.py"], capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stderr) == (3, "")
+    assert "pip install 'mavsdk>=3,<4'" in run.stdout
+
+
+# Flights.
+
+
+def short_program() -> str:
+    """The program with the first setpoints of a plan, and shorter waits."""
+    lines = mavsdk_text(planned("multisine")).splitlines(keepends=True)
+    first = lines.index("SETPOINTS = (\n") + 1
+    text = "".join(lines[: first + SHORT] + lines[lines.index(")\n", first) :])
+    for old, new in QUICK.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    return text
+
+
+@dataclass
+class Case:
+    """A flight, and what is expected of it.
+
+    Parameters
+    ----------
+    name : str
+        What happens.
+    code : int
+        Exit code.
+    commands : tuple of str
+        Modes that are commanded.
+    happens : callable
+        To the autopilot.
+    words : str
+        Part of what is printed.
+    taken : bool
+        The last mode is not the program's: after its message nothing arrives.
+    vehicle : dict
+        Attributes of the autopilot.
+    replace : tuple of str
+        A text of the program and its replacement.
+    closed : bool
+        The terminal is closed: nothing can be printed.
+    """
+
+    name: str
+    code: int
+    commands: tuple[str, ...]
+    happens: Event = lambda _autopilot, _received: None
+    words: str = ""
+    taken: bool = False
+    vehicle: dict[str, Any] = field(default_factory=dict)
+    replace: tuple[str, str] = ("", "")
+    options: tuple[str, ...] = ("--start",)
+    check: Callable[[Autopilot], object] = lambda _autopilot: None
+    closed: bool = False
+
+
+class FlyingAutopilot(Autopilot):
+    """An autopilot that knows the process of the program."""
+
+    process: subprocess.Popen[str]
+    children: dict[str, int] = {}  # noqa: RUF012, processes that must be gone at the end
+
+
+def once(condition: Callable[[Any, Received | None], bool], action: Callable[[Any], object]) -> Event:
+    """Do something at the first tick or message of a condition."""
+    done: list[bool] = []
+
+    def happens(autopilot: Autopilot, received: Received | None) -> None:
+        if not done and condition(autopilot, received):
+            done.append(True)
+            action(autopilot)
+
+    return happens
+
+
+def at(seconds: float, action: Callable[[Any], object]) -> Event:
+    """Do something that long after offboard mode was entered."""
+    return once(lambda autopilot, _: autopilot.flying_s() >= seconds, action)
+
+
+def mode(name: str, *, quiet: bool = False, **changes: Any) -> Callable[[Autopilot], None]:
+    """Another mode, and other attributes."""
+
+    def action(autopilot: Autopilot) -> None:
+        for key, value in changes.items():
+            setattr(autopilot, key, value)
+        autopilot.change(name, quiet=quiet)
+
+    return action
+
+
+def becomes(**changes: Any) -> Callable[[Autopilot], None]:
+    """Other attributes."""
+
+    def action(autopilot: Autopilot) -> None:
+        for key, value in changes.items():
+            setattr(autopilot, key, value)
+
+    return action
+
+
+def children(process: int) -> dict[str, int]:
+    """Process ids of children, by the ends of their names."""
+    found = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            fields = (folder / "stat").read_text().rsplit(")", 1)
+        except OSError:
+            continue
+        if int(fields[1].split()[1]) == process:
+            found[fields[0].split("(", 1)[1]] = int(folder.name)
+    return found
+
+
+def lives(process: int) -> bool:
+    """Whether a process runs; one that only waits for its parent does not."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def flown(case: Case, folder: Path) -> list[str]:
+    """Fly a case in a process; returns what is not as expected."""
+    path = folder / f"{case.name.replace(' ', '_')}.py"
+    text = short_program()
+    assert not case.replace[0] or text.count(case.replace[0]) == 1
+    path.write_text(text.replace(*case.replace) if case.replace[0] else text, encoding="utf-8")
+    with FlyingAutopilot(case.happens, **case.vehicle) as autopilot:
+        command = [
+            sys.executable,
+            str(path),
+            "--connect",
+            f"udpin://127.0.0.1:{autopilot.port}",
+            *case.options,
+        ]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+        if case.closed:
+            command = ["sh", "-c", 'exec "$@" >&-', "sh", *command]
+        autopilot.process = subprocess.Popen(command, **pipes, text=True, start_new_session=True)
+        try:
+            out, error = autopilot.process.communicate(timeout=60.0)
+        finally:
+            autopilot.process.kill()
+        ended = time.monotonic()
+        time.sleep(0.8)
+        return [f"{case.name}: {wrong} [{out!r}]" for wrong in unexpected(case, autopilot, out, error, ended)]
+
+
+def unexpected(case: Case, autopilot: FlyingAutopilot, out: str, error: str, ended: float) -> list[str]:
+    """What is not as expected."""
+    found = []
+    if autopilot.process.returncode != case.code:
+        found.append(f"exit code {autopilot.process.returncode}, not {case.code}")
+    if error:
+        found.append(error)
+    if case.words.lower() not in out.lower():
+        found.append(f"not printed: {case.words}")
+    commands = tuple(name for _, name in autopilot.commanded)
+    if commands != case.commands:
+        found.append(f"commands {commands}")
+    if case.taken:
+        late = [one for one in autopilot.setpoints() if one.time > autopilot.told[-1][0] + IN_FLIGHT_S]
+        found += [f"{len(late)} setpoints after the mode message"] if late else []
+        late_commands = [name for when, name in autopilot.commanded if when > autopilot.changed[-1][0]]
+        found += [f"{late_commands} commanded after the takeover"] if late_commands else []
+    stray = {one.message.get_type() for one in autopilot.received if one.time > ended + IN_FLIGHT_S}
+    if stray:
+        found.append(f"{stray} after the end: the server lives")
+    found += [f"{name} lives" for name, number in autopilot.children.items() if lives(number)]
+    if wrong := case.check(autopilot):
+        found.append(str(wrong))
+    return found
+
+
+def all_flown(cases: list[Case], folder: Path) -> None:
+    """Fly some cases, several at a time."""
+    with ThreadPoolExecutor(8) as pool:
+        wrong = [text for texts in pool.map(lambda case: flown(case, folder), cases) for text in texts]
+    assert not wrong, "\n".join(wrong)
+
+
+def follows_the_plan(autopilot: Autopilot) -> str:
+    """The setpoints of the plan arrived, and a neutral one at last."""
+    heights = [-20.0 - one.message.z for one in autopilot.setpoints()]
+    plan = planned("multisine").height[::5][:SHORT]
+    missing = [height for height in plan if min(abs(np.array(heights) - height)) > 2e-3]
+    last = autopilot.setpoints()[-1].message
+    neutral = (last.vx, last.vy, last.vz, last.afx, last.afy, last.afz) == (0.0,) * 6
+    return (
+        ""
+        if not missing and neutral
+        else f"heights {missing} are missing, or the last is not neutral: {last}"
+    )
+
+
+def neutral_at_last(autopilot: Autopilot) -> str:
+    """The last setpoint before hold is at rest."""
+    last = autopilot.setpoints()[-1].message
+    return "" if (last.vz, last.afz) == (0.0, 0.0) else f"not neutral: {last}"
+
+
+def send(name: str) -> Callable[[FlyingAutopilot], None]:
+    """A signal to the program and its group, as from a terminal."""
+
+    def action(autopilot: FlyingAutopilot) -> None:
+        autopilot.children = children(autopilot.process.pid)
+        os.killpg(autopilot.process.pid, getattr(signal, name))
+
+    return action
+
+
+def end_child(name: str) -> Callable[[FlyingAutopilot], None]:
+    """End a child of the program."""
+
+    def action(autopilot: FlyingAutopilot) -> None:
+        autopilot.children = children(autopilot.process.pid)
+        os.kill(
+            next(value for key, value in autopilot.children.items() if key.startswith(name)), signal.SIGKILL
+        )
+
+    return action
+
+
+def silenced_by_the_end(after: float) -> Callable[[FlyingAutopilot], str]:
+    """No setpoints later than that after 0.5 s of flight, and the autopilot's failsafe has acted."""
+
+    def check(autopilot: FlyingAutopilot) -> str:
+        if not autopilot.changed:
+            return "offboard mode was not entered"
+        late = [one for one in autopilot.setpoints() if one.time > autopilot.changed[0][0] + 0.5 + after]
+        own = [name for _, name in autopilot.changed] == ["OFFBOARD", "HOLD"]
+        return "" if own and not late else f"{len(late)} late setpoints, modes {autopilot.changed}"
+
+    return check
+
+
+def setpoint(_: Autopilot, received: Received | None) -> bool:
+    """A setpoint has come."""
+    return received is not None and received.is_setpoint()
+
+
+def hold_refused(autopilot: Autopilot, received: Received | None) -> bool:
+    """Hold has been commanded and answered."""
+    return received is None and autopilot.commanded[-1:] != [] and autopilot.commanded[-1][1] == "HOLD"
+
+
+FLOWN, STARTED = ("OFFBOARD", "HOLD"), ("OFFBOARD",)
+#: A quick flight: the mode comes four times a second.
+SOON = {"heartbeats_hz": 4.0}
+
+
+@linux
+def test_a_flight_a_takeover_and_a_killed_program(tmp_path: Path) -> None:
+    all_flown(
+        [
+            Case("flown", 0, FLOWN, words="Flown to the end; hold", vehicle=SOON, check=follows_the_plan),
+            Case(
+                "taken", 20, STARTED, at(0.5, mode("ALTCTL")), "mode is ALTCTL now", taken=True, vehicle=SOON
+            ),
+            Case(
+                "killed", -9, STARTED, at(0.5, send("SIGKILL")), vehicle=SOON, check=silenced_by_the_end(0.2)
+            ),
+        ],
+        tmp_path,
+    )
+
+
+@pytest.mark.thorough
+def test_a_takeover_is_never_overridden(tmp_path: Path) -> None:
+    def starting(autopilot: Autopilot, received: Received | None) -> bool:
+        return received is not None and received.wanted_mode() == "OFFBOARD"
+
+    words = "Taken over: the mode is "
+    cases = []
+    for name, printed, harm in (
+        ("MANUAL", "MANUAL", {"climb": 4.0}),
+        ("ALTCTL", "ALTCTL", {"roll": 0.5}),
+        ("RTL", "RETURN_TO_LAUNCH", {"batteries": {0: 25}, "gust": 3.5}),
+        ("LAND", "LAND", {"in_air": False, "gust": -3.0}),
+    ):
+        said = words + printed
+        cases += [
+            Case(f"{name} before", 20, (), once(setpoint, mode(name)), said, taken=True),
+            Case(f"{name} during", 20, STARTED, at(0.5, mode(name)), said, taken=True),
+            Case(
+                f"{name} and a limit", 20, STARTED, at(0.4, mode(name, quiet=True, **harm)), said, taken=True
+            ),
+            Case(
+                f"{name} at the end",
+                20,
+                STARTED,
+                at(SHORT_S + 0.15, mode(name, quiet=True)),
+                said,
+                taken=True,
+            ),
+            Case(
+                f"{name} between retries",
+                20,
+                FLOWN,
+                once(hold_refused, mode(name)),
+                said,
+                taken=True,
+                vehicle={"refuses": {"HOLD"}},
+            ),
+        ]
+    cases += [
+        Case(
+            "MANUAL at the start",
+            20,
+            STARTED,
+            once(starting, mode("MANUAL", refuses={"OFFBOARD"})),
+            taken=True,
+        ),
+        Case("hold by the pilot", 20, STARTED, at(0.5, mode("HOLD")), words + "HOLD", taken=True),
+        Case(
+            "POSCTL by the pilot before", 20, (), once(setpoint, mode("POSCTL")), words + "POSCTL", taken=True
+        ),
+        Case(
+            "MANUAL while hold is not answered",
+            20,
+            FLOWN,
+            once(hold_refused, mode("MANUAL")),
+            words,
+            taken=True,
+            vehicle={"ignores": {"HOLD"}},
+        ),
+    ]
+    all_flown(cases, tmp_path)
+
+
+@linux
+@pytest.mark.thorough
+def test_signals_and_ends_of_processes(tmp_path: Path) -> None:
+    def both(autopilot: FlyingAutopilot) -> None:
+        autopilot.change("MANUAL", quiet=True)
+        autopilot.process.send_signal(signal.SIGTERM)
+
+    def twice(autopilot: FlyingAutopilot) -> None:
+        autopilot.process.send_signal(signal.SIGINT)
+        autopilot.process.send_signal(signal.SIGTERM)
+
+    def checking(autopilot: Autopilot, _: Received | None) -> bool:
+        return len(autopilot.received) > 3
+
+    stopped, awake = at(0.5, send("SIGSTOP")), at(3.0, send("SIGCONT"))
+
+    def stands_still(autopilot: Autopilot, received: Received | None) -> None:
+        stopped(autopilot, received)
+        awake(autopilot, received)
+
+    without_kernel = ('if sys.platform != "linux":\n        return None', "return None")
+    cases = [
+        Case(
+            name,
+            128 + getattr(signal, name),
+            FLOWN,
+            at(0.5, send(name)),
+            f"Stopped by {name}; hold was accepted",
+            check=neutral_at_last,
+        )
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGTSTP")
+    ]
+    cases += [
+        Case("signal in the checks", 143, (), once(checking, send("SIGTERM")), "Stopped by SIGTERM"),
+        Case("signal and takeover", 20, STARTED, at(0.4, both), "Taken over", taken=True),
+        Case("two signals", 130, FLOWN, at(0.4, twice), "Stopped by SIGINT; hold"),
+        Case("killed", -9, STARTED, at(0.5, send("SIGKILL")), check=silenced_by_the_end(0.2)),
+        Case(
+            "killed without the kernel's help",
+            -9,
+            STARTED,
+            at(0.5, send("SIGKILL")),
+            replace=without_kernel,
+            check=silenced_by_the_end(0.4),
+        ),
+        Case(
+            "server killed", 22, STARTED, at(0.5, end_child("mavsdk_server")), check=silenced_by_the_end(0.2)
+        ),
+        Case("watchdog killed", 22, STARTED, at(0.5, end_child("python")), check=silenced_by_the_end(0.2)),
+        Case("stands still", 22, STARTED, stands_still, "ended", check=silenced_by_the_end(1.4)),
+        Case("terminal closed", 129, FLOWN, at(0.5, send("SIGHUP")), closed=True, check=neutral_at_last),
+    ]
+    all_flown(cases, tmp_path)
+
+
+@pytest.mark.thorough
+def test_links_and_telemetry(tmp_path: Path) -> None:
+    two = {"batteries": {0: 90, 1: 85}}
+    cases = [
+        Case(
+            "link lost",
+            21,
+            STARTED,
+            at(0.3, becomes(silent={"all"})),
+            "Link lost",
+            check=silenced_by_the_end(2.5),
+        ),
+        Case("no attitude", 17, FLOWN, at(0.1, becomes(silent={"attitude"})), "of attitude"),
+        Case("no place", 17, FLOWN, at(0.1, becomes(silent={"local_position"})), "of odometry"),
+        Case("tilt unknown", 12, FLOWN, at(0.3, becomes(roll=NAN)), "tilt", check=neutral_at_last),
+        Case(
+            "place unknown", 16, FLOWN, at(0.3, becomes(east=NAN)), "position is lost", check=neutral_at_last
+        ),
+        Case("place lost", 16, FLOWN, at(0.1, becomes(position_ok=False)), "position is lost"),
+        Case(
+            "too high",
+            10,
+            FLOWN,
+            at(0.3, becomes(gust=3.0)),
+            "outside 3.0 to 8.0 m; hold",
+            check=neutral_at_last,
+        ),
+        Case(
+            "low second battery", 14, FLOWN, at(0.1, becomes(batteries={0: 90, 1: 25})), "25 %", vehicle=two
+        ),
+        Case(
+            "battery unknown",
+            14,
+            FLOWN,
+            at(0.1, becomes(batteries={0: 90, 1: -1})),
+            "battery at",
+            vehicle=two,
+        ),
+        Case(
+            "lost second battery",
+            17,
+            FLOWN,
+            once(setpoint, becomes(silent={"battery 1"})),
+            "y 1 lately",
+            vehicle=two,
+        ),
+        Case("low from the start", 1, (), words="battery at 40 %", vehicle={"batteries": {1: 40, 0: 90}}),
+        Case("manual from the start", 1, (), words="change to hold", vehicle={"mode": "MANUAL"}),
+        Case("no battery", 1, (), words="no telemetry of battery", vehicle={"silent": {"battery", "status"}}),
+        Case("only checks", 0, (), words="add --start", options=()),
+        Case("no vehicle", 4, (), words="No vehicle answers", vehicle={"silent": {"all"}}),
+        Case("no address", 4, (), words="nonsense", options=("--connect", "nonsense")),
+    ]
+    for case in cases:
+        if case.name in ("no attitude", "no place", "place lost", "lost second battery"):
+            case.vehicle = case.vehicle | SOON
+    all_flown(cases, tmp_path)
+
+
+@pytest.mark.thorough
+def test_commands_that_fail(tmp_path: Path) -> None:
+    three = ("OFFBOARD", "HOLD", "HOLD", "HOLD")
+
+    cases = [
+        Case("offboard refused", 5, STARTED, words="was refused", vehicle={"refuses": {"OFFBOARD"}}),
+        Case("hold refused", 23, three, words="TAKE OVER", vehicle={"refuses": {"HOLD"}} | SOON),
+        Case(
+            "hold refused once",
+            0,
+            (*FLOWN, "HOLD"),
+            once(hold_refused, becomes(refuses=set())),
+            "hold was accepted",
+            vehicle={"refuses": {"HOLD"}} | SOON,
+        ),
+    ]
+    all_flown(cases, tmp_path)

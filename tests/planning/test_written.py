@@ -14,7 +14,7 @@ from eivor.planning.plan import FlightPlan
 from eivor.planning.written.mission import levels, qgc_text
 from eivor.planning.written.table import csv_text
 from eivor.planning.written.trajectory import rotorpy_text
-from planning.fake_mavsdk import written_module
+from planning.conftest import written_module
 
 HOME = (47.3977, 8.5456)
 NUMBER = (int, float)

@@ -19,7 +19,7 @@ BATTERY_BEFORE, BATTERY_DURING = 50.0, 30.0
 
 
 def mavsdk_text(plan: FlightPlan) -> str:
-    """Text of a Python program for MAVSDK 2 or later."""
+    """Text of a Python program for MAVSDK-Python 3."""
     rows = sampled(plan, RATE_HZ)
     limits = plan.limits
     numbers = {
