@@ -1,8 +1,15 @@
-"""Parameters of autopilots: read back by strict parsers, refused where not told, harmless in any name."""
+"""Parameters of autopilots: read back by strict parsers, refused where not told, harmless in any name.
+
+Every result is of a log that a reader read. The curve of the motors is known, and whatever is in force and on
+whichever side of it the command was logged, the parameter is that curve.
+"""
 
 from __future__ import annotations
 
+import copy
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +18,14 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
-from exports.documents import document, of_motors, quantity, refused, written
+from eivor.motions.vertical.curve_family import MOT_THST_EXPO, THR_MDL_FAC, AutopilotParameter
+from exports.documents import refused, written
+from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
 
+Document = dict[str, Any]
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 HOSTILE = "a\n1\t1\tMPC_THR_HOVER\t0.9\t9\r\u2028b\x1b[2J\udcff.ulg"
+FITTED = {"input": "actuator_output", "input_map": "fit"}
 
 
 def qgc(text: str) -> dict[str, float]:
@@ -46,62 +57,214 @@ def ardupilot(text: str) -> dict[str, float]:
     return {name: float(value) for name, value in rows}
 
 
-def exported(told: dict[str, Any], folder: Path, to: str = "px4") -> str:
+def exported(told: Document, folder: Path, to: str = "px4") -> str:
     return ev.load_fit(written(told, folder)).export(to)
 
 
-def test_hover_of_a_thrust_setpoint(tmp_path: Path) -> None:
-    text = exported(document(), tmp_path)
-    assert qgc(text) == {"MPC_THR_HOVER": pytest.approx(0.41, rel=1e-7)}
-    assert "95 % interval [0.406, 0.414]" in text
-    assert "flight.ulg, SHA-256 abab" in text
-    assert "Eivor 0.1.0" in text
-    assert "THR_MDL_FAC is not written" in text
+def interval(text: str, name: str) -> tuple[float, float]:
+    (low, high) = re.findall(rf"# {name}: .* interval \[([^,]+), ([^\]]+)\]", text)[0]
+    return float(low), float(high)
 
 
-def test_curve_and_hover_of_motors_signals(tmp_path: Path) -> None:
-    found = qgc(exported(of_motors(document()), tmp_path))
-    assert found["THR_MDL_FAC"] == pytest.approx(0.6, rel=1e-6)
-    assert found["MPC_THR_HOVER"] == pytest.approx(0.4 * 0.41 + 0.6 * 0.41**2, rel=1e-6)
+@pytest.fixture(scope="module")
+def setpoint() -> Callable[[], Document]:
+    """A result of PX4's thrust setpoint, with the map as it is."""
+    told = identified(px4_log(in_force=TRUE))
+    return lambda: copy.deepcopy(told)
+
+
+@pytest.fixture(scope="module")
+def motors() -> Callable[[], Document]:
+    """A result of PX4's `actuator_motors` with a curve that was fitted; another one is in force."""
+    told = identified(px4_log(in_force=0.3), **FITTED)
+    return lambda: copy.deepcopy(told)
+
+
+@pytest.fixture(scope="module")
+def outputs() -> Callable[[], Document]:
+    """A result of PX4's `actuator_outputs`, which are behind the curve."""
+    told = identified(px4_log(in_force=0.3, outputs="actuator_outputs"), **FITTED)
+    return lambda: copy.deepcopy(told)
+
+
+def test_hover_of_a_thrust_setpoint(setpoint: Callable[[], Document], tmp_path: Path) -> None:
+    text = exported(setpoint(), tmp_path)
+    assert qgc(text) == {"MPC_THR_HOVER": pytest.approx(HOVER, rel=0.01)}
+    low, high = interval(text, "MPC_THR_HOVER")
+    assert low < HOVER < high
+    assert "flight.ulg, SHA-256 " in text
+    assert "Command: input, before the autopilot's thrust curve" in text
+    assert (
+        "THR_MDL_FAC is not written: thrust_curve was not estimated. Identify with --input-map fit." in text
+    )
+
+
+@pytest.mark.parametrize(
+    ("log", "choices", "side"),
+    [
+        (px4_log, FITTED, "before"),
+        (lambda: px4_log(outputs="actuator_outputs"), FITTED, "behind"),
+        pytest.param(ardupilot_log, {"input_map": "fit"}, "before", marks=pytest.mark.thorough),
+        (ardupilot_log, FITTED, "behind"),
+        pytest.param(lambda: ardupilot_log(in_force=0.9), FITTED, "behind", marks=pytest.mark.thorough),
+        pytest.param(
+            lambda: px4_log(in_force=0.0), {"input_map": "fit"}, "before", marks=pytest.mark.thorough
+        ),
+    ],
+)
+def test_the_curve_of_the_motors_is_written_on_either_side(
+    log: Callable[[], bytes], choices: Document, side: str, tmp_path: Path
+) -> None:
+    content = log()
+    of_px4 = content.startswith(b"ULog")
+    curve, hover = ("THR_MDL_FAC", "MPC_THR_HOVER") if of_px4 else ("MOT_THST_EXPO", "MOT_THST_HOVER")
+    told = identified(content, **choices)
+    assert told["model"]["autopilot_curve"]["side"] == side
+    text = exported(told, tmp_path, "px4" if of_px4 else "ardupilot")
+    found = qgc(text) if of_px4 else ardupilot(text)
+    assert found == {curve: pytest.approx(TRUE, abs=0.03), hover: pytest.approx(HOVER, abs=0.005)}
+    for name, truth in ((curve, TRUE), (hover, HOVER)):
+        low, high = interval(text, name)
+        assert low < truth < high
+    assert f"would be set to {found[curve]:.2f} [" in curve_told(told)
+
+
+@pytest.mark.parametrize("in_force", [1.0, 0.65])
+def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_path: Path) -> None:
+    """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""
+    told = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
+    assert told["parameters"]["thrust_curve"]["value"] == pytest.approx(1.0, abs=0.02)
+    found = ardupilot(exported(told, tmp_path, "ardupilot"))
+    assert found.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
+    said = curve_told(told)
+    assert "MOT_THST_EXPO" in said
+    numbers = [
+        float(one) for one in re.findall(r"would be set to (\S+) \[(\S+), (\S+)\]", said) for one in one
+    ]
+    assert all(0.9 < one <= 1.0 for one in numbers)
+
+
+def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:
+    told = identified(px4_log(in_force=0.9), **FITTED)
+    assert "THR_MDL_FAC 0.9, which is in force, is too large for this vehicle" in curve_told(told)
+    assert qgc(exported(told, tmp_path)) == {}
+
+
+@pytest.mark.parametrize("parameter", [THR_MDL_FAC, MOT_THST_EXPO], ids=lambda one: one.name)
+@pytest.mark.parametrize("away", [1e-6, 0.3, math.inf])
+def test_a_value_beyond_the_range_is_a_sentence_without_it(
+    parameter: AutopilotParameter, away: float
+) -> None:
+    for value, side in ((parameter.lowest - away, "below"), (parameter.highest + away, "above")):
+        said = parameter.beyond((value, (value, value)))
+        assert f"lies {side} the range of {parameter.lowest:g} to {parameter.highest:g}" in said
+        assert "reaches" not in said
+        assert f"{value:.2f}" not in said or away == 1e-6
+    assert parameter.beyond((parameter.highest, (0.0, 2.0))) == ""
+    near = parameter.beyond((parameter.highest + 0.01, (parameter.highest - 0.1, parameter.highest)))
+    assert "Its 95 % interval reaches into that range." in near
+
+
+@pytest.mark.parametrize(
+    ("curve", "hover"),
+    [((-0.2, 0.03), None), ((1.2, 0.05), None), (None, (0.95, 0.001)), (None, (0.05, 0.001))],
+)
+def test_what_px4_does_not_take_is_a_comment(
+    curve: tuple[float, float] | None,
+    hover: tuple[float, float] | None,
+    outputs: Callable[[], Document],
+    tmp_path: Path,
+) -> None:
+    """Of signals behind the curve, hover and curve are both left out."""
+    told = outputs()
+    for quantity, given in (
+        (told["parameters"]["thrust_curve"], curve),
+        (told["derived"]["hover_input"], hover),
+    ):
+        if given is not None:
+            value, std = given
+            quantity |= {"value": value, "std_error": std, "interval": [value - 2 * std, value + 2 * std]}
+    text = exported(told, tmp_path)
+    assert qgc(text) == {}
+    assert text.count("is not written") == 2
+    assert "that PX4 takes" in text
+    assert all(f"{given[0]:g}" not in text for given in (curve, hover) if given)
+
+
+def test_a_curve_beyond_the_range_leaves_the_hover_of_the_setpoint(
+    motors: Callable[[], Document], tmp_path: Path
+) -> None:
+    told = motors()
+    told["parameters"]["thrust_curve"] |= {"value": -1.0, "interval": [-1.1, -0.9]}
+    text = exported(told, tmp_path)
+    assert qgc(text) == {"MPC_THR_HOVER": pytest.approx(told["derived"]["hover_input"]["value"], rel=1e-6)}
+    assert "THR_MDL_FAC is not written: what was found lies below the range of 0 to 1" in text
+    assert "The value in force stays." in text
 
 
 @pytest.mark.parametrize("name", ["thrust_curve", "hover_input"])
-def test_curve_and_hover_go_together(name: str, tmp_path: Path) -> None:
-    text = exported(refused(of_motors(document()), name), tmp_path)
+def test_curve_and_hover_of_motor_signals_go_together(
+    name: str, outputs: Callable[[], Document], tmp_path: Path
+) -> None:
+    text = exported(refused(outputs(), name), tmp_path)
     assert qgc(text) == {}
     assert "The flight does not tell it." in text
-    beyond = of_motors(document())
-    beyond["parameters"]["thrust_curve"] = quantity(1.0, 0.03)
-    beyond["derived"]["hover_input"] = quantity(0.95, 0.001)
-    assert qgc(exported(beyond, tmp_path)) == {}
 
 
-def test_a_refused_hover_is_a_comment_with_its_reason(tmp_path: Path) -> None:
-    text = exported(refused(document(), "hover_input", "Wind."), tmp_path)
+def test_a_refused_hover_is_a_comment_with_its_reason(
+    setpoint: Callable[[], Document], tmp_path: Path
+) -> None:
+    text = exported(refused(setpoint(), "hover_input", "Wind."), tmp_path)
     assert qgc(text) == {}
     assert "# MPC_THR_HOVER is not written: hover_input is refused. Wind." in text
 
 
-def test_what_the_autopilot_does_not_take_is_a_comment(tmp_path: Path) -> None:
-    text = exported(document(hover_input=(0.05, 0.001)), tmp_path)
+def test_without_the_value_in_force_a_setpoint_tells_no_curve(
+    motors: Callable[[], Document], tmp_path: Path
+) -> None:
+    told = motors()
+    told["model"]["autopilot_curve"]["in_force"] = {}
+    text = exported(told, tmp_path)
+    assert list(qgc(text)) == ["MPC_THR_HOVER"]
+    assert "is before the curve, and the result has no value of it that is in force" in text
+
+
+@pytest.mark.parametrize("missing", ["key", "side"])
+def test_a_result_that_does_not_know_the_side_is_read_and_says_so(
+    missing: str, motors: Callable[[], Document], tmp_path: Path
+) -> None:
+    told = motors()
+    if missing == "key":  # as older versions wrote it
+        del told["model"]["autopilot_curve"]
+    else:
+        told["model"]["autopilot_curve"]["side"] = None
+    text = exported(told, tmp_path)
     assert qgc(text) == {}
-    assert "beyond what the autopilot takes, 0.1 to 0.8" in text
+    assert (
+        text.count("does not say whether 'actuator_output' is before or behind the autopilot's thrust") == 2
+    )
+    assert "Identify the log again." in text
+    assert "actuator" in exported(told, tmp_path, "statespace")
 
 
-def test_rotor_speeds_and_other_motions_are_refused(tmp_path: Path) -> None:
-    speeds = document(hover_input=(1788.0, 1.0))
-    speeds["model"]["input"] = "rotor_command"
-    with pytest.raises(UsageError, match="a share of the largest"):
+def test_rotor_speeds_and_other_motions_are_refused(setpoint: Callable[[], Document], tmp_path: Path) -> None:
+    speeds = setpoint()
+    speeds["derived"]["hover_input"]["value"] = 1788.0
+    with pytest.raises(UsageError, match=r"a share of the largest.*--input actuator_output"):
         exported(speeds, tmp_path)
-    rates = document()
+    rates = setpoint()
     rates["model"]["name"] = "angular_rates"
     with pytest.raises(UsageError, match="the vertical motion for PX4"):
         exported(rates, tmp_path)
     with pytest.raises(UsageError, match="each autopilot counts shares"):
-        exported(document(), tmp_path, "ardupilot")
+        exported(setpoint(), tmp_path, "ardupilot")
+    kept = setpoint()
+    kept["logs"][0]["format"] = "parquet"
+    with pytest.raises(UsageError, match="a vehicle with THR_MDL_FAC"):
+        exported(kept, tmp_path, "ardupilot")
     with pytest.raises(UsageError, match="Did you mean 'px4'"):
-        exported(document(), tmp_path, "px5")
-    fit = ev.load_fit(written(document(), tmp_path))
+        exported(setpoint(), tmp_path, "px5")
+    fit = ev.load_fit(written(setpoint(), tmp_path))
     with pytest.raises(UsageError, match="no mass for px4"):
         fit.export("px4", mass=(1.5, 0.1))
     with pytest.raises(UsageError, match="priors that px4 uses"):
@@ -109,20 +272,16 @@ def test_rotor_speeds_and_other_motions_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("to", "format_name"), [("px4", "ulog"), ("ardupilot", "dataflash")])
-def test_no_name_of_a_log_becomes_a_parameter(to: str, format_name: str, tmp_path: Path) -> None:
-    told = refused(document(log=HOSTILE), "viscous_friction", HOSTILE)
-    told["logs"][0]["format"] = format_name
+def test_no_name_of_a_log_becomes_a_parameter(
+    to: str, format_name: str, setpoint: Callable[[], Document], tmp_path: Path
+) -> None:
+    told = refused(setpoint(), "viscous_friction", HOSTILE)
+    told["logs"][0] |= {"name": HOSTILE, "format": format_name}
+    told["provenance"]["logs"][0]["name"] = HOSTILE
+    told["model"]["autopilot_curve"]["in_force"] = {}
     told["parameters"]["delay"]["reasons"] = [HOSTILE]
     text = exported(told, tmp_path, to)
     read = qgc if to == "px4" else ardupilot
-    assert list(read(text).values()) == [pytest.approx(0.41, rel=1e-6)]
+    assert list(read(text).values()) == [pytest.approx(HOVER, rel=0.01)]
     hostile = exported(refused(told, "hover_input", HOSTILE), tmp_path, to)
     assert read(hostile) == {}
-
-
-def test_parameters_of_ardupilot(tmp_path: Path) -> None:
-    told = of_motors(document())
-    told["logs"][0]["format"] = "dataflash"
-    found = ardupilot(exported(told, tmp_path, "ardupilot"))
-    assert found["MOT_THST_EXPO"] == pytest.approx(0.6, rel=1e-6)
-    assert found["MOT_THST_HOVER"] == pytest.approx(0.4 * 0.41 + 0.6 * 0.41**2, rel=1e-6)

@@ -6,6 +6,7 @@ import struct
 import numpy as np
 
 from eivor.errors import EivorError
+from eivor.signals.input_map import Mixed
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 
@@ -149,14 +150,18 @@ def simulated(**spec):
     return flight.recording
 
 
-def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES):
-    """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz."""
+def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.0, in_force=CURVE, every=10):
+    """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz.
+
+    `true` is the curve of the motors, `in_force` the autopilot's; motor outputs are at 100 Hz over `every`.
+    """
     values = {name: channel.values for name, channel in flown.channels.items()}
+    values |= commands(values["rotor_command_1"] ** 2, true, in_force)
     t = flown.channels["position_z"].time_s
     writer = DataflashWriter("TimeMS" if dialect == "3.3" else "TimeUS")
     writer.text(vehicle or FIRMWARES[dialect]).text("Frame: QUAD")
     writer.parameters(MOT_PWM_MIN=0.0, MOT_PWM_MAX=0.0, RC3_MIN=LOW, RC3_MAX=HIGH)
-    writer.parameters(MOT_SPIN_MIN=SPIN_MIN, MOT_SPIN_MAX=SPIN_MAX, MOT_THST_EXPO=CURVE)
+    writer.parameters(MOT_SPIN_MIN=SPIN_MIN, MOT_SPIN_MAX=SPIN_MAX, MOT_THST_EXPO=in_force)
     numbers = list(modes.values())
     writer.add("MODE", list(modes), "MBB", Mode=numbers, ModeNum=numbers, Rsn=1)
     writer.add("EV", [0.0, 0.0, t[-1]], "B", Id=[10, 28, 18])
@@ -164,15 +169,21 @@ def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES):
     add_estimates(writer, t[::4], {name: one[::4] for name, one in values.items()}, dialect)
     slow = {name: one[::10] for name, one in values.items()}
     add_control(writer, t[::10], slow, dialect)
-    widths = LOW + (SPIN_MIN + slow["rotor_command_1"] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
-    writer.add("RCOU", t[::10], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
+    widths = LOW + (SPIN_MIN + values["signal"][::every] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
+    writer.add("RCOU", t[::every], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
     writer.add("RCIN", t[::10], "H" * 3, C1=1500, C2=1500, C3=1300)
     return writer if dialect in ("3.3", "3.4") else writer.units()
 
 
+def commands(thrust, true, in_force):
+    """Motor signals that give shares of thrust, and setpoints of which an autopilot makes those signals."""
+    signal = np.array([Mixed(true).inverse(one) for one in thrust])
+    return {"signal": signal, "throttle": np.asarray(Mixed(in_force)(signal))}
+
+
 def add_fast(writer, t, values, dialect):
     """Add rates, throttle, accelerations of one or two sensors, and attitude."""
-    throttle = values["rotor_command_1"] ** 2 * (1000.0 if dialect == "3.3" else 1.0)
+    throttle = values["throttle"] * (1000.0 if dialect == "3.3" else 1.0)
     rates = dict.fromkeys(("RDes", "R", "ROut", "PDes", "P", "POut", "YDes", "Y", "YOut", "ADes", "A"), 0.0)
     writer.add("RATE", t, "f" * 12, **rates, AOut=throttle)
     inertial = dict.fromkeys(("GyrX", "GyrY", "GyrZ", "AccX", "AccY"), 0.0)
@@ -208,7 +219,7 @@ def add_estimates(writer, t, values, dialect):
 def add_control(writer, t, values, dialect):
     """Add targets and battery."""
     height, speed = values["reference_position_z"], values["reference_velocity_z"]
-    throttle = values["rotor_command_1"] ** 2
+    throttle = values["throttle"]
     if dialect in ("3.3", "3.4"):
         old = dialect == "3.3"
         tuned = {"ThrOut": throttle * 1000.0} if old else {"ThO": throttle}

@@ -15,7 +15,7 @@ import eivor as ev
 from eivor.errors import InputError, MissingReaderError
 from eivor.inference.verdict import Status
 from eivor.logs.read import read_log
-from eivor.signals.recording import Frame
+from eivor.signals.recording import CurveSide, Frame
 
 
 @pytest.fixture(scope="module")
@@ -145,6 +145,7 @@ def test_mavros_is_the_same_flight_with_z_up(tmp_path, flight, store, ulog, kind
     assert {r.channels[name].values.tolist()[0] for name in modes} == {0.0}
     assert r.channels["velocity_z"].source == "/mavros/local_position/velocity_local.twist.linear.z"
     assert "feedback_reference_roll" in r.channels
+    assert r.channels["input"].curve_side is CurveSide.BEFORE
 
 
 def test_fields_that_a_setpoint_leaves_free_are_not_in_force(tmp_path, flight, store):

@@ -7,12 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eivor.errors import ChannelMapError
+from eivor.errors import ChannelMapError, UsageError
 from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
 from eivor.logs.table import parquet
 from eivor.signals.data_sheet import DataSheet
+from eivor.signals.recording import CurveSide
 
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
@@ -107,6 +108,18 @@ def test_a_declared_delay_is_taken_off_the_stamps(table):
     assert back.delay_s == 0.008
 
 
+def test_the_side_of_the_thrust_curve_is_declared_and_kept(table):
+    declared = '[channels.rotor_command_1]\ncolumn = "pwm"\ncurve_side = "behind"\n'
+    r = read(table, HEAD + PWM + declared)
+    sides = {"input": CurveSide.UNKNOWN, "rotor_command_1": CurveSide.BEHIND}
+    assert {name: one.curve_side for name, one in r.channels.items()} == sides
+    write_recording(r, table.parent / "r.parquet")
+    back = read_log(table.parent / "r.parquet").channels
+    assert {name: one.curve_side for name, one in back.items()} == sides
+    with pytest.raises(UsageError, match="the curve_side of rotor_command_1"):
+        write_recording(r, table.parent / "r.csv")
+
+
 def test_a_map_without_delays_says_nothing_of_them(table):
     assert "sensor_delay" not in {f.name for f in read(table, HEAD + PWM).findings}
 
@@ -117,6 +130,11 @@ def test_a_map_without_delays_says_nothing_of_them(table):
         (HEAD + PWM + "delay_ms = 1001\n", "between -1000 and 1000 at channels.input.delay_ms .*1001"),
         (HEAD + PWM + "delay_ms = nan\n", "at channels.input.delay_ms"),
         (HEAD + PWM + 'delay_ms = "8"\n', "at channels.input.delay_ms"),
+        (HEAD + PWM + 'curve_side = "after"\n', "before.*behind.* at channels.input.curve_side"),
+        (
+            HEAD + '[channels.velocity_z]\ncolumn = "pwm"\ncurve_side = "before"\n',
+            "this key for commands only .* at channels.velocity_z.curve_side",
+        ),
         ('source = "filter"\n' + HEAD + PWM, "sensor.*estimator.*at source of m.toml"),
         (HEAD + PWM + "source = 1\n", "at channels.input.source of m.toml"),
         ("name = ", "a channel map in TOML"),

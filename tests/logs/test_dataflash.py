@@ -6,7 +6,7 @@ from dataflash_writer import DataflashWriter, flight_log, simulated
 
 from eivor.errors import EmptyLogError
 from eivor.logs import logging_advice, read_log
-from eivor.signals.recording import Frame
+from eivor.signals.recording import CurveSide, Frame
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +46,9 @@ def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
     throttle = truth["rotor_command_1"].values ** 2
     np.testing.assert_allclose(channels["input"].values, throttle, atol=1e-6)
     assert channels["input"].source == "RATE.AOut"
+    sides = {name: one.curve_side for name, one in channels.items() if one.curve_side.value}
+    outputs = {f"actuator_output_{n}": CurveSide.BEHIND for n in range(1, 5)}
+    assert sides == {"input": CurveSide.BEFORE, **outputs}
     force = -truth["specific_force_z"].values / truth["cos_tilt"].values
     np.testing.assert_allclose(channels["specific_force_body_z"].values, force, atol=1e-5)
     reference = -truth["reference_position_z"].values[::10] - (0.5 if dialect == "4.1" else 0.0)
@@ -110,6 +113,7 @@ def test_the_thrust_of_pulse_widths_where_no_throttle_is_logged(tmp_path, flight
     share = flight.channels["rotor_command_1"].values[::10]
     np.testing.assert_allclose(r.channels["input"].values, share**2, atol=2e-3)
     assert r.channels["input"].source == "RCOU through the thrust curve"
+    assert r.channels["input"].curve_side is CurveSide.BEFORE
 
 
 def test_height_targets_of_modes_without_a_height_loop(tmp_path, flight):

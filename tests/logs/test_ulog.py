@@ -5,11 +5,12 @@ import sys
 
 import numpy as np
 import pytest
-from ulog_writer import UlogWriter, flight, message
+from dataflash_writer import simulated
+from ulog_writer import UlogWriter, flight, flight_log, message
 
 from eivor.errors import CorruptLogError, EmptyLogError, UsageError
 from eivor.logs import read_log
-from eivor.signals.recording import Frame
+from eivor.signals.recording import CurveSide, Frame
 
 
 def read(tmp_path, writer):
@@ -124,6 +125,8 @@ def test_old_topic_names(tmp_path):
     )
     r = read(tmp_path, writer)
     assert r.channels["input"].source == "actuator_controls_0.control[3]"
+    assert r.channels["input"].curve_side is CurveSide.BEFORE
+    assert r.channels["actuator_output_1"].curve_side is CurveSide.BEHIND
     assert r.channels["specific_force_body_z"].source == "sensor_combined.accelerometer_m_s2[2]"
     assert r.channels["angular_rate_x"].source == "sensor_combined.gyro_rad[0]"
     assert "acceleration_z" not in r.channels  # zeros throughout: old firmware does not estimate it
@@ -134,6 +137,22 @@ def test_old_topic_names(tmp_path):
     commanded, feedback = r.channels["reference_velocity_z"], r.channels["feedback_reference_velocity_z"]
     np.testing.assert_array_equal(np.isfinite(commanded.values), commanded.time_s < 1.99)
     np.testing.assert_array_equal(np.isfinite(feedback.values), feedback.time_s > 1.99)
+
+
+def test_commands_before_and_behind_the_thrust_curve(tmp_path):
+    flown = simulated(seed=3, duration=5.0)
+    sides = {}
+    for topic in ("actuator_motors", "actuator_outputs"):
+        writer = flight_log(flown, 0.65, 0.3, topic)
+        t = np.arange(50) * 0.1
+        writer.topic("esc_status", t, **{f"esc[{n}].esc_rpm": 5000.0 + t for n in range(4)})
+        r = read(tmp_path, writer)
+        sides[topic] = {name: one.curve_side for name, one in r.channels.items() if one.curve_side.value}
+        assert r.channels["actuator_output_1"].source.startswith(topic)
+    speeds = {f"rotor_speed_{n}": CurveSide.BEHIND for n in range(1, 5)}
+    for topic, side in (("actuator_motors", CurveSide.BEFORE), ("actuator_outputs", CurveSide.BEHIND)):
+        outputs = {f"actuator_output_{n}": side for n in range(1, 5)}
+        assert sides[topic] == {"input": CurveSide.BEFORE, **outputs, **speeds}
 
 
 def test_old_fields_of_the_trajectory(tmp_path):

@@ -4,6 +4,8 @@ import struct
 
 import numpy as np
 
+from logs.dataflash_writer import commands
+
 _CODES = {
     "uint64_t": "Q",
     "float": "f",
@@ -112,3 +114,46 @@ def flight(n=200):
         .topic("vehicle_attitude", t, q=np.tile([1.0, 0, 0, 0], (n, 1)), padding=3)
         .sync()
     )
+
+
+#: Pulse widths of the motors' range [us].
+LOW, HIGH = 1000.0, 1950.0
+
+
+def flight_log(flown, true=1.0, in_force=0.0, outputs="actuator_motors"):
+    """Write a simulated flight as PX4 logs it: `true` is the curve of the motors, `in_force` THR_MDL_FAC.
+
+    Firmware without `actuator_motors` logs pulse widths in `actuator_outputs` alone.
+    """
+    values = {name: channel.values for name, channel in flown.channels.items()}
+    t = flown.channels["position_z"].time_s
+    values |= commands(values["rotor_command_1"] ** 2, true, in_force)
+    nothing, ones = 0.0 * t, np.ones(t.size)
+    roll = 0.5 * np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
+    force = -values["specific_force_z"] / values["cos_tilt"]
+    asked = [-values[f"reference_{name}_z"] for name in ("position", "velocity", "acceleration")]
+    setpoint = {
+        name: np.stack([nothing, nothing, one], 1)
+        for name, one in zip(("position", "velocity", "acceleration"), asked, strict=True)
+    }
+    local = {"z": -values["position_z"], "vx": nothing, "vy": nothing, "vz": -values["velocity_z"]}
+    valid = {f"{name}_valid__bool": ones > 0.0 for name in ("z", "v_z", "v_xy")}
+    writer = (
+        UlogWriter()
+        .parameter("THR_MDL_FAC", in_force)
+        .parameter("MPC_THR_HOVER", 0.5)
+        .topic("vehicle_local_position", t, **local, **valid)
+        .topic("vehicle_acceleration", t, xyz=np.stack([nothing, nothing, force], 1))
+        .topic("vehicle_attitude", t, q=np.stack([np.cos(roll), np.sin(roll), nothing, nothing], 1))
+        .topic("vehicle_thrust_setpoint", t, xyz=np.stack([nothing, nothing, -values["throttle"]], 1))
+        .topic("trajectory_setpoint", t, **setpoint)
+        .topic("vehicle_land_detected", [0.0], landed__bool=np.array([False]))
+        .topic("vehicle_status", [0.0], nav_state__uint8_t=np.array([3]))
+    )
+    if outputs == "actuator_motors":
+        return writer.topic(outputs, t, control=np.tile(values["throttle"][:, None], 4))
+    for motor in range(1, 5):
+        for name, value in (("MIN", int(LOW)), ("MAX", int(HIGH)), ("FUNC", 100 + motor)):
+            writer.parameter(f"PWM_MAIN_{name}{motor}", value)
+    widths = LOW + values["signal"] * (HIGH - LOW)
+    return writer.topic(outputs, t, output=np.tile(widths[:, None], 4))

@@ -43,10 +43,11 @@ def curve_findings(
 ) -> tuple[Finding, ...]:
     """The parameter that a curve would set; none where the curve or the hover input is not told."""
     curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
-    told = curve is not None and Status.REFUSED not in (curve.verdict, hover.verdict)
-    if curve is None or not told or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
+    if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
         return ()
     side, in_force = curve_in_force(flights)
+    if Status.REFUSED in (curve.verdict, hover.verdict):
+        return _overdone(side, in_force, curve)
     if side is CurveSide.UNKNOWN:
         sentence = (
             f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
@@ -69,6 +70,18 @@ def curve_findings(
         )
         sentences.append(_sentence(parameter, share, value, curve.verdict))
     return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
+
+
+def _overdone(side: CurveSide, in_force: Mapping[str, float], curve: Quantity) -> tuple[Finding, ...]:
+    """Say that a curve in force bends too much, which no share of the square brings back."""
+    large = [f"{name} {value:.2g}" for name, value in in_force.items() if value > 0.0]
+    if side is not CurveSide.BEFORE or not large or not curve.interval[1] < 0.0:
+        return ()
+    sentence = (
+        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large for "
+        "this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with less."
+    )
+    return (Finding("thrust_curve", sentence),)
 
 
 def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | None, verdict: Status) -> str:

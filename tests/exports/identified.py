@@ -1,0 +1,49 @@
+"""Results of flights whose motors have a known curve: logs of autopilots, read and identified."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import eivor as ev
+import shape_checks
+from coarse_search import coarse
+from logs import dataflash_writer, ulog_writer
+
+#: Share of the square in the thrust of every motor.
+TRUE = 0.65
+#: Share of thrust at hover, which every autopilot of the right curve hovers with.
+HOVER = 0.25
+
+
+def px4_log(in_force: float = 0.3, outputs: str = "actuator_motors", true: float = TRUE) -> bytes:
+    """A ULog of a minute."""
+    flown = dataflash_writer.simulated(seed=3, duration=60.0)
+    content: bytes = ulog_writer.flight_log(flown, true, in_force, outputs).bytes()
+    return content
+
+
+def ardupilot_log(in_force: float = 0.3, true: float = TRUE) -> bytes:
+    """A DataFlash log of the same flight, motor outputs at 50 Hz."""
+    flown = dataflash_writer.simulated(seed=3, duration=60.0)
+    content: bytes = dataflash_writer.flight_log(flown, true=true, in_force=in_force, every=2).bytes()
+    return content
+
+
+def identified(log: bytes, **choices: Any) -> dict[str, Any]:
+    """The document of its result."""
+    with TemporaryDirectory() as folder, shape_checks.unchecked(), coarse():
+        path = Path(folder) / ("flight.ulg" if log.startswith(b"ULog") else "flight.bin")
+        path.write_bytes(log)
+        document: dict[str, Any] = json.loads(
+            ev.identify_flight(ev.read_log(os.fspath(path)), **choices).to_json()
+        )
+    return document
+
+
+def curve_told(document: dict[str, Any]) -> str:
+    """What the report says of the curve."""
+    return " ".join(one["message"] for one in document["findings"] if one["name"] == "thrust_curve")
