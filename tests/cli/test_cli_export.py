@@ -10,16 +10,28 @@ from typing import Any
 import polars as pl
 import pytest
 
-from exports.documents import document, of_motors, refused, written
+from exports.documents import document, refused, written
+from exports.identified import TRUE, px4_log
+from exports.test_autopilots import qgc
 
 Caller = Callable[..., Any]
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_parameters_are_written(eivor: Caller, tmp_path: Path) -> None:
-    fit, file = written(of_motors(document()), tmp_path), tmp_path / "vehicle.params"
+    log, fit, file = (tmp_path / name for name in ("flight.ulg", "fit.json", "vehicle.params"))
+    log.write_bytes(px4_log())
+    fitted = ("--input", "actuator_output", "--input-map", "fit")
+    assert eivor("identify", log, *fitted, "--json", fit).code == 0
     assert eivor("export", fit, "--to", "px4", "-o", file).code == 0
-    assert "\tTHR_MDL_FAC\t0.6\t9\n" in file.read_text()
+    assert qgc(file.read_text())["THR_MDL_FAC"] == pytest.approx(TRUE, abs=0.03)
     assert eivor("export", fit, "--to", "px4").out == file.read_text()
+    log.write_bytes(px4_log(in_force=TRUE))
+    assert eivor("identify", log, "--json", fit).code == 0
+    partly = eivor("export", fit, "--to", "px4")
+    assert partly.code == 3
+    assert list(qgc(partly.out)) == ["MPC_THR_HOVER"]
+    assert "THR_MDL_FAC is not written" in partly.err
 
 
 def test_what_is_not_identified_leaves_with_code_3(eivor: Caller, tmp_path: Path) -> None:
@@ -31,10 +43,6 @@ def test_what_is_not_identified_leaves_with_code_3(eivor: Caller, tmp_path: Path
     given = eivor("export", fit, "--to", "statespace", "--prior", "viscous_friction=0.3:0.1", "-o", file)
     assert given.code == 0
     assert json.loads(file.read_text())["numbers"]["viscous_friction"]["source"] == "given"
-    partly = eivor("export", fit, "--to", "px4")
-    assert partly.code == 3
-    assert "MPC_THR_HOVER\t0.41" in partly.out
-    assert "THR_MDL_FAC is not written" in partly.err
 
 
 def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:

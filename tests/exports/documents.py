@@ -78,13 +78,6 @@ def refused(told: dict[str, Any], name: str, reason: str = "The flight does not 
     return told
 
 
-def of_motors(told: dict[str, Any], curve: float = 0.6) -> dict[str, Any]:
-    """The same document of signals to motors, with a curve found out."""
-    told["model"] |= {"input": "rotor_command", "input_map": f"mixed:{curve}"}
-    told["parameters"]["thrust_curve"] = quantity(curve, 0.03)
-    return told
-
-
 def written(told: dict[str, Any], folder: Path) -> Path:
     """Its file."""
     path = folder / "fit.json"

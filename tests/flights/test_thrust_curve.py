@@ -4,22 +4,35 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, changed, flown
+from flight_logs import FRICTION, changed, flown, prepare_vertical
 
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.circumstances import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status, verdict
-from eivor.motions.vertical.curve_family import CurveFamily, share_of_both
+from eivor.motions.vertical.curve_family import (
+    MOT_THST_EXPO,
+    THR_MDL_FAC,
+    CurveFamily,
+    family_of_fitted,
+    motor_signal,
+    plant_share,
+    proposed,
+    share_of,
+    thrust_of,
+)
 from eivor.motions.vertical.curve_rule import curve_reasons
+from eivor.motions.vertical.curve_told import curve_in_force
 from eivor.signals.input_map import InputMap, Mixed, Power
-from eivor.signals.recording import Recording
+from eivor.signals.recording import CurveSide, Recording
 
+OPTIONS = ev.FlightOptions()
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
@@ -29,14 +42,15 @@ def log() -> Recording:
     return flown(seconds=20.0)[0]
 
 
-def commanded(log: Recording, true: InputMap, *, thrust: bool) -> Recording:
+def commanded(
+    log: Recording, true: InputMap, *, thrust: bool, side: CurveSide = CurveSide.BEFORE
+) -> Recording:
     """The same flight, its commands such that thrust goes with another map of them."""
     command = log.channels["rotor_command_1"]
     values = np.array([true.inverse(one) for one in command.values**2])
     name = "input" if thrust else "rotor_command_1"
-    return replace(
-        changed(log, "rotor_command_1", **{name: replace(command, name=name, values=values)}), input_map=""
-    )
+    told = replace(command, name=name, values=values, curve_side=side)
+    return replace(changed(log, "rotor_command_1", **{name: told}), input_map="")
 
 
 @pytest.mark.parametrize(
@@ -77,7 +91,8 @@ def test_what_was_found_is_told_and_can_be_typed(log):
     )
     assert document["provenance"]["options"]["accelerometer_bias"] == 0.1
     (said,) = [one.message for one in found.findings if one.name == "thrust_curve"]
-    assert "which THR_MDL_FAC would be set to; the log has THR_MDL_FAC 0." in said
+    assert "THR_MDL_FAC (PX4) would be set to 0." in said
+    assert "The log has THR_MDL_FAC 0." in said
     typed = ev.identify_flight(flight, input_map=name)
     assert typed.parameters["input_gain"] == pytest.approx(found.parameters["input_gain"], rel=1e-3)
     assert "thrust_curve" not in typed.quantities
@@ -142,18 +157,89 @@ def test_a_bias_that_is_none_is_refused(bias):
         ev.FlightOptions(accelerometer_bias=bias)
 
 
-@pytest.mark.parametrize(("share", "in_force", "hover"), [(0.3, 0.0, 0.4), (0.7, 0.0, 0.6)])
-def test_a_share_of_commands_is_that_of_the_signal_without_a_curve(share, in_force, hover):
-    assert share_of_both(CurveFamily(True), share, hover, in_force) == pytest.approx(share)
+@pytest.mark.parametrize(("share", "hover"), [(0.3, 0.4), (0.7, 0.6), (-0.2, 0.5)])
+def test_the_share_of_a_signal_behind_the_curve_is_the_parameter(share, hover):
+    assert plant_share(CurveFamily(True), share, hover, None) == share
+    assert plant_share(CurveFamily(True), share, hover, 0.0) == pytest.approx(share)
+    exponent = CurveFamily(True).exponent(share, hover)
+    assert plant_share(CurveFamily(False), exponent, hover, None) == pytest.approx(share)
 
 
-def test_shares_of_two_curves_are_those_of_both_together():
+@pytest.mark.parametrize("in_force", [-0.4, 0.0, 0.3, 1.0])
+@pytest.mark.parametrize("true", [-0.3, 0.0, 0.65, 1.0])
+def test_before_the_curve_both_curves_together_are_the_vehicle_s(in_force, true):
     """Commands went through the inverse of one curve, and thrust is another of the signal."""
-    signal, in_force, true = 0.45, 0.3, 0.65
-    own, whole = Mixed(in_force), Mixed(true)
-    hover = float(own(np.array(signal)))
-    exponent = signal * whole.slope(signal) / float(whole(np.array(signal)))
-    seen = exponent / (signal * own.slope(signal) / hover)
-    assert share_of_both(CurveFamily(False), seen, hover, in_force) == pytest.approx(true)
-    of_commands = CurveFamily(True).of_exponent(seen, hover)
-    assert share_of_both(CurveFamily(True), of_commands, hover, in_force) == pytest.approx(true)
+    signal, step = 0.45, 1e-6
+
+    def setpoint(at):
+        return thrust_of(in_force, at)
+
+    hover = setpoint(signal)
+    assert motor_signal(hover, in_force) == pytest.approx(signal)
+    ends = [(math.log(thrust_of(true, at)), math.log(setpoint(at))) for at in (signal - step, signal + step)]
+    seen = (ends[1][0] - ends[0][0]) / (ends[1][1] - ends[0][1])
+    assert plant_share(CurveFamily(False), seen, hover, in_force) == pytest.approx(true, abs=1e-6)
+    of_commands = share_of(seen, hover)
+    if math.isfinite(of_commands):
+        assert plant_share(CurveFamily(True), of_commands, hover, in_force) == pytest.approx(true, abs=1e-6)
+    # thrust that is proportional to the setpoint leaves the curve as it is
+    assert plant_share(CurveFamily(True), 0.0, hover, in_force) == pytest.approx(in_force)
+
+
+@pytest.mark.parametrize("in_force", [None, 0.3])
+def test_intervals_hold_every_pair_and_are_cut_to_the_range(in_force):
+    curve, hover = (0.6, (0.5, 0.7)), (0.4, (0.38, 0.42))
+    share, thrust = proposed(THR_MDL_FAC, CurveFamily(True), curve, hover, in_force)
+    for value in np.linspace(0.5, 0.7, 9):
+        for command in np.linspace(0.38, 0.42, 9):
+            one = plant_share(CurveFamily(True), value, command, in_force)
+            assert share[1][0] - 1e-12 <= one <= share[1][1] + 1e-12
+            told = thrust_of(one, motor_signal(command, in_force))
+            assert thrust[1][0] - 1e-12 <= told <= thrust[1][1] + 1e-12
+    wide = (0.6, (-math.inf, math.inf))
+    assert proposed(THR_MDL_FAC, CurveFamily(True), wide, hover, in_force)[0][1] == (0.0, 1.0)
+    exponents = (1.4, (0.2, 40.0))
+    at_rest = (0.4, (-0.1, 1.2))
+    share, _ = proposed(MOT_THST_EXPO, CurveFamily(False), exponents, at_rest, in_force)
+    assert share[1] == (-1.0, 1.0)
+
+
+def test_a_fitted_exponent_of_one_is_no_share():
+    assert not family_of_fitted(Power(1.0)).of_share
+    assert family_of_fitted(Mixed(0.0)).of_share
+
+
+@pytest.mark.parametrize(
+    ("side", "parameters", "said"),
+    [
+        (
+            CurveSide.BEHIND,
+            {},
+            r"THR_MDL_FAC \(PX4\) would be set to 0\.5.* MOT_THST_EXPO \(ArduPilot\) would be",
+        ),
+        (CurveSide.BEFORE, {}, "no value of it that is in force is known"),
+        (CurveSide.UNKNOWN, {"THR_MDL_FAC": 0.0}, "does not say whether input is before or behind"),
+    ],
+)
+def test_what_the_report_says_without_a_value_in_force(log, side, parameters, said):
+    flight = commanded(log, Mixed(0.5), thrust=True, side=side)
+    found = ev.identify_flight(replace(flight, parameters=parameters), input_map="fit")
+    (told,) = [one.message for one in found.findings if one.name == "thrust_curve"]
+    assert re.search(said, told)
+    document = json.loads(found.to_json())["model"]["autopilot_curve"]
+    assert document == {"side": side.value or None, "in_force": parameters}
+
+
+def test_flights_of_a_pool_tell_a_side_and_values_that_they_share(log):
+    flights = [
+        prepare_vertical(
+            replace(commanded(log, Mixed(0.5), thrust=True, side=side), parameters=told), OPTIONS
+        )
+        for side, told in (
+            (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3, "MOT_THST_EXPO": 0.1}),
+            (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3}),
+            (CurveSide.BEHIND, {"THR_MDL_FAC": 0.4}),
+        )
+    ]
+    assert curve_in_force(tuple(flights[:2])) == (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3})
+    assert curve_in_force(tuple(flights)) == (CurveSide.UNKNOWN, {})

@@ -55,7 +55,14 @@ SCHEMA: dict[str, Any] = {
             "rate_hz": NUMBER,
         }
     ],
-    "model": {"name": str, "equation": str, "input": str, "input_map": str, "input_measured": bool},
+    "model": {
+        "name": str,
+        "equation": str,
+        "input": str,
+        "input_map": str,
+        "input_measured": bool,
+        "autopilot_curve": {"side": (str, type(None)), "in_force": {}},
+    },
     "method": str,
     "instruments": str,
     "window": (list, type(None)),

@@ -78,8 +78,9 @@ def _overdone(side: CurveSide, in_force: Mapping[str, float], curve: Quantity) -
     if side is not CurveSide.BEFORE or not large or not curve.interval[1] < 0.0:
         return ()
     sentence = (
-        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large for "
-        "this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with less."
+        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large "
+        "for this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with "
+        "a smaller value."
     )
     return (Finding("thrust_curve", sentence),)
 
