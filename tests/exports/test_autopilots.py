@@ -134,14 +134,15 @@ def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_
     """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""
     told = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
     assert told["parameters"]["thrust_curve"]["value"] == pytest.approx(1.0, abs=0.02)
-    found = ardupilot(exported(told, tmp_path, "ardupilot"))
-    assert found.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
     said = curve_told(told)
     assert "MOT_THST_EXPO" in said
     numbers = [
         float(one) for one in re.findall(r"would be set to (\S+) \[(\S+), (\S+)\]", said) for one in one
     ]
     assert all(0.9 < one <= 1.0 for one in numbers)
+    assert not re.search(r"1\.[1-9]", said)
+    found = ardupilot(exported(told, tmp_path, "ardupilot"))
+    assert found.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from eivor.cli.main import app
-from eivor.motions.vertical.curve_family import CURVE_PARAMETERS
-from exports.identified import HOVER, TRUE, ardupilot_log, px4_log
+from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
 from exports.simulated import vehicle_file
 from exports.test_autopilots import ardupilot, qgc
 
@@ -79,5 +78,15 @@ def test_real_flights(log: str, recordings: Path, tmp_path: Path, monkeypatch: p
     assert "MOT_THST_EXPO is not written: " in of_ardupilot
     assert "Command: actuator_output, behind the autopilot's thrust curve" in of_ardupilot
     assert ardupilot(of_ardupilot) == {}
-    names = "|".join(one.name for one in CURVE_PARAMETERS)
-    assert not re.search(rf"(?:{names}).* set to -", Path("fit.json").read_text())
+
+
+@pytest.mark.recordings
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_real_flight_whose_curve_is_below_the_range(recordings: Path) -> None:
+    log = (recordings / "px4" / "battery_brownout.ulg").read_bytes()
+    told = identified(log, input="actuator_output", input_map="fit")
+    assert told["parameters"]["thrust_curve"]["value"] < 0.0
+    assert curve_told(told).startswith(
+        "No THR_MDL_FAC is proposed: what was found lies below the range of 0 to 1"
+    )
+    assert not re.search(r"-\d", curve_told(told))
