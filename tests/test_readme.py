@@ -41,6 +41,10 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
         for fit, claim in zip((scope["biased"], scope["fit"]), claims, strict=True):
             assert fit.interval("input_gain") == pytest.approx([float(end) for end in claim], abs=6e-5)
         assert not within(0.021, scope["biased"].interval("input_gain"))
+        assert scope["biased"].status.value == "weak"
+        assert scope["fit"].status.value == "identified"
+        (said,) = re.findall(r"reasons\[0\].sentence  # (.*), \.\.\.", blocks(README, "python")[number])
+        assert scope["biased"].reasons[0].sentence.startswith(said)
         truth = {"viscous_friction": 0.293, "input_gain": 0.021}
         code = blocks(README, "python")[number]
         assert all(f"{value} * " in code for value in truth.values())

@@ -6,13 +6,19 @@ from collections.abc import Iterator
 from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from eivor import checks
-from eivor.errors import EstimationError, UsageError
+from eivor.errors import EivorError, EstimationError, UsageError
+from eivor.estimation.assembler import Compensated, Instrumental
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.evidence import DIAGNOSTICS, Evidence
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.solved import Solved
+from eivor.estimation.weighting.equations import TwoStage
 from eivor.inference.diagnostics.constancy import Constancy
-from eivor.inference.diagnostics.diagnostic import Diagnostic
-from eivor.inference.diagnostics.endogeneity import Endogeneity
+from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT, Diagnostic
+from eivor.inference.diagnostics.endogeneity import NOTABLE_BIAS, DirectScores, Endogeneity, endogeneity
 from eivor.inference.diagnostics.excitation import BandPower, Information
 from eivor.inference.diagnostics.leverage import SegmentLeverage
 from eivor.inference.diagnostics.over_identification import OverIdentification
@@ -20,7 +26,9 @@ from eivor.inference.diagnostics.periodicity import Periodicity
 from eivor.inference.diagnostics.residual_memory import ResidualMemory
 from eivor.inference.diagnostics.residual_whiteness import ResidualWhiteness
 from eivor.inference.diagnostics.strength import Strength
-from eivor.inference.verdict import Reason
+from eivor.inference.verdict import Reason, Status
+from eivor.linalg.least_squares import LeastSquares
+from eivor.models.regression import LinearProblem
 
 if TYPE_CHECKING:
     import polars as pl
@@ -203,3 +211,61 @@ class Diagnostics:
         lines.extend(line for found in self for line in found.lines(self.evidence.subject))
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
+
+
+def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, ...]:
+    """Ground against a direct estimate that the problem's own instruments contradict beyond doubt.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+        With instruments.
+    estimate : Estimate
+        By a method without instruments. One of other rows, and a regularised one, are not tested.
+    """
+    direct = estimate.best.solved
+    pulled = direct.solution.shrinkage is not None and direct.solution.shrinkage.shift.any()
+    if direct.problem is not problem or direct.assembler.needs_instruments or pulled:
+        return ()
+    shares = problem.instruments_share_noise()
+    assembler = Compensated() if shares else Instrumental()
+    two_stage = LinearMethod("two_stage", assembler, LeastSquares(), equation_weighting=TwoStage())
+    try:
+        told = Evidence(estimate, two_stage.determined(two_stage.moments(problem), problem))
+    except (EivorError, np.linalg.LinAlgError):
+        return ()  # the instruments do not determine the parameters
+    if not told.testable or told.fits_exactly:
+        return ()
+    record = told.record
+    test = endogeneity(record.products, record.weights, direct=_scores(direct, told))
+    if test is None or not test.p_value < BEYOND_DOUBT:
+        return ()
+    apart = np.abs(test.difference) / told.subject.std_errors
+    j = int(np.argmax(apart))
+    if not apart[j] > NOTABLE_BIAS:
+        return ()
+    sentence = (
+        f"The instruments contradict it: they give {estimate.names[j]} {told.solved.solution.theta[j]:.4g}, "
+        f"{apart[j]:.1f} standard errors away (p-value {test.p_value:.1g}). A regressor is correlated with "
+        "the error, or a declared noise is wrong."
+    )
+    instrumental = "generalized_iv" if shares else "extended_iv"
+    remedy = f"Use {instrumental}, or leave out instruments that are not exogenous."
+    return (Reason(Status.WEAK, sentence, remedy),)
+
+
+def _scores(direct: Solved, told: Evidence) -> DirectScores:
+    """Scores of a direct estimate, from the products of an instrumental one."""
+    products, theta = told.record.products, direct.solution.theta
+    difference = theta - told.solved.solution.theta
+    GG = np.asarray(products.regressors.sum(axis=0))
+    power = float(products.power.sum() - 2.0 * difference @ products.regressor_residual.sum(axis=0))
+    power += float(difference @ GG @ difference)
+    if direct.assembler.moment_equations:
+        sensitivity = products.count * direct.system.matrix
+        return DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)
+    root = np.sqrt(power)
+    correction = direct.solver.score_correction(np.array([root]), theta, direct.system.error_covariance)
+    return DirectScores(
+        difference, correction.rows[0] / root, np.zeros(theta.size), GG + correction.sensitivity
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
@@ -24,7 +26,8 @@ def identify(problem: Problem, method: Method) -> Estimate:
     Returns
     -------
     Estimate
-        With the continuous nuisances that were searched for, such as the lag, among its parameters.
+        With the continuous nuisances that were searched for, such as the lag, among its parameters. A method
+        without instruments is tested by those that a linear problem holds: weak where they contradict it.
 
     Raises
     ------
@@ -51,4 +54,9 @@ def identify(problem: Problem, method: Method) -> Estimate:
             repr(method) if isinstance(method, str) else type(method).__name__,
             "Call the function of eivor.methods that is named so.",
         )
-    return method.estimate(problem)
+    estimate = method.estimate(problem)
+    if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
+        return estimate
+    from eivor.estimation.diagnose import contradiction  # late: other estimates need none of it
+
+    return replace(estimate, reasons=(*estimate.reasons, *contradiction(problem, estimate)))

@@ -8,6 +8,9 @@ where P = psi W A, M = N A'W A, k what the compensation adds, and the last term 
 theta_LS does: h_t is M times the difference of both estimates' influence functions. When both are consistent
 its sum is zero but for chance, and its long-run covariance is that of the difference. For two-stage least
 squares and white errors the statistic is Durbin's (1954), from which Wu's F follows.
+
+Another direct estimate, such as total least squares, has scores s_t of its own and minus their derivative H.
+H^-1 s_t then takes the place of (sum G G')^-1 G_t e_LS,t.
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ NOTABLE_BIAS = 0.5
 
 @dataclass(frozen=True)
 class Endogeneity(Diagnostic):
-    """Least squares against the estimate.
+    """Least squares, or another direct estimate, against the estimate.
 
     Parameters
     ----------
@@ -94,10 +97,35 @@ class Endogeneity(Diagnostic):
             )
 
 
+@dataclass(frozen=True, slots=True)
+class DirectScores:
+    """Scores G e + v e^2 + k of a direct estimate, which sum to zero at it.
+
+    Parameters
+    ----------
+    difference : ndarray, shape (n,)
+        Direct estimate minus the instrumental one.
+    pull : ndarray, shape (n,)
+        v.
+    constant : ndarray, shape (n,)
+        k of one sample.
+    sensitivity : ndarray, shape (n, n)
+        H, minus the derivative of the scores' sum.
+    """
+
+    difference: Float[np.ndarray, " n"]
+    pull: Float[np.ndarray, " n"]
+    constant: Float[np.ndarray, " n"]
+    sensitivity: Float[np.ndarray, "n n"]
+
+
 def endogeneity(
-    products: EquationProducts, weights: Float[np.ndarray, "p n"], averages: int | None = None
+    products: EquationProducts,
+    weights: Float[np.ndarray, "p n"],
+    averages: int | None = None,
+    direct: DirectScores | None = None,
 ) -> Endogeneity | None:
-    """Test of least squares against an instrumental estimate. Performs no checks.
+    """Test of a direct estimate against an instrumental one. Performs no checks.
 
     Parameters
     ----------
@@ -107,6 +135,8 @@ def endogeneity(
         W A: the combinations of the equations that the estimate solves.
     averages : int, optional
         Cosine averages. Default: three for each endogenous direction, at least eight.
+    direct : DirectScores, optional
+        The direct estimate that is tested. Default: least squares. Durbin's and Wu's statistics are of that.
 
     Returns
     -------
@@ -117,15 +147,27 @@ def endogeneity(
     GG = np.asarray(products.regressors.sum(axis=0))
     scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
-    gamma = np.linalg.lstsq(GG, scale * products.regressor_residual.sum(axis=0), rcond=None)[0]
+    if direct is None:
+        gamma = np.linalg.lstsq(GG, scale * products.regressor_residual.sum(axis=0), rcond=None)[0]
+        H = GG
+    else:
+        gamma = direct.difference / scale
+        H = np.outer(scale, scale) * direct.sensitivity
     weights = weights * unit_scale(np.einsum("pj,pq,qj->j", weights, products.instrument_mean, weights))
     M = products.count * weights.T @ products.sensitivity * scale
-    D = np.linalg.lstsq(GG, M.T, rcond=None)[0]
+    D = np.linalg.lstsq(H.T, M.T, rcond=None)[0]
     cross, shared = products.cross * scale, products.shared * scale
     h = (products.residual - cross @ gamma) @ weights
     h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
     regressors = products.regressors * np.outer(scale, scale)
-    h -= (products.regressor_residual * scale - regressors @ gamma) @ D
+    s = products.regressor_residual * scale - regressors @ gamma
+    left = float(products.power.sum()) - float(gamma @ GG @ gamma)  # of least squares
+    if direct is not None:
+        power = products.power - 2.0 * (products.regressor_residual * scale) @ gamma
+        power += np.einsum("i,kij,j->k", gamma, regressors, gamma)
+        left = float(power.sum())
+        s += scale * (power[:, None] * direct.pull + products.counts[:, None] * direct.constant)
+    h -= s @ D
     PG = weights.T @ cross.sum(axis=0)
     spread = weights.T @ products.instruments.sum(axis=0) @ weights - PG @ D - (PG @ D).T + D.T @ GG @ D
     values, vectors = np.linalg.eigh(spread / products.count)
@@ -138,8 +180,7 @@ def endogeneity(
     total = h.sum(axis=0)
     statistic = quadratic_form(total, covariance_of_total(h, B))
     rows = products.row_count
-    variance = (float(products.power.sum()) - float(gamma @ GG @ gamma)) / rows
-    durbin = quadratic_form(total, variance * (U.T @ spread @ U))
+    durbin = quadratic_form(total, left / rows * (U.T @ spread @ U))
     freedom = rows - gamma.size - degrees
     wu = durbin / (rows - durbin) * freedom / degrees if durbin < rows else float("inf")
     return Endogeneity(
