@@ -23,7 +23,9 @@ TRUTH = (0.293, 0.021)
 def test_a_record_is_told_with_shorter_intervals(problem_of: ProblemOf, method: Callable[[], object]) -> None:
     problem = problem_of("rich", 2000, 21)
     spectral, plain = ev.identify(problem, method()), ev.identify(problem, ev.methods.generalized_iv())
-    assert spectral.status is Status.IDENTIFIED
+    # by chance the share between samples is more than three standard errors from zero in this record
+    held = "intersample_share" not in ev.identify(problem, ev.methods.spectral_giv()).names
+    assert (spectral.status is Status.IDENTIFIED) == (held or spectral.method != "whittle_ml")
     assert spectral.names[:2] == ("viscous_friction", "input_gain")
     for name, true in zip(spectral.names[:2], TRUTH, strict=True):
         low, high = spectral.interval(name)
@@ -91,8 +93,18 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
         likelihood = ev.identify(problem, ev.methods.whittle_ml())
         assert likelihood.parameters["input_gain"] < 0.98 * TRUTH[1]
         doubted += any("contradicts generalized IV" in reason.sentence for reason in likelihood.reasons)
-        assert (likelihood.status is Status.WEAK) == bool(likelihood.reasons)
+        assert likelihood.status is Status.WEAK
     assert doubted >= 3
+
+
+def test_a_likelihood_says_weak_of_an_input_that_is_not_held(problem_of: ProblemOf) -> None:
+    for seed in range(3):
+        found = ev.identify(problem_of("rich-linear", 500, seed), ev.methods.whittle_ml())
+        low, high = found.interval("input_gain")
+        assert not low <= TRUTH[1] <= high
+        assert found.status is Status.WEAK
+        assert any("The input is not held between samples" in reason.sentence for reason in found.reasons)
+        assert ev.identify(problem_of("rich", 500, seed), ev.methods.whittle_ml()).status is Status.IDENTIFIED
 
 
 def without_noise(problem: ev.SignalRegression, *names: str) -> ev.SignalRegression:

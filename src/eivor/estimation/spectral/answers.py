@@ -1,4 +1,4 @@
-"""What spectral methods answer when they cannot answer, and what their intervals rest on."""
+"""What spectral methods answer when they cannot answer, and what their numbers rest on."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from eivor.errors import FallbackWarning
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.spectral.sampled_motion import SampledMotion
 from eivor.estimation.spectral.sampled_problem import SampledProblem
-from eivor.estimation.spectral.spectral_covariance import SpectralCovariance
+from eivor.estimation.spectral.spectral_covariance import SpectralCovariance, spectral_covariance
+from eivor.estimation.spectral.spectral_equations import SpectralSolution
 from eivor.estimation.strength import user_level
 from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
 from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES
@@ -24,6 +25,29 @@ from eivor.shapes import Float
 #: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
 #: are three good answers in a hundred.
 FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
+
+#: What the input may do between samples, and how near, in standard errors, counts as that: chance is farther
+#: once in 370 times, and where it is, a free rho may double the error of the gain.
+USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 3.0
+
+
+def seems_held(held: SpectralSolution) -> bool:
+    """Whether one step towards a free rho leaves a solution with a held input at rho 0."""
+    freed = replace(held, free_blend=True)
+    return usual_blend(replace(freed, motion=freed.stepped())) == 0.0
+
+
+def usual_blend(free: SpectralSolution) -> float | None:
+    """The usual rho that a free one is within three standard errors of; None where it is near none."""
+    blend = free.motion.blend
+    usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
+    return usual if abs(blend - usual) <= NEAR_BLEND * blend_error(free) else None
+
+
+def blend_error(free: SpectralSolution) -> float:
+    """Standard error of a free rho, the larger one of both covariances."""
+    of_blend = spectral_covariance(free, slice(2, 3))
+    return float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
 
 
 def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:

@@ -24,7 +24,9 @@ from eivor.estimation.spectral.answers import (
     fallback,
     fallen_back,
     joint_covariance,
+    seems_held,
     start_of,
+    usual_blend,
     with_grounds,
 )
 from eivor.estimation.spectral.of_flights import corrected_whitening, spectral_giv_of_flights
@@ -55,9 +57,6 @@ from eivor.shapes import Float
 SHORT_RECORD = 400
 #: Relative change of the parameters in the last pass beyond which they are no answer.
 MOVING = 0.05
-#: What the input may do between samples, and how near, in standard errors, counts as that: chance is farther
-#: once in 370 times, and where it is, a free rho may double the error of the gain.
-USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 3.0
 BLEND = Parameter("intersample_share", "")
 
 
@@ -225,23 +224,14 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
         noise_test=noise_test,
     )
     held = solved(pilot)
-    freed = replace(held, free_blend=True)
-    if _usual(replace(freed, motion=freed.stepped())) == 0.0:
+    if seems_held(held):
         return _found(held)
     free = solved(pilot, free_blend=True)
-    usual = _usual(free)
+    usual = usual_blend(free)
     if usual is None:
         return _found(free)
     fixed = replace(pilot, motion=replace(free.motion, blend=usual))
     return _found(solved(fixed))
-
-
-def _usual(free: SpectralSolution) -> float | None:
-    """The usual rho that a free one is within three standard errors of; None where it is near none."""
-    blend, of_blend = free.motion.blend, spectral_covariance(free, slice(2, 3))
-    error = float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
-    usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
-    return usual if abs(blend - usual) <= NEAR_BLEND * error else None
 
 
 def _found(solution: SpectralSolution) -> _Found:

@@ -12,11 +12,14 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.spectral.answers import (
     FARTHEST,
+    blend_error,
     distance_of,
     fallback,
     fallen_back,
     joint_covariance,
+    seems_held,
     start_of,
+    usual_blend,
     with_grounds,
 )
 from eivor.estimation.spectral.likelihood import Likelihood, maximum_likelihood
@@ -29,12 +32,15 @@ from eivor.estimation.spectral.sampled_problem import (
     without_spectra,
 )
 from eivor.estimation.spectral.spectral_covariance import spectral_covariance
-from eivor.estimation.spectral.spectral_equations import SpectralSolution
+from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
 from eivor.estimation.spectral.weights import signal_weights
 from eivor.estimation.spectral.whitened_rows import solved_rows
 from eivor.inference.verdict import Reason, Status
 from eivor.models.separable import SeparableProblem
 from eivor.shapes import Float
+
+#: What to do about a likelihood whose assumptions do not hold.
+USE = "Use spectral_giv, which does not assume these."
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +56,9 @@ class WhittleLikelihood(Method):
 
     Notes
     -----
-    Efficient where the noises are what the model takes them for, and biased where they are not; an input is
-    taken as held between samples. `SpectralGeneralizedIV` asks for neither.
+    Efficient where the noises are what the model takes them for, and biased where they are not. The input is
+    taken as held between samples; that is tested as `SpectralGeneralizedIV` does, and an estimate from an
+    input that is not held is weak.
     """
 
     name: str = "whittle_ml"
@@ -94,7 +101,8 @@ class WhittleLikelihood(Method):
         candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
         answer = Estimate(self.name, sampled.parameters, (candidate,), noises=found.noises)
         answer = with_grounds(answer, settled=found.settled)
-        return replace(answer, reasons=(*answer.reasons, *_contradiction(plain, values, covariance.model)))
+        reasons = (*_contradiction(plain, values, covariance.model), *_not_held(sampled, found, solution))
+        return replace(answer, reasons=(*answer.reasons, *reasons))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
         start = start_of(sampled, plain)
@@ -123,7 +131,27 @@ def _contradiction(
         f"It contradicts generalized IV beyond chance (squared distance {distance:.3g}): a noise, or the "
         "input between samples, is not what the likelihood takes it for."
     )
-    return (Reason(Status.WEAK, sentence, "Use spectral_giv, which asks for neither."),)
+    return (Reason(Status.WEAK, sentence, USE),)
+
+
+def _not_held(sampled: SampledProblem, found: Likelihood, solution: SpectralSolution) -> tuple[Reason, ...]:
+    """Ground against numbers from an input that is not held between samples; the numbers stay."""
+    with np.errstate(all="ignore"):
+        if seems_held(solution):
+            return ()
+        try:
+            pilot = pilot_at(found.motion, sampled.input_variance)
+            free = solved_equations(pilot, sampled.input_variance, free_blend=True)
+        except (EivorError, np.linalg.LinAlgError, ValueError):
+            return (Reason(Status.WEAK, "Whether the input is held between samples cannot be told.", USE),)
+        if usual_blend(free) == 0.0:
+            return ()
+        error = blend_error(free)
+    sentence = (
+        "The input is not held between samples, as the likelihood takes it: the share of the next sample is "
+        f"{free.motion.blend:.2g} +- {error:.1g}, where 0 is held and 0.5 is linear."
+    )
+    return (Reason(Status.WEAK, sentence, USE),)
 
 
 def _as_solution(sampled: SampledProblem, found: Likelihood) -> SpectralSolution:
