@@ -14,6 +14,8 @@ from validation.suites import Row
 #: Name of the generated part of the page.
 PART = "efficiency"
 COMMAND = "python -m validation.efficiency.study"
+#: Share of weak estimates from which on a coverage is marked.
+MOSTLY = 0.9
 Cell = Callable[[Row], str]
 
 
@@ -33,7 +35,7 @@ def efficiency_tables(rows: pl.DataFrame) -> str:
         here = rows.filter(pl.col("samples") == samples)
         parts += [f"## N = {samples}", "RMSE over the Cramer-Rao bound; without one, RMSE in per cent:"]
         parts.append(_table(here, methods, {"bound, %": _bound}, _over_bound))
-        parts.append("Coverage of the 95 % intervals:")
+        parts.append("Coverage of the 95 % intervals, *weak* where nine in ten estimates or more are:")
         parts.append(_table(here, methods, {}, _covered))
     return "\n\n".join(parts)
 
@@ -73,4 +75,7 @@ def _over_bound(row: Row) -> str:
 
 
 def _covered(row: Row) -> str:
-    return f"{int(row['hits']) / int(row['count']):.3f}" if row["count"] else "-"
+    if not row["count"]:
+        return "-"
+    weak = "*weak* " if int(row["weak"]) >= MOSTLY * int(row["runs"]) else ""
+    return f"{weak}{int(row['hits']) / int(row['count']):.3f}"

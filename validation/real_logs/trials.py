@@ -7,7 +7,7 @@ default options, and with the lag where the family gives it one.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -145,8 +145,7 @@ def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
         outcomes = [_Outcome(FAILED, reason=str(error))] * family.pool
     else:
         outcomes = [
-            _outcome(result, _truth(result, place, flight), _of_member(result, place))
-            for place, flight in enumerate(flights)
+            _of_member(result, place, _truth(result, place, flight)) for place, flight in enumerate(flights)
         ]
     return tuple(
         outcome.row(family, spec, number)
@@ -154,10 +153,14 @@ def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
     )
 
 
-def _of_member(result: FlightEstimate, place: int) -> dict[str, Quantity]:
-    """Quantities of a flight of a pool: its own where the pool has them, else the pool's."""
-    members = result.by_flight
-    return {**result.quantities, **(members[place].quantities if place < len(members) else {})}
+def _of_member(result: FlightEstimate, place: int, truth: Mapping[str, float]) -> _Outcome:
+    """Outcome of a flight of a pool: verdict and quantities are its own where the pool has them."""
+    if place >= len(result.by_flight):
+        return _outcome(result, truth, result.quantities)
+    member = result.by_flight[place]
+    found = _outcome(result, truth, {**result.quantities, **member.quantities})
+    against = "" if member.verdict is Status.IDENTIFIED else member.reasons[0]
+    return replace(found, verdict=member.verdict.value, reason=against)
 
 
 def _options(family: Family, spec: FlightSpec) -> FlightOptions:
