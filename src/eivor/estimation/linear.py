@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import CollinearError, UsageError
 from eivor.estimation.assembler import Assembler, Compensated
 from eivor.estimation.candidate import Candidate
 from eivor.estimation.competing import bounded_sums
@@ -38,6 +38,9 @@ from eivor.models.regression import LinearProblem, Regression
 from eivor.models.separable import Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
 from eivor.shapes import Float
+
+#: Parameters with less than this share in a combination of columns that vanishes are not named.
+LEAST_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +140,10 @@ class LinearMethod(Method):
         theta: Float[np.ndarray, " n"] | None = None
         for _ in range(self.equation_weighting.passes):
             weighted = self.equation_weighting.equations(UnweightedEquations(system, moments, problem, theta))
-            solution = self.solver.solve(weighted.system)
+            try:
+                solution = self.solver.solve(weighted.system)
+            except CollinearError as error:
+                raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
         solution = replace(solution, objective=self.assembler.left(moments, solution))
         return Solved(self.assembler, self.solver, moments, problem, system, weighted.factor, solution)
@@ -297,3 +303,22 @@ def slope(
 ) -> Float[np.ndarray, " rows"]:
     """Derivative of Phi theta by a nuisance."""
     return nuisance.derivative(lambda moved: weights.rows(moved).regressors, at) @ theta
+
+
+def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> CollinearError:
+    """The parameters whose columns do not move, or move alike, by their names."""
+    names, lengths = [parameter.name for parameter in parameters], np.linalg.norm(matrix, axis=0)
+    still = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
+    if still:
+        return CollinearError(
+            "regressors that vary",
+            f"nothing but zeros for {', '.join(still)}",
+            "Choose a window in which the channel moves, or leave the parameter out.",
+        )
+    shares = np.abs(np.linalg.svd(matrix / lengths)[2][-1])
+    alike = [name for name, share in zip(names, shares, strict=True) if share > LEAST_SHARE]
+    return CollinearError(
+        "linearly independent regressors",
+        f"those of {' and '.join(alike)}, of which one is a combination of the others",
+        "Give data in which they move independently, or leave one of the parameters out.",
+    )

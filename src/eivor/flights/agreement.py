@@ -144,7 +144,13 @@ class Estimated:
 
 
 def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
-    """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
+    """Coefficients of a problem without nuisances, estimated and judged as disagreements are.
+
+    Raises
+    ------
+    EstimationError
+        When nothing is left of the difference to judge them by.
+    """
     estimate = identify(problem, reference_iv())
     _, p_value = estimate.best.inference.over_identification
     parts = [
@@ -153,6 +159,12 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
         for part in estimate.with_covariance(estimator).best.covariance.parts
     ]
     errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
+    if not bool((errors > 0.0).all()):
+        raise EstimationError(
+            "sensors whose difference has an error",
+            "sensors that differ by nothing, or by exactly what is sought",
+            "Give what was measured.",
+        )
     values = estimate.best.values
     scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])

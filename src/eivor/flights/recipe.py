@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from eivor.errors import EstimationError, MissingNoiseError
+from eivor.errors import EstimationError, MissingNoiseError, TooFewSamplesError
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.fit import identify
@@ -125,7 +125,7 @@ def estimated(
         return replace(result, findings=(*result.findings, *noticed))
     except MissingNoiseError as error:
         return without_fit(motion, prepared, options, Reason(Status.REFUSED, str(error)))
-    except EstimationError as error:
+    except (EstimationError, TooFewSamplesError) as error:
         reason = Reason(Status.REFUSED, str(error), motion.words.fly)
         return without_fit(motion, prepared, options, reason)
 

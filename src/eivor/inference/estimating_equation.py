@@ -144,6 +144,6 @@ def singular_sensitivity() -> CollinearError:
     """Refusal of equations that do not tell the parameters from one another."""
     return CollinearError(
         "equations that tell every parameter from the others",
-        "a singular sensitivity of the equations to the parameters",
+        "equations that one of them, or a combination of them, hardly enters",
         "Give data in which response and regressors move, each in its own way.",
     )

@@ -107,7 +107,7 @@ def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
         raise CollinearError(
             "regressors that vary",
             f"column {int(np.argmin(lengths))} is zero",
-            "Remove it, or choose a window in which that channel moves.",
+            "Leave that column out, or give rows in which it moves.",
         )
     return lengths
 

@@ -177,7 +177,7 @@ class LaggedRuns(SeparableProblem):
     Raises
     ------
     TooFewSamplesError
-        When there is no run.
+        When there is no run, or too little of the band is left.
     ShapeError
         When there is no candidate for the response, or more than two.
     InstrumentError
@@ -196,6 +196,16 @@ class LaggedRuns(SeparableProblem):
         if not any(one.runs for one in self.columns):
             raise TooFewSamplesError(
                 "at least one usable run of flight", "none", "See the reasons that `eivor inspect` gives."
+            )
+        runs = self._bin_layout.runs
+        count, least = sum(run.count for run in runs), len(self.parameters) // 2 + 1  # two numbers each
+        if count < least:
+            low, high = min(run.band_hz[0] for run in runs), max(run.band_hz[1] for run in runs)
+            longest = max(run.length * run.step_s for run in runs)
+            raise TooFewSamplesError(
+                f"{least} frequencies or more between {low:.3g} and {high:.3g} Hz in the runs used",
+                f"{count or 'none'}; the longest run lasts {longest:.3g} s",
+                "Fly longer without a break, and log commands and sensors faster.",
             )
         for one in self.columns:
             if one.responses.shape[1] not in (1, 2):

@@ -251,7 +251,7 @@ def validate(
     if not result.prediction:
         raise UsageError(
             "a result with an estimate",
-            f"one without: {' '.join(result.reasons)}",
+            f"one without: {' '.join(result.reasons).rstrip('.')}",
             "Validate a flight that tells something.",
         )
     motion = motion_of_model(str(result.document["model"]["name"]))

@@ -7,6 +7,7 @@ the values at its nodes, so that its weights serve whatever is added up of such 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -87,11 +88,11 @@ class Nodes:
     ) -> Float[np.ndarray, "points *shape"]:
         """Values at the points of a box, from those at the nodes."""
         sizes = [axis.places.size for axis in self.axes]
-        found = values.reshape(*sizes, -1)
+        found = values.reshape(*sizes, *values.shape[1:])  # of which there may be none
         for number, (axis, places) in enumerate(zip(self.axes, box, strict=True)):
             moved = np.tensordot(axis.weights(places), found, (1, number))
             found = np.moveaxis(moved, 0, number)
-        return found.reshape(-1, *values.shape[1:])
+        return found.reshape(math.prod(found.shape[: len(sizes)]), *values.shape[1:])
 
     def weights(self, place: Float[np.ndarray, " axes"]) -> Float[np.ndarray, " T"]:
         """What each node counts at one place."""

@@ -30,6 +30,8 @@ CONSTANT = 1e-9
 LOST = 1e-12
 #: Times that the information of a row is renewed at the estimate.
 PASSES = 3
+#: Rows without any error tell everything; in numbers, so much.
+MOST_INFORMATION = 1e200
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +146,7 @@ class Follower:
         theta = self.start
         for _ in range(PASSES):
             row = _row_information(faded_covariance(faded, theta, A.T @ basis.T), np.diag(own))
+            row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(own).max())))
             inverse = _inverse(row * own + precision)
             theta = inverse @ (row * seen + precision @ mean)
         return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)

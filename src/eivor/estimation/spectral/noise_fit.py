@@ -17,6 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from eivor.errors import ConvergenceError
 from eivor.estimation.fitted_noise import FittedNoise
 from eivor.estimation.spectral.noise_model import USUAL_ORDER, NoiseModel, PairedEquations
 from eivor.estimation.spectral.pair_spectrum import Pair, PairSpectrum
@@ -110,8 +111,7 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
     """
     fit = _Fit(pairs, residual, prior.centre)
     origin, fitted = fit.vector(start), prior.fitted
-    information = fit.information(origin)[np.ix_(fitted, fitted)]
-    unit = np.linalg.inv(np.linalg.cholesky(information))
+    unit = np.linalg.inv(_information_root(fit, origin, fitted))
 
     def at(steps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 6"]:
         vector = origin.copy()
@@ -156,6 +156,24 @@ def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Floa
     return x
 
 
+def _information_root(
+    fit: _Fit, vector: Float[np.ndarray, " 6"], fitted: Bool[np.ndarray, " 6"]
+) -> Float[np.ndarray, "m m"]:
+    """Triangular root of the information, L L'."""
+    with np.errstate(all="ignore"):
+        information = fit.information(vector)[np.ix_(fitted, fitted)]
+    if np.isfinite(information).all():
+        try:
+            return np.asarray(np.linalg.cholesky(information))
+        except np.linalg.LinAlgError:
+            pass
+    raise ConvergenceError(
+        "residuals whose spectra tell the measurement noises",
+        "residuals that are zero in the band, or too few of them",
+        "Declare the noises, use a method that needs none, such as reference_iv, or record longer.",
+    )
+
+
 def told_noises(
     pairs: PairedEquations, residual: Pair, model: NoiseModel, prior: NoisePrior, measure: str
 ) -> tuple[FittedNoise, ...]:
@@ -163,8 +181,8 @@ def told_noises(
     fit = _Fit(pairs, residual, prior.centre)
     vector, fitted = fit.vector(model), prior.fitted
     errors = np.zeros(6)
-    covariance = np.linalg.inv(fit.information(vector)[np.ix_(fitted, fitted)])
-    errors[fitted] = np.sqrt(np.diag(covariance))
+    root = _information_root(fit, vector, fitted)
+    errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
     strengths, orders = np.sqrt(_variances(model)), _all_orders(model)
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
     told = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)

@@ -18,6 +18,8 @@ from eivor.inference.estimating_equation import singular_sensitivity
 from eivor.inference.quantiles import t_quantile
 from eivor.shapes import Float
 
+#: A larger variance tells nothing, and its products overflow.
+LARGEST_VARIANCE = 1e250
 
 @dataclass(frozen=True)
 class CovariancePart:
@@ -124,7 +126,7 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
     Raises
     ------
     CollinearError
-        When the sensitivity is singular altogether.
+        When the sensitivity is singular altogether, or so nearly that variances are no numbers.
     """
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
     columns = unit_scale(np.einsum("ij,ij->j", M, M))
@@ -135,7 +137,11 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
         covariance: Float[np.ndarray, "n n"] = np.linalg.solve(scaled, half.T)
     except np.linalg.LinAlgError as error:
         raise singular_sensitivity() from error
-    return np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: Float[np.ndarray, "n n"] = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+    if not bool((np.abs(found) <= LARGEST_VARIANCE).all()):
+        raise singular_sensitivity()
+    return found
 
 
 def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:

@@ -11,12 +11,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from eivor.errors import EstimationError
 from eivor.shapes import Bool, Float
 
 #: Most steps towards the best trim and start, and when they have arrived.
 STEPS, ARRIVED = 8, 1e-9
 #: Speed beyond which drag grows no more [m/s].
 FASTEST = 100.0
+#: Its exponential is a number yet.
+LARGEST_EXPONENT = 700.0
 
 
 def dragged_run(
@@ -39,13 +42,23 @@ def dragged_run(
         K [1/s] and K_2 [1/m].
     step_s : float
         Time between samples [s].
+
+    Raises
+    ------
+    EstimationError
+        When the climb rate grows beyond all numbers.
     """
     force, wanted = driven - driven.mean(), measured[counted]
     trim, start = 0.0, float(wanted[0])
     for _ in range(STEPS):
-        answer, by_trim, by_start = (
-            one[counted] for one in _answers(force + trim, start, friction, drag, step_s)
-        )
+        answers = _answers(force + trim, start, friction, drag, step_s)
+        if not np.isfinite(answers).all():
+            raise EstimationError(
+                "numbers with which the predicted climb rate stays finite",
+                f"a friction of {friction:.3g} 1/s and a quadratic drag of {drag:.3g} 1/m, with which it grows",
+                "Identify the flight without the term quadratic-drag, or fly faster.",
+            )
+        answer, by_trim, by_start = (one[counted] for one in answers)
         step = np.linalg.lstsq(np.column_stack([by_trim, by_start]), wanted - answer, rcond=None)[0]
         trim, start = trim + float(step[0]), start + float(step[1])
         if np.abs(step).max() < ARRIVED:
@@ -62,8 +75,8 @@ def _answers(
     halves = (0.5 * step_s * force).tolist()
     for before, after in pairwise(halves):
         pushed = drag * min(abs(v), FASTEST)
-        decay = math.exp(-step_s * (friction + pushed))
-        slower = decay * math.exp(-step_s * pushed)
+        decay = math.exp(min(-step_s * (friction + pushed), LARGEST_EXPONENT))
+        slower = decay * math.exp(min(-step_s * pushed, LARGEST_EXPONENT))
         v = decay * (v + before) + after
         by_trim = slower * (by_trim + 0.5 * step_s) + 0.5 * step_s
         by_start *= slower

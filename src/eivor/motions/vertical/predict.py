@@ -74,7 +74,13 @@ def _run(
     friction: float,
     step_s: float,
 ) -> Float[np.ndarray, " counted"]:
-    """Answer to the input of one run, with the trim and the start that suit what was measured best."""
+    """Answer to the input of one run, with the trim and the start that suit what was measured best.
+
+    With a friction below zero the same answers are taken from the end backward: forward they would grow.
+    """
+    if friction < 0.0:
+        turned = counted[::-1] if isinstance(counted, np.ndarray) else counted
+        return _run(-driven[::-1], measured[::-1], turned, -friction, step_s)[::-1]
     answer = _integrated(driven - driven.mean(), friction, step_s)
     trim = _integrated(np.ones(driven.size), friction, step_s)
     start = np.exp(-friction * step_s * np.arange(driven.size))

@@ -1,0 +1,112 @@
+"""Whether ratios of README.md still hold: benchmarks are run again and compared with what is written there.
+
+    python benchmarks/check.py                    every benchmark whose ratios are read below
+    python benchmarks/check.py inference report   some of them
+
+It fails when a measured ratio exceeds the written one by more than half. `--small` runs the small case of
+one benchmark and compares nothing: small cases have other ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+FOLDER = Path(__file__).parent
+#: What a measured ratio may be over the written one.
+TOLERATED = 1.5
+#: How the row begins in the README, and what the benchmark prints of it. Where the pattern ends in "x faster"
+#: the ratio is one over the number.
+RATIOS: dict[str, dict[str, str]] = {
+    "augmented_systems": {"reduced augmented system": r"([\d.]+) x faster"},
+    "export": {"`eivor export --to gazebo`": r"--to rotorpy --draws 1000 .*ratio to import +([\d.]+)"},
+    "generalized_iv": {
+        "generalized IV, N = 1e6": r"fit, .* ([\d.]+) x faster",
+        "its moments": r"moments, .*ratio +([\d.]+)",
+    },
+    "help_time": {
+        "`eivor --help`": r"^eivor --help .*ratio to import typer +([\d.]+)",
+        "`eivor identify --help`": r"^eivor identify --help .*ratio to import typer +([\d.]+)",
+    },
+    "inference": {
+        "its intervals": r"intervals \(.*ratio +([\d.]+)",
+        "intervals and all diagnostics": r"intervals and all diagnostics.*ratio +([\d.]+)",
+        "intervals with a Bartlett": r"intervals, Bartlett.*ratio +([\d.]+)",
+        "intervals with a quadratic": r"intervals, quadratic.*ratio +([\d.]+)",
+    },
+    "lag_search": {
+        "search of the lag": r"^ *1\.\d min .*ratio to lfilter alone +([\d.]+)",
+        "4 min": r"^ *4\.\d min .*ratio to lfilter alone +([\d.]+)",
+    },
+    "report": {
+        "the page of a report": r"one method: .*ratio ([\d.]+)",
+        "with every method": r"every method: .*ratio ([\d.]+)",
+    },
+    "rigid_body_identify": {"a whole vehicle identified": r"ratio +([\d.]+)"},
+}
+
+
+def written_ratios(readme: str) -> dict[tuple[str, str], float]:
+    """Largest ratio of each row of the table, by benchmark and by what the row is of."""
+    found, script = {}, ""
+    for line in readme.splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if len(cells) != 7:
+            continue
+        named = re.search(r"benchmarks/(\w+)\.py", cells[0])
+        script = named[1] if named else script
+        last = re.search(r"^(?:.*-)?(1/)?([\d.,]+)$", cells[4])
+        if script and last:
+            number = float(last[2].replace(",", ""))
+            found[script, cells[1]] = 1.0 / number if last[1] else number
+    return found
+
+
+def measured_ratio(printed: str, pattern: str) -> float:
+    """Ratio that a benchmark printed."""
+    found = re.search(pattern, printed, re.MULTILINE)
+    if found is None:
+        raise SystemExit(f"Expected a line like {pattern!r}; received\n{printed}")
+    return 1.0 / float(found[1]) if pattern.endswith("x faster") else float(found[1])
+
+
+def exceeded(script: str, printed: str, written: dict[tuple[str, str], float]) -> list[str]:
+    """Compare what a benchmark printed with the table, and return the rows that do not hold."""
+    broken = []
+    for begins, pattern in RATIOS[script].items():
+        (told,) = [value for (of, row), value in written.items() if of == script and row.startswith(begins)]
+        ratio = measured_ratio(printed, pattern)
+        verdict = "holds" if ratio <= TOLERATED * told else "EXCEEDED"
+        print(f"{script:<20}{begins:<32}written {told:8.4g}   measured {ratio:8.4g}   {verdict}", flush=True)
+        if verdict != "holds":
+            broken.append(f"{script}, {begins}")
+    return broken
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("benchmarks", nargs="*", metavar="NAME", help=f"out of {', '.join(RATIOS)}")
+    parser.add_argument("--small", action="store_true", help="see that it works; compare nothing")
+    asked = parser.parse_args()
+    unknown = [name for name in asked.benchmarks if name not in RATIOS]
+    if unknown:
+        parser.error(f"expected names out of {', '.join(RATIOS)}; received {', '.join(unknown)}")
+    written = written_ratios((FOLDER / "README.md").read_text(encoding="utf-8"))
+    broken: list[str] = []
+    for name in ["inference"] if asked.small else asked.benchmarks or RATIOS:
+        small = ["--small"] if asked.small else []
+        command = [sys.executable, str(FOLDER / f"{name}.py"), *small]
+        run = subprocess.run(command, capture_output=True, text=True, check=False)
+        if run.returncode:
+            raise SystemExit(f"{name} failed:\n{run.stdout}{run.stderr}")
+        found = exceeded(name, run.stdout, written)
+        broken += [] if asked.small else found
+    if broken:
+        raise SystemExit(f"More than {TOLERATED:g} times what benchmarks/README.md says: {'; '.join(broken)}.")
+
+
+if __name__ == "__main__":
+    main()
