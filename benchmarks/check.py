@@ -105,7 +105,9 @@ def main() -> None:
         found = exceeded(name, run.stdout, written)
         broken += [] if asked.small else found
     if broken:
-        raise SystemExit(f"More than {TOLERATED:g} times what benchmarks/README.md says: {'; '.join(broken)}.")
+        raise SystemExit(
+            f"More than {TOLERATED:g} times what benchmarks/README.md says: {'; '.join(broken)}."
+        )
 
 
 if __name__ == "__main__":

@@ -179,15 +179,10 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     searched = solved.nuisance_columns.shape[1]
     own = searched if solved.assembler.takes_out_own_noise else 0
 
-    def psi_of(block: RowBlock, nuisance: Float[np.ndarray, "_ q"]) -> Float[np.ndarray, "rows p"]:
-        # columns that are their own instruments are so for nuisances as well, whose columns have no noise
-        psi = solved.assembler.test_functions(block)
-        return np.column_stack([psi, nuisance]) if own else psi
-
     if solved.nuisance_columns.size:
         moved, below = np.zeros((A.shape[0] + own, searched)), np.zeros((own, A.shape[1]))
         for block, nuisance in _with_nuisance(solved, blocks):
-            moved += psi_of(block, nuisance).T @ nuisance
+            moved += _test_functions(solved, block, nuisance).T @ nuisance
             below += nuisance[:, :own].T @ block.regressors
         A = np.column_stack([np.vstack([A, below / solved.count]), moved / solved.count])
         constant = np.pad(constant, (0, own))
@@ -205,19 +200,7 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
 
-    def in_combinations(combinations: Float[np.ndarray, "p n"]) -> Iterator[Callable[[], RowBlock]]:
-        # of each block a function that makes it, with combinations of the test functions as its instruments
-        problem = solved.problem
-        if not searched and solved.assembler.needs_instruments and lags_without_gaps(problem):
-            for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
-                yield partial(filtered_instruments, problem, combinations, *ends)
-            return
-        for block, nuisance in _with_nuisance(solved, blocks):
-            # Columns stay contiguous, as those of a block are.
-            psi = (combinations.T @ psi_of(block, nuisance).T).T
-            yield partial(replace, block, instruments=psi)
-
-    tests = (made().instruments for made in in_combinations(combinations))
+    tests = (made().instruments for made in _in_combinations(solved, blocks, combinations))
     S = _coordinates_of(tests, np.sqrt(power) * pseudo)
     combinations = over_root(combinations, S)
     combined = constant @ combinations
@@ -230,12 +213,37 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
     def rows() -> Iterator[EquationRows]:
-        return made_ahead(in_coordinates, in_combinations(combinations))
+        return made_ahead(in_coordinates, _in_combinations(solved, blocks, combinations))
 
     prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
     return EstimatingEquation(
         S @ own_root, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior
     )
+
+
+def _test_functions(
+    solved: Solved, block: RowBlock, nuisance: Float[np.ndarray, "rows q"]
+) -> Float[np.ndarray, "rows p"]:
+    """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
+    psi = solved.assembler.test_functions(block)
+    own = nuisance.size and solved.assembler.takes_out_own_noise
+    return np.column_stack([psi, nuisance]) if own else psi
+
+
+def _in_combinations(
+    solved: Solved, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
+) -> Iterator[Callable[[], RowBlock]]:
+    """For each block, a function that makes it with combinations of test functions as its instruments."""
+    problem = solved.problem
+    plain = not solved.nuisance_columns.size and solved.assembler.needs_instruments
+    if plain and lags_without_gaps(problem):
+        for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
+            yield partial(filtered_instruments, problem, combinations, *ends)
+        return
+    for block, nuisance in _with_nuisance(solved, blocks):
+        # Columns stay contiguous, as those of a block are.
+        psi = (combinations.T @ _test_functions(solved, block, nuisance).T).T
+        yield partial(replace, block, instruments=psi)
 
 
 def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:

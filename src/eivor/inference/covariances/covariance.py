@@ -21,6 +21,7 @@ from eivor.shapes import Float
 #: A larger variance tells nothing, and its products overflow.
 LARGEST_VARIANCE = 1e250
 
+
 @dataclass(frozen=True)
 class CovariancePart:
     """Covariance under one assumption on the residual, and what its intervals are read from.

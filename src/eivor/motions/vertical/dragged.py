@@ -55,7 +55,7 @@ def dragged_run(
         if not np.isfinite(answers).all():
             raise EstimationError(
                 "numbers with which the predicted climb rate stays finite",
-                f"a friction of {friction:.3g} 1/s and a quadratic drag of {drag:.3g} 1/m, with which it grows",
+                f"a friction of {friction:.3g} 1/s and a drag of {drag:.3g} 1/m, with which it grows",
                 "Identify the flight without the term quadratic-drag, or fly faster.",
             )
         answer, by_trim, by_start = (one[counted] for one in answers)
