@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
+from benchmarks import check
 from eivor.motions.vertical.flights import VerticalFlights
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -58,3 +59,17 @@ def test_a_wrong_map_shows_in_the_intercept(example):
     )[0]
     assert wrong.parameters["intercept"] == pytest.approx(float(stated), abs=0.06)
     assert abs(example.parameters["intercept"]) < 0.1
+
+
+def test_the_check_of_benchmarks_reads_every_row_and_sees_what_is_slower(capsys):
+    written = check.written_ratios(ROOT.joinpath("benchmarks", "README.md").read_text(encoding="utf-8"))
+    for script, rows in check.RATIOS.items():
+        assert ROOT.joinpath("benchmarks", f"{script}.py").exists()
+        for begins in rows:
+            assert any(of == script and row.startswith(begins) for of, row in written), begins
+    rows = ["| `python benchmarks/report.py` | the page of a report | 1 s | | 0.1-0.2 | | |"]
+    rows += ["| | with every method | 1 s | | 1/4 | | |"]
+    told = check.written_ratios("\n".join(rows))
+    assert told == {("report", "the page of a report"): 0.2, ("report", "with every method"): 0.25}
+    printed = "one method: page; ratio 0.29; x\nevery method: page; ratio 0.38; x\n"
+    assert check.exceeded("report", printed, told) == ["report, with every method"]

@@ -7,6 +7,8 @@ import pytest
 
 import eivor as ev
 from eivor.estimation import inferred
+from eivor.estimation.products.folded_lags import lags_without_gaps
+from eivor.linalg.row_blocks import COPIED_ROWS
 from eivor.models.regression import PASSED_ROWS
 
 ROWS = 4 * PASSED_ROWS
@@ -35,3 +37,23 @@ def test_covariances_are_those_of_all_rows(monkeypatch, quiet, blocks):
     np.testing.assert_allclose(some, whole, rtol=1e-10)
     # as many blocks were passed as tell the directions apart, and no more
     assert len(used) == blocks
+
+
+@pytest.mark.parametrize("lags", [(0, 10), (2, 16)])
+def test_filtered_lags_have_the_covariance_of_their_rows(lags):
+    """Also by threads, and for filters longer than one call computes fast."""
+    rng = np.random.default_rng(5)
+    count = 9 * COPIED_ROWS + 100
+    u, v = np.convolve(rng.standard_normal(count), [1.0, 0.7, 0.4], "same"), rng.standard_normal(count)
+    v[3:] += u[:-3]
+    noise = rng.standard_normal(count)
+    signals = ev.Signals(
+        rate_hz=5.0,
+        channels={"velocity_z": v, "specific_force_z": u - 0.3 * v + noise, "input": 2.0 * u},
+    )
+    cut = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", *lags))
+    method = ev.methods.extended_iv()
+    fast = ev.identify(cut, method)
+    assert lags_without_gaps(fast.best.solved.problem)
+    slow = ev.identify(cut.rows(), method)
+    np.testing.assert_allclose(fast.covariance, slow.covariance, rtol=1e-9)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -317,3 +318,14 @@ def test_what_a_logger_looked_at_is_not_late():
     whole = command_on_grid(command(issued, looked_at(0.01, issued).values), grid)[0]
     slope = -np.sin(grid.time_s)
     assert float((whole - thin) @ slope / (slope @ slope)) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_clock_that_jumps_by_days_takes_no_memory_for_them():
+    rng = np.random.default_rng(0)
+    time_s = 0.02 * np.arange(1500) + 0.002 * rng.random(1500)
+    tracemalloc.start()
+    late = beating_step(np.append(time_s[:900], time_s[900:] + 1e6), 0.001)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert late == beating_step(time_s[:900], 0.001)
+    assert peak < 50e6

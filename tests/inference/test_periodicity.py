@@ -87,3 +87,11 @@ def test_few_blocks_and_no_power_say_nothing():
     assert strongest_swings(few, (("a", ""),)) == ()
     still = blocks_of(np.ones(640), STEP * np.arange(640), STEP, 64)
     assert strongest_swings(still, (("a", ""),))[0].p_value == 1.0
+
+
+def test_rows_one_step_apart_need_no_times():
+    counts = np.array([3.0, 4.0, 3.0])
+    told = block_sums(np.zeros((3, 1)), counts, 0.1 * np.arange(10), 0.1)
+    even = block_sums(np.zeros((3, 1)), counts, None, 0.1)
+    np.testing.assert_allclose(even.times, told.times, rtol=1e-14)
+    assert (even.block, even.span) == pytest.approx((told.block, told.span), rel=1e-14)

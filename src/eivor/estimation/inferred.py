@@ -222,7 +222,7 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
 
 
 def _test_functions(
-    solved: Solved, block: RowBlock, nuisance: Float[np.ndarray, "rows q"]
+    solved: Solved, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
 ) -> Float[np.ndarray, "rows p"]:
     """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
     psi = solved.assembler.test_functions(block)

@@ -26,6 +26,8 @@ SIZE = 0.15
 PAUSE = 2.5
 #: Fewer stamps tell nothing; so many tell enough.
 FEWEST, MOST_STAMPS = 500, 6000
+#: Over so many instants, pauses among them, a phase is followed.
+MOST_INSTANTS = 20 * MOST_STAMPS
 
 
 def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | None:
@@ -40,7 +42,12 @@ def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | 
     """
     if time_s.size < FEWEST:
         return None
-    number, away, logged = _off_even_instants(time_s[:MOST_STAMPS])
+    number = _even_instants(time_s[:MOST_STAMPS])
+    number = number[number <= MOST_INSTANTS]
+    if number.size < FEWEST:
+        return None
+    logged, first = np.polyfit(number, time_s[: number.size], 1).tolist()
+    away = time_s[: number.size] - first - logged * number
     beat = _line(number, away)
     if beat is None:
         return None
@@ -51,16 +58,13 @@ def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | 
     return max(fitting)[1] if fitting else None
 
 
-def _off_even_instants(
-    time_s: Float[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], float]:
-    """Number of each stamp's even instant, what it is off it, and the log's step."""
+def _even_instants(time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Number of each stamp's even instant."""
     steps = np.diff(time_s)
     pause = steps > PAUSE * np.median(steps)
     usual = float(steps[~pause].mean())
-    number = np.concatenate([[0], np.cumsum(np.where(pause, np.rint(steps / usual), 1.0))]).astype(np.int64)
-    slope, first = np.polyfit(number, time_s, 1)
-    return number, np.asarray(time_s - first - slope * number), float(slope)
+    whole = np.cumsum(np.where(pause, np.rint(steps / usual), 1.0))
+    return np.asarray(np.concatenate([[0], whole]).astype(np.int64))
 
 
 def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float | None:
