@@ -16,12 +16,20 @@ import pytest
 
 import eivor
 import eivor.errors
+from validation.house import architecture
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
     "contracts"
 ]
 LAYERS = CONTRACTS[0]["layers"]
+#: What `python -m validation.house` may count at most: lower a bound when its count has fallen.
+BOUNDS = {
+    "circles of imports": 6,
+    "files in circles of imports": 125,
+    "imports of the package inside functions": 214,
+    "imports of the package for type checking only": 119,
+}
 
 
 def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:
@@ -114,6 +122,13 @@ def test_rooms_name_no_parameter_of_a_motion(room):
     for path in (ROOT / "src" / "eivor" / room).rglob("*.py"):
         named = [name for name in own if name in path.read_text(encoding="utf-8")]
         assert not named, f"{path} names {', '.join(named)}"
+
+
+def test_circles_and_late_imports_are_bounded():
+    """Imports inside functions and for type checking count, too."""
+    counted = architecture(ROOT / "src" / "eivor")
+    exceeded = {name: counted[name] for name, most in BOUNDS.items() if counted[name] > most}
+    assert not exceeded, f"Expected at most {BOUNDS}; received {exceeded}."
 
 
 def leaves(kind: type) -> set[str]:

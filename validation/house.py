@@ -1,9 +1,10 @@
-"""Count what the house is built of: files, functions, names, and who imports whom.
+"""Count what the package is built of: files, functions, names, imports, and what a run enters.
 
-    python -m validation.house [--package FOLDER]
+    python -m validation.house [--package FOLDER] [--no-walks]
 
 The counts of another checkout are those of its `src/eivor`. `docs/architecture.md` shows them beside those of
-the version that the plan of the house was drawn from.
+the version that the plan was drawn from. The walks run public doors under `sys.setprofile`, each in a process
+of its own; that of a PX4 log needs the recordings (EIVOR_DATA, or ../shared/data).
 """
 
 from __future__ import annotations
@@ -11,15 +12,49 @@ from __future__ import annotations
 import argparse
 import ast
 import io
+import json
+import os
 import re
 import statistics
+import subprocess
+import sys
 import tokenize
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
+from types import FrameType
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 ROOT = Path(__file__).resolve().parents[1]
+FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
+#: Lines from which a file is large, and below which it is small.
+LARGE, SMALL = 900, 60
+#: Names that the plan replaces by the field's words: as identifiers, a pattern with * for any characters.
+REPLACED = (
+    *("Unjudged", "Circumstances", "ground", "grounds", "Strength", "told_*", "Told*", "GivenLag"),
+    *(
+        "lag_beside",
+        "companion",
+        "companions",
+        "Unaided",
+        "by_itself",
+        "one_spin",
+        "whole_band",
+        "lags_apart",
+    ),
+    *("beside", "across", "steps", "carried", "CarriedBody", "ahead", "Way", "Sought", "Described", "bodily"),
+    *("settled_*", "Begun", "pulled", "competing", "least_place", "Faded*", "looks", "courses", "Course"),
+    *("isolated", "left_out", "Allowance", "reserved", "spread_alike", "beating_stamps", "erring_stamps"),
+    *("uneven_stamps", "followed", "flown", "Flown", "shown", "Panel", "asked", "expendable", "may_die"),
+    *("whole_file", "Telling", "nobody", "silent", "at"),
+)
+#: Of these only what stands for a module or a parameter: elsewhere they are words of other packages.
+MODULES_ONLY, PARAMETERS_ONLY = frozenset({"beside", "across", "steps"}), frozenset({"at"})
 #: Rooms that must not know a parameter of a motion, and what they must not know.
 GENERAL_ROOMS = ("flights", "report", "cli", "estimation", "inference")
 DELETED = re.compile(r"^ +del [a-z_, ]+$", re.MULTILINE)
@@ -38,16 +73,24 @@ class Module:
         Its source.
     tree : ast.Module
         Its syntax.
+    path : Path
+        Where it stands.
     """
 
     name: str
     text: str
     tree: ast.Module
+    path: Path
 
     @property
     def lines(self) -> int:
         """Lines of the file."""
         return self.text.count("\n")
+
+    @property
+    def is_package(self) -> bool:
+        """Whether it is the `__init__` of a folder."""
+        return self.path.name == "__init__.py"
 
 
 def modules(package: Path) -> list[Module]:
@@ -57,7 +100,7 @@ def modules(package: Path) -> list[Module]:
         parts = path.relative_to(package.parent).with_suffix("").parts
         name = ".".join(parts).removesuffix(".__init__")
         text = path.read_text(encoding="utf-8")
-        found.append(Module(name, text, ast.parse(text)))
+        found.append(Module(name, text, ast.parse(text), path))
     return found
 
 
@@ -99,33 +142,173 @@ def public_names(tree: ast.Module) -> Iterator[str]:
         yield from (name for name in names if not name.startswith("_"))
 
 
-def imports(module: Module, known: set[str], *, at_start: bool = False) -> set[str]:
-    """Modules of the package that a module imports; only those at its start, when it is loaded."""
-    nodes = module.tree.body if at_start else list(ast.walk(module.tree))
-    found: set[str] = set()
-    for node in nodes:
+def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = None) -> list[set[str]]:
+    """Modules of the package that each import statement of a module names.
+
+    Parameters
+    ----------
+    module : Module
+        The importing module.
+    known : set of str
+        Names of all modules of the package.
+    nodes : iterable of ast.AST, optional
+        Where to look; default: everywhere, so in functions and under TYPE_CHECKING too.
+    """
+    found = []
+    for node in ast.walk(module.tree) if nodes is None else nodes:
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            found.update(f"{node.module}.{alias.name}" for alias in node.names)
-            found.add(node.module)
-    return {name for name in found if name in known and name != module.name}
+            found.append({alias.name for alias in node.names} & known)
+        elif isinstance(node, ast.ImportFrom):
+            found.append(_imported_from(node, module, known) & known)
+    return [names for names in found if names]
 
 
-def circles(graph: dict[str, set[str]]) -> int:
-    """Modules that import themselves by way of others."""
+def in_functions(module: Module) -> list[ast.AST]:
+    """Every node inside a function."""
+    functions = [node for node in ast.walk(module.tree) if isinstance(node, FUNCTIONS)]
+    return list({id(node): node for function in functions for node in ast.walk(function)}.values())
 
-    def reached(start: str) -> set[str]:
-        seen: set[str] = set()
-        waiting = list(graph[start])
-        while waiting:
-            name = waiting.pop()
-            if name not in seen:
-                seen.add(name)
-                waiting.extend(graph[name])
-        return seen
 
-    return sum(name in reached(name) for name in graph)
+def _imported_from(node: ast.ImportFrom, module: Module, known: set[str]) -> set[str]:
+    """Modules that `from M import n` names: M.n where it is a module, else M."""
+    base = node.module or ""
+    if node.level:
+        package = module.name.split(".")[: None if module.is_package else -1]
+        base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
+    members = (f"{base}.{alias.name}" for alias in node.names)
+    return {member if member in known else base for member in members}
+
+
+def import_graph(found: list[Module], *, at_start: bool = False) -> dict[str, set[str]]:
+    """The modules that each module imports, itself left out."""
+    known = {module.name for module in found}
+    graph = {}
+    for module in found:
+        named = imports(module, known, module.tree.body if at_start else None)
+        graph[module.name] = set().union(*named) - {module.name}
+    return graph
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Circles of imports: strongly connected sets of at least two modules, largest first."""
+    names = list(graph)
+    edges = [(names.index(name), names.index(other)) for name in names for other in graph[name]]
+    rows, columns = np.array(edges or [(0, 0)]).T
+    shape = (len(names), len(names))
+    _, label = connected_components(
+        coo_array((np.ones(rows.size), (rows, columns)), shape), connection="strong"
+    )
+    parts = [[names[j] for j in np.flatnonzero(label == part)] for part in np.unique(label)]
+    return sorted((part for part in parts if len(part) > 1), key=len, reverse=True)
+
+
+def code_lines(module: Module) -> int:
+    """Lines with code that are no docstring and no import."""
+    ignored = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT}
+    lines: set[int] = set()
+    for token in tokenize.generate_tokens(io.StringIO(module.text).readline):
+        if token.type not in ignored and token.type != tokenize.ENDMARKER:
+            lines.update(range(token.start[0], token.end[0] + 1))
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.stmt) and (isinstance(node, ast.Import | ast.ImportFrom) or _is_text(node)):
+            lines.difference_update(range(node.lineno, (node.end_lineno or 0) + 1))
+    return len(lines)
+
+
+def _is_text(node: ast.stmt) -> bool:
+    """Whether a statement is a text alone: a docstring, also of an attribute."""
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def identifiers(module: Module) -> Iterator[str]:
+    """Every identifier of a module, its own name included; a parameter as `NAME=`, a module as `NAME.py`."""
+    yield from (f"{part}.py" for part in module.name.split("."))
+    for node in ast.walk(module.tree):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield from (node.arg, f"{node.arg}=")
+        elif isinstance(node, ast.keyword) and node.arg:
+            yield node.arg
+
+
+def replaced_names(found: list[Module]) -> list[str]:
+    """Patterns of `REPLACED` that still stand."""
+    present = {name for module in found for name in identifiers(module)}
+    plain = {name.removesuffix(".py") for name in present}
+
+    def stands(pattern: str) -> bool:
+        if pattern in MODULES_ONLY:
+            return f"{pattern}.py" in present
+        if pattern in PARAMETERS_ONLY:
+            return f"{pattern}=" in present
+        return any(fnmatchcase(name, pattern) for name in plain)
+
+    return [pattern for pattern in REPLACED if stands(pattern)]
+
+
+def motion_members(found: list[Module]) -> int:
+    """Members of the protocol of motions: the largest class that is named Motion."""
+    members = [0]
+    for module in found:
+        for node in module.tree.body:
+            if isinstance(node, ast.ClassDef) and node.name == "Motion":
+                names = {
+                    target.id
+                    for item in node.body
+                    for target in (
+                        item.targets if isinstance(item, ast.Assign) else [getattr(item, "target", None)]
+                    )
+                    if isinstance(target, ast.Name)
+                }
+                names |= {
+                    item.name
+                    for item in node.body
+                    if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef)
+                }
+                members.append(len(names))
+    return max(members)
+
+
+def architecture(package: Path) -> dict[str, int]:
+    """The counts that have bounds: `tests/test_architecture.py` holds them."""
+    found = modules(package)
+    known = {module.name for module in found}
+    knots = circles(import_graph(found))
+    folders = Counter(module.path.parent for module in found)
+    words = (re.findall(r"\b(?:told|tells)\b", module.text, re.IGNORECASE) for module in found)
+    plain = [module for module in found if not module.is_package]
+    return {
+        "files": len(found),
+        "lines": sum(module.lines for module in found),
+        "lines of code without docstrings and imports": sum(map(code_lines, found)),
+        "circles of imports": len(knots),
+        "files in circles of imports": sum(map(len, knots)),
+        "files in the largest circle": max(map(len, knots), default=0),
+        "imports of the package inside functions": sum(
+            len(imports(module, known, in_functions(module))) for module in found
+        ),
+        "imports of the package for type checking only": sum(
+            len(imports(module, known))
+            - len(imports(module, known, module.tree.body))
+            - len(imports(module, known, in_functions(module)))
+            for module in found
+        ),
+        f"files of fewer than {SMALL} lines": sum(module.lines < SMALL for module in plain),
+        f"files of more than {LARGE} lines": sum(module.lines > LARGE for module in plain),
+        "files in the largest folder": max(folders.values()),
+        "replaced names that still stand": len(replaced_names(found)),
+        "the words told and tells": sum(map(len, words)),
+        "members of the protocol of motions": motion_members(found),
+    }
 
 
 def only_forwards(tree: ast.Module) -> bool:
@@ -137,13 +320,11 @@ def only_forwards(tree: ast.Module) -> bool:
 def counts(package: Path) -> dict[str, str]:
     """Every count, in words."""
     found = modules(package)
-    known = {module.name for module in found}
     plain = [module for module in found if not module.name.endswith(package.name)]
     lengths = sorted(length for module in found for length in function_lengths(module.tree))
     total = sum(module.lines for module in found)
     docstrings, comments = (sum(part) for part in zip(*map(prose_lines, found), strict=True))
-    graph = {module.name: imports(module, known) for module in found}
-    loaded = {m.name: imports(m, known - {package.name}, at_start=True) for m in found}
+    graph, loaded = import_graph(found), import_graph(found, at_start=True)
     importers = Counter(name for imported in graph.values() for name in imported)
     files = [module.lines for module in found]
     rooms = dict.fromkeys(GENERAL_ROOMS, 0)
@@ -160,7 +341,7 @@ def counts(package: Path) -> dict[str, str]:
         "public top-level names": f"{sum(len(list(public_names(module.tree))) for module in found)}",
         "modules that one other imports": f"{sum(importers[m.name] == 1 for m in plain)}",
         "modules that only forward": f"{sum(only_forwards(module.tree) for module in plain)}",
-        "modules in circles of imports when they are loaded": f"{circles(loaded)}",
+        "modules in circles of imports when they are loaded": f"{sum(map(len, circles(loaded)))}",
         "files of general rooms that name a parameter of a motion": f"{sum(rooms.values())}",
         "`del argument` lines": f"{sum(len(DELETED.findall(module.text)) for module in found)}",
         "types for sums of products": f"{len(product_types(found))}: {', '.join(product_types(found))}",
@@ -182,14 +363,132 @@ def product_types(found: list[Module]) -> list[str]:
     return names
 
 
+@dataclass
+class Walk:
+    """What a run enters: functions and files of the package, depth of their calls, types that are made."""
+
+    package: str
+    functions: set[tuple[str, str, int]]
+    types: set[str]
+    deepest: int = 0
+    depth: int = 0
+
+    def profile(self, frame: FrameType, event: str, _: object) -> None:
+        """Count an event of `sys.setprofile`."""
+        code = frame.f_code
+        if event == "call" and code.co_name in {"__init__", "__new__", "__post_init__"} and code.co_argcount:
+            made = frame.f_locals[code.co_varnames[0]]
+            made = made if isinstance(made, type) else type(made)
+            if made.__module__.partition(".")[0] == "eivor":
+                self.types.add(f"{made.__module__}.{made.__qualname__}")
+        if not code.co_filename.startswith(self.package) or code.co_name.startswith("<"):
+            return  # of others, or a module, comprehension or lambda
+        if event == "call":
+            self.depth += 1
+            self.deepest = max(self.deepest, self.depth)
+            self.functions.add((code.co_filename, code.co_name, code.co_firstlineno))
+            self._count_structs(frame)
+        elif event == "return":
+            self.depth -= 1
+
+    def _count_structs(self, frame: FrameType) -> None:
+        """Count arguments that are structs of msgspec: they are made without a function of Python."""
+        struct = getattr(sys.modules.get("msgspec"), "Struct", ())
+        for value in frame.f_locals.values():
+            if isinstance(value, struct) and type(value).__module__.partition(".")[0] == "eivor":
+                self.types.add(f"{type(value).__module__}.{type(value).__qualname__}")
+
+
+def from_arrays() -> None:
+    """Arrays to an estimate with its covariance."""
+    import eivor as ev
+
+    rng = np.random.default_rng(1)
+    instruments = rng.normal(size=(500, 3))
+    regressors = instruments[:, :2] + 0.1 * rng.normal(size=(500, 2))
+    problem = ev.regression(
+        response=regressors @ [1.0, 2.0] + rng.normal(size=500),
+        regressors=regressors,
+        instruments=instruments,
+        noise_covariance=np.zeros((3, 3)),
+        instrument_noise_covariance=np.zeros((3, 3)),
+    )
+    _ = ev.identify(problem, ev.methods.extended_iv()).covariance
+
+
+def px4_log() -> Path:
+    """The PX4 log of the walk."""
+    data = Path(os.environ.get("EIVOR_DATA") or ROOT.parent / "shared" / "data")
+    return data / "px4" / "ekf_failure.ulg"
+
+
+def from_example() -> None:
+    """The example flight to JSON."""
+    import eivor as ev
+
+    ev.identify_flight(ev.example_flight(), model="vertical").to_json()
+
+
+def from_px4_log() -> None:
+    """A PX4 log to JSON."""
+    import eivor as ev
+
+    ev.identify_flight(ev.read_log(px4_log()), model="vertical").to_json()
+
+
+WALKS: dict[str, tuple[str, Callable[[], None]]] = {
+    "arrays": ("arrays to a covariance", from_arrays),
+    "example": ("the example flight to JSON", from_example),
+    "px4": ("a PX4 log to JSON", from_px4_log),
+}
+
+
+def walk(name: str, package: Path) -> dict[str, int]:
+    """What a run enters, the second time: what is imported late is imported by then."""
+    run = WALKS[name][1]
+    run()
+    taken = Walk(str(package), set(), set())
+    sys.setprofile(taken.profile)
+    try:
+        run()
+    finally:
+        sys.setprofile(None)
+    files = {file for file, _, _ in taken.functions}
+    numbers = {"functions": len(taken.functions), "files": len(files), "depth": taken.deepest}
+    return numbers | {"types": len(taken.types)}
+
+
+def walks(package: Path) -> dict[str, dict[str, int]]:
+    """What each run enters, in a process of its own that imports this package."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(package.parent), str(ROOT)])}
+    found = {}
+    for name, (title, _) in WALKS.items():
+        if name == "px4" and not px4_log().exists():
+            continue
+        command = [sys.executable, "-m", "validation.house", "--package", str(package), "--walk", name]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+        found[title] = json.loads(done.stdout)
+    return found
+
+
 def main() -> None:
     """Print the counts as a table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--package", type=Path, default=ROOT / "src" / "eivor")
-    for name, value in counts(parser.parse_args().package).items():
+    parser.add_argument("--no-walks", action="store_true", help="count only, run nothing")
+    parser.add_argument("--walk", choices=WALKS, help=argparse.SUPPRESS)
+    chosen = parser.parse_args()
+    package = chosen.package.resolve()
+    if chosen.walk:
+        print(json.dumps(walk(chosen.walk, package)))
+        return
+    for name, value in {**architecture(package), **counts(package)}.items():
         print(f"| {name} | {value} |")
+    print(f"| which of the replaced names | {', '.join(replaced_names(modules(package)))} |")
+    for title, numbers in ({} if chosen.no_walks else walks(package)).items():
+        print(f"| walk, {title}: {' / '.join(numbers)} | {' / '.join(map(str, numbers.values()))} |")
 
 
 if __name__ == "__main__":

@@ -1,18 +1,18 @@
-"""Compare two records of what Eivor says.
+"""Compare a checkout, or its record, with a record of what Eivor answered before.
 
-    python -m validation.parity.compare OLD.json NEW.json
+    python -m validation.parity.compare OLD.json.xz [NEW] [--exact [--reworded]] [--part NAME]
 
-Verdicts, statuses, exit codes and words are compared exactly, numbers as `tolerance.py` says. Sentences may
-be reworded, and keys may be added: both are listed. What a mended defect changes is listed in changed.toml
-with the defect and the reason; it is printed, old and new. The exit code is 0 when nothing else differs and
-every entry of that list was met, else 3.
+NEW is a checkout (default: this one), whose record is made, or a record. With --exact every entry must have
+the SHA-256 of the old one; --reworded lets sentences and printed text differ. Without --exact numbers agree
+as `allowed` says, and all else but sentences exactly. What a repaired defect changes is listed in
+changed.toml. The exit code is 0 when nothing else differs and every entry of that list was met, else 3.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
+import tempfile
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,28 +20,31 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from validation.parity.tolerance import Leaf, allowed
+from validation.parity.record import PARTS, ROOT, SENTENCES, read_record, record_of_checkout
 
 CHANGED = Path(__file__).with_name("changed.toml")
 #: Exit code when the records differ.
 DIFFERENT = 3
-#: Keys whose values are sentences for people.
-SENTENCES = frozenset({"reasons", "message", "findings", "equation", "sentence"})
+#: What stands for a value that the other record does not have.
+NEW, GONE = "(new)", "(gone)"
+#: A number, a word, or nothing.
+Leaf = float | int | str | bool | None
+Leaves = Mapping[tuple[str, ...], Leaf]
+
+RELATIVE = 1e-9
+ROUNDING_UNIT = 2.0**-52
+#: Of numbers that follow from a search: a share of the standard error, or of the number where it has none.
+SEARCHED = 1e-3
+#: Of a p-value that follows from a search: far in the tail it changes more than its statistic.
+SEARCHED_P_VALUE = 2e-2
+#: Parts in which a nuisance is searched for, and keys of documents that do not follow from it.
+SEARCHED_PARTS = frozenset({"flights", "rates", "rigid_body", "simulated", "commands", "python"})
+NOT_SEARCHED = frozenset({"logs", "window", "rate_hz", "samples", "provenance", "model", "options"})
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A difference that a mended defect makes.
-
-    Parameters
-    ----------
-    pattern : str
-        Path of the record, with * for any run of characters.
-    finding : int
-        Number of the defect.
-    why : str
-        What the mend does to these numbers.
-    """
+    """A difference that a repaired defect makes: paths with * for any characters, its number, and why."""
 
     pattern: str
     finding: int
@@ -50,15 +53,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One entry that differs.
-
-    Parameters
-    ----------
-    path : str
-        Where.
-    old, new : str
-        What stood and what stands there.
-    """
+    """One value that differs: where, and what it was and is."""
 
     path: str
     old: str
@@ -70,24 +65,9 @@ class Difference:
 
 @dataclass
 class Comparison:
-    """What differs between two records.
-
-    Parameters
-    ----------
-    equal : int
-        Entries that agree.
-    added : list of str
-        Paths of the newer record alone.
-    reworded : list of Difference
-        Sentences.
-    explained : list of (Change, list of Difference)
-        For each listed change, what it explains.
-    unexplained : list of Difference
-        The rest.
-    """
+    """What differs between two records: entries that agree, rewordings, listed changes, and the rest."""
 
     equal: int = 0
-    added: list[str] = field(default_factory=list)
     reworded: list[Difference] = field(default_factory=list)
     explained: list[tuple[Change, list[Difference]]] = field(default_factory=list)
     unexplained: list[Difference] = field(default_factory=list)
@@ -108,85 +88,185 @@ def changes(text: str) -> list[Change]:
     return [Change(**entry) for entry in tomllib.loads(text).get("changed", [])]
 
 
-def leaves(record: Any, at: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Leaf]]:
-    """Every entry of a record with its path; an empty list or object is one."""
-    items: list[tuple[str, Any]]
-    if isinstance(record, Mapping):
-        items = list(record.items())
-    elif isinstance(record, list):
-        # The key paths of documents are a set: each is an entry of its own name.
-        named = at[-1:] == ("keys",)
-        items = [(name, True) if named else (str(j), name) for j, name in enumerate(record)]
+def leaves(content: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Leaf]]:
+    """Every value of nested content with its path; an empty list or object is itself a value."""
+    if isinstance(content, Mapping | list) and content:
+        pairs = content.items() if isinstance(content, Mapping) else enumerate(content)
+        for key, value in pairs:
+            yield from leaves(value, (*path, str(key)))
     else:
-        yield at, record
-        return
-    for key, value in items:
-        yield from leaves(value, (*at, key))
+        yield path, str(content) if isinstance(content, Mapping | list) else content
 
 
-def compare(old: Any, new: Any, listed: Sequence[Change]) -> Comparison:
-    """Compare two records.
+def compare(
+    old: Mapping[str, Any],
+    new: Mapping[str, Any],
+    listed: Sequence[Change] = (),
+    *,
+    exact: bool = False,
+    reworded: bool = False,
+) -> Comparison:
+    """Compare the entries of two records.
 
     Parameters
     ----------
-    old, new : object
-        As JSON gives them.
+    old, new : mapping
+        Entries by PART/NAME, as `record.entry` makes them.
     listed : sequence of Change
         What may differ, and must.
+    exact : bool
+        Compare hashes, not numbers within their tolerance.
+    reworded : bool
+        With `exact`: sentences and printed text may differ.
     """
-    before, after = dict(leaves(old)), dict(leaves(new))
     result = Comparison(explained=[(change, []) for change in listed])
-    for path, leaf in before.items():
-        other = after.get(path, "(gone)")
-        if path in after and same(path, leaf, other, before):
-            result.equal += 1
-            continue
-        difference = Difference("/".join(path), shown(leaf), shown(other))
-        owners = [found for change, found in result.explained if fnmatchcase(difference.path, change.pattern)]
-        for found in owners:
-            found.append(difference)
-        if not owners and SENTENCES & set(path):
-            result.reworded.append(difference)
-        elif not owners:
-            result.unexplained.append(difference)
-    result.added = ["/".join(path) for path in after if path not in before]
+    for name in [*old, *(name for name in new if name not in old)]:
+        missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
+        found: list[tuple[tuple[str, ...], Difference]] = []
+        if missing:
+            found = [((name,), Difference(name, "entry", missing))]
+        elif old[name]["sha256"] != new[name]["sha256"]:
+            found = list(differences(name, old[name], new[name], exact=exact))
+        result.equal += not found
+        for path, difference in found:
+            owners = [
+                mine for change, mine in result.explained if fnmatchcase(difference.path, change.pattern)
+            ]
+            for mine in owners:
+                mine.append(difference)
+            both = not {difference.old, difference.new} & {NEW, GONE}
+            if not owners and both and is_sentence(path) and (reworded or not exact):
+                result.reworded.append(difference)
+            elif not owners:
+                result.unexplained.append(difference)
     return result
 
 
-def same(path: tuple[str, ...], old: Leaf, new: Leaf, before: Mapping[tuple[str, ...], Leaf]) -> bool:
-    """Whether an entry is as it was."""
-    if _is_number(old) and _is_number(new):
-        return abs(float(new or 0.0) - float(old or 0.0)) <= allowed(path, before)
-    return type(old) is type(new) and old == new
+def differences(
+    name: str, old: Mapping[str, Any], new: Mapping[str, Any], *, exact: bool
+) -> Iterator[tuple[tuple[str, ...], Difference]]:
+    """Values of an entry that differ; with `exact` also a difference that the file's digits do not show."""
+    before, after = dict(leaves(old["content"])), dict(leaves(new["content"]))
+    numbers_differ = old["sha256_without_sentences"] != new["sha256_without_sentences"]
+    shown = not numbers_differ
+    for path in [*before, *(path for path in after if path not in before)]:
+        values = [record.get(path, missing) for record, missing in ((before, NEW), (after, GONE))]
+        equal = type(values[0]) is type(values[1]) and values[0] == values[1]
+        if not exact and not equal and all(map(_is_number, values)):
+            off = abs(_number(values[1], signed=True) - _number(values[0], signed=True))
+            equal = off <= allowed(name, path, before)
+        if not equal:
+            shown = shown or not is_sentence(path)
+            yield path, Difference("/".join((name, *path)), *map(_text, values))
+    if exact and not shown:
+        digits = Difference(
+            f"{name}/sha256", old["sha256"][:12], f"{new['sha256'][:12]} (in the last digits)"
+        )
+        yield ("sha256",), digits
+
+
+def is_sentence(path: tuple[str, ...]) -> bool:
+    """Whether a value is a sentence or the hash of a text: its own key, or that of its list, says so."""
+    keys = [key for key in path if not key.isdigit()]
+    return bool(keys) and keys[-1] in SENTENCES
 
 
 def _is_number(leaf: Leaf) -> bool:
     return isinstance(leaf, int | float) and not isinstance(leaf, bool)
 
 
-def shown(leaf: Leaf) -> str:
-    """An entry as text: enough digits to see what changed."""
+def _number(leaf: Leaf, *, signed: bool = False) -> float:
+    value = float(leaf) if isinstance(leaf, int | float) else 0.0
+    return value if signed else abs(value)
+
+
+def _text(leaf: Leaf) -> str:
     return f"{leaf:.10g}" if isinstance(leaf, float) else str(leaf)
+
+
+def allowed(name: str, path: tuple[str, ...], old: Leaves) -> float:
+    """Largest difference that a number of an entry may have.
+
+    Array problems agree to 1e-9, or to the rounding unit times the condition of their equations where that is
+    larger; a value and the ends of its interval are measured by its standard error where that is larger than
+    they are, as an end may be zero. The numbers of flights follow from a search, and agree to 1e-3 of their
+    standard error, or of themselves where they have none.
+
+    Parameters
+    ----------
+    name : str
+        PART/NAME of the entry.
+    path : tuple of str
+        Where the number stands in it.
+    old : mapping
+        All values of the older entry.
+    """
+    size = _number(old.get(path))
+    if isinstance(old.get(path), int) or not path:
+        return 0.0
+    if name.partition("/")[0] in SEARCHED_PARTS and name not in {"python/streamed", "python/york"}:
+        return _of_search(path, old, size)
+    share = RELATIVE
+    for depth in range(len(path)):
+        share = max(share, ROUNDING_UNIT * _number(old.get((*path[:depth], "condition"))))
+    if name.startswith("inference/") and "diagnose" not in path[0] and path[-1] in {"0", "1"}:
+        # Of the ends of an interval the larger one.
+        size = max(_number(old.get((*path[:-1], end))) for end in ("0", "1"))
+    return share * max(size, _standard_error(path, old))
+
+
+def _standard_error(path: tuple[str, ...], old: Leaves) -> float:
+    """Standard error that belongs to a value or an end in a list; zero when there is none."""
+    if path[-2:-1] in {("low",), ("high",), ("std_error",)}:
+        return _number(old.get((*path[:-2], "std_error", path[-1])))
+    if path[-2:-1] == ("values",):
+        return _number(old.get((*path[:-2], "covariances", "cosines", "std_error", path[-1])))
+    return 0.0
+
+
+def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
+    if "p_value" in path[-1] or ("diagnose" in path and path[-1] == "1"):
+        return SEARCHED_P_VALUE * size
+    for depth in range(len(path) - 1, 0, -1):  # a quantity of a document, with its own standard error
+        own = _number(old.get((*path[:depth], "std_error")))
+        if own:
+            return SEARCHED * own
+    if path[-3:-2] == ("matrix",):  # of a covariance, measured by its diagonal
+        row, column = ((*path[:-2], j, j) for j in path[-2:])
+        return SEARCHED * (_number(old.get(row)) * _number(old.get(column))) ** 0.5
+    if "bootstrap" in path:
+        return SEARCHED * _number(old.get((*path[:-1], "0")))
+    share = RELATIVE if NOT_SEARCHED & set(path) else SEARCHED
+    return share * size or SEARCHED * _standard_error(path, old)
 
 
 def report(result: Comparison) -> Iterator[str]:
     """Lines for people."""
-    for change, differences in result.explained:
-        yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(differences)} entries)"
-        yield from (f"    {difference}" for difference in differences)
+    for change, found in result.explained:
+        yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(found)} values)"
+        yield from (f"    {difference}" for difference in found)
     if result.reworded:
-        yield f"Sentences that read differently: {len(result.reworded)}"
+        yield f"Sentences and texts that read differently: {len(result.reworded)}"
         yield from (f"    {difference}" for difference in result.reworded)
-    if result.added:
-        yield f"Entries that were not there before: {len(result.added)}"
-        yield from (f"    {path}" for path in result.added)
     for change in result.unmet:
         yield f"LISTED, BUT NOTHING DIFFERS: {change.pattern} (finding {change.finding})"
     yield from (f"DIFFERENT: {difference}" for difference in result.unexplained)
+    listed = sum(len(found) for _, found in result.explained)
     yield (
-        f"{result.equal} entries agree, {sum(len(found) for _, found in result.explained)} differ as listed, "
-        f"{len(result.reworded)} sentences read differently, {len(result.unexplained)} entries differ."
+        f"{result.equal} entries agree; {listed} values differ as listed, {len(result.reworded)} texts read "
+        f"differently, {len(result.unexplained)} values differ."
     )
+
+
+def entries_of(path: Path, parts: Sequence[str]) -> dict[str, Any]:
+    """Entries of a record, or of the record that is made of a checkout."""
+    if path.is_dir():
+        with tempfile.TemporaryDirectory() as folder:
+            made = Path(folder) / "new.json"
+            record_of_checkout(path, made, parts)
+            return entries_of(made, parts)
+    entries: dict[str, Any] = read_record(path)["entries"]
+    return {name: value for name, value in entries.items() if name.partition("/")[0] in parts}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -196,12 +276,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("old", type=Path, metavar="OLD.json")
-    parser.add_argument("new", type=Path, metavar="NEW.json")
+    parser.add_argument("old", type=Path, metavar="OLD.json.xz")
+    parser.add_argument("new", type=Path, nargs="?", default=ROOT, metavar="NEW", help="checkout or record")
+    parser.add_argument("--exact", action="store_true", help="the same bytes, by SHA-256 of the content")
+    parser.add_argument("--reworded", action="store_true", help="with --exact: texts may differ")
+    parser.add_argument("--part", action="append", choices=PARTS, help="only this part; may be repeated")
     parser.add_argument("--changed", type=Path, default=CHANGED, metavar="FILE.toml")
     chosen = parser.parse_args(arguments)
-    old, new = (json.loads(path.read_text(encoding="utf-8")) for path in (chosen.old, chosen.new))
-    result = compare(old, new, changes(chosen.changed.read_text(encoding="utf-8")))
+    parts = chosen.part or PARTS
+    old, new = (entries_of(path, parts) for path in (chosen.old, chosen.new))
+    listed = changes(chosen.changed.read_text(encoding="utf-8"))
+    result = compare(old, new, listed, exact=chosen.exact, reworded=chosen.reworded)
     print("\n".join(report(result)))
     return 0 if result.agrees else DIFFERENT
 

@@ -1,0 +1,118 @@
+"""What `validation.house` counts, on a small package and on a walk."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from validation import house
+
+FILES = {
+    "__init__.py": '"""All of it."""\n',
+    "one.py": """\
+'''Docstring
+of two lines.'''
+
+from __future__ import annotations
+
+import math  # late
+
+# A comment.
+def ahead(at: int) -> float:
+    '''Line.'''
+    from small.two import VALUE
+
+    return math.sqrt(VALUE + at)
+""",
+    "two.py": """\
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from small.room import three
+VALUE = 1
+""",
+    "room/__init__.py": "",
+    "room/three.py": """\
+from .. import one
+
+
+class Motion:
+    name: str
+    words = "He told what she tells."
+
+    def told_lag(self):
+        return one
+""",
+    "room/four.py": "from small import two\n",
+}
+
+
+@pytest.fixture
+def small(tmp_path):
+    package = tmp_path / "small"
+    for name, text in FILES.items():
+        path = package / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return package
+
+
+def test_circles_count_late_and_typing_imports(small):
+    graph = house.import_graph(house.modules(small))
+    assert graph["small.room.three"] == {"small.one"}
+    assert [sorted(circle) for circle in house.circles(graph)] == [
+        ["small.one", "small.room.three", "small.two"]
+    ]
+    assert house.circles(house.import_graph(house.modules(small), at_start=True)) == []
+
+
+def test_counts_of_a_package(small):
+    counted = house.architecture(small)
+    assert counted == {
+        "files": 6,
+        "lines": sum(text.count("\n") for text in FILES.values()),
+        "lines of code without docstrings and imports": 2 + 2 + 5,
+        "circles of imports": 1,
+        "files in circles of imports": 3,
+        "files in the largest circle": 3,
+        "imports of the package inside functions": 1,
+        "imports of the package for type checking only": 1,
+        "files of fewer than 60 lines": 4,
+        "files of more than 900 lines": 0,
+        "files in the largest folder": 3,
+        "replaced names that still stand": 3,
+        "the words told and tells": 2,
+        "members of the protocol of motions": 3,
+    }
+    assert house.replaced_names(house.modules(small)) == ["told_*", "ahead", "at"]
+    assert house.counts(small)["files / lines"].startswith("6 / ")
+
+
+def test_a_walk_counts_functions_files_depth_and_types():
+    """The functions of this file stand for those of the package."""
+
+    def outer():
+        return inner()
+
+    def inner():
+        return [len(name) for name in ("a", "b")]
+
+    taken = house.Walk(str(Path(__file__)), set(), set())
+    sys.setprofile(taken.profile)
+    try:
+        outer()
+    finally:
+        sys.setprofile(None)
+    assert {name for _, name, _ in taken.functions} == {"outer", "inner"}
+    assert taken.deepest == 2
+
+
+def test_arrays_to_a_covariance_is_walked():
+    import eivor
+
+    numbers = house.walk("arrays", Path(eivor.__file__).resolve().parent)
+    assert 10 < numbers["functions"] < 200
+    assert numbers["files"] < numbers["functions"]
+    assert 1 < numbers["types"] < 60
