@@ -66,7 +66,7 @@ RIGID_BODY = {
     "px4-flights/esc_status_log.ulg": "quadrotor-x",
     "px4/battery_brownout.ulg": "quadrotor-x",  # logs no rotors
 }
-VERTICAL_SEEDS, WHOLE_VEHICLE_SEEDS = range(1, 7), range(1, 3)
+VERTICAL_SEEDS, WHOLE_VEHICLE_SEEDS = range(1, 5), range(1, 3)
 
 
 @dataclass
@@ -291,7 +291,9 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
     schema = json.dumps(record["schema"])
     text = f'{{"schema":{schema},"entries":{{\n' + ",\n".join(entries) + "\n}}\n"
     content = text.encode()
-    path.write_bytes(lzma.compress(content, preset=9) if path.suffix == ".xz" else content)
+    path.write_bytes(
+        lzma.compress(content, preset=9 | lzma.PRESET_EXTREME) if path.suffix == ".xz" else content
+    )
 
 
 def read_record(path: Path) -> dict[str, Any]:
