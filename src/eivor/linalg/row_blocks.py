@@ -12,7 +12,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain, islice
 from typing import TypeVar
 
-Block, Made = TypeVar("Block"), TypeVar("Made")
+Block = TypeVar("Block")
+Made = TypeVar("Made")
 
 #: Rows that pass through several steps: a dozen columns of them fit in a second-level cache.
 PASSED_ROWS = 16_384
