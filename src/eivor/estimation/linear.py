@@ -312,7 +312,7 @@ def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]
     if still:
         return CollinearError(
             "regressors that vary",
-            f"nothing but zeros for {', '.join(still)}",
+            f"a column that is zero, of {', '.join(still)}",
             "Choose a window in which the channel moves, or leave the parameter out.",
         )
     shares = np.abs(np.linalg.svd(matrix / lengths)[2][-1])

@@ -80,7 +80,11 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
     """
     width = -(-residual.size // LONGEST)
     usable = residual.size // width
-    means = residual[: usable * width].reshape(usable, width).mean(axis=1) if width > 1 else residual
+    means = (
+        residual[: usable * width].reshape(usable, width) @ np.full(width, 1.0 / width)
+        if width > 1
+        else residual
+    )
     spread = float(np.ptp(means)) if means.size else 0.0
     if means.size <= 2 * LEAST_BANDWIDTH or spread <= 1e-12 * float(np.abs(means).max()):
         return None
