@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flight_logs import FRICTION, changed, flown, prepare_vertical
+from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
@@ -20,6 +20,7 @@ from eivor.motions.vertical.curve_family import (
     MOT_THST_EXPO,
     THR_MDL_FAC,
     CurveFamily,
+    curve_in_force,
     family_of_fitted,
     motor_signal,
     plant_share,
@@ -28,11 +29,10 @@ from eivor.motions.vertical.curve_family import (
     thrust_of,
 )
 from eivor.motions.vertical.curve_rule import curve_reasons
-from eivor.motions.vertical.curve_told import curve_in_force
+from eivor.signals.canonical import CurveSide, common_side
 from eivor.signals.input_map import InputMap, Mixed, Power
-from eivor.signals.recording import CurveSide, Recording
+from eivor.signals.recording import Recording
 
-OPTIONS = ev.FlightOptions()
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 
 
@@ -230,16 +230,10 @@ def test_what_the_report_says_without_a_value_in_force(log, side, parameters, sa
     assert document == {"side": side.value or None, "in_force": parameters}
 
 
-def test_flights_of_a_pool_tell_a_side_and_values_that_they_share(log):
-    flights = [
-        prepare_vertical(
-            replace(commanded(log, Mixed(0.5), thrust=True, side=side), parameters=told), OPTIONS
-        )
-        for side, told in (
-            (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3, "MOT_THST_EXPO": 0.1}),
-            (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3}),
-            (CurveSide.BEHIND, {"THR_MDL_FAC": 0.4}),
-        )
-    ]
-    assert curve_in_force(tuple(flights[:2])) == (CurveSide.BEFORE, {"THR_MDL_FAC": 0.3})
-    assert curve_in_force(tuple(flights)) == (CurveSide.UNKNOWN, {})
+def test_flights_of_a_pool_tell_values_that_they_share():
+    logged = [{"THR_MDL_FAC": 0.3, "MOT_THST_EXPO": 0.1}, {"THR_MDL_FAC": 0.3}, {"THR_MDL_FAC": 0.4}]
+    assert curve_in_force(logged[:1]) == logged[0]
+    assert curve_in_force(logged[:2]) == {"THR_MDL_FAC": 0.3}
+    assert curve_in_force(logged) == {}
+    assert common_side([CurveSide.BEFORE, CurveSide.BEFORE]) is CurveSide.BEFORE
+    assert common_side([CurveSide.BEFORE, CurveSide.BEHIND]) is CurveSide.UNKNOWN

@@ -15,7 +15,8 @@ import eivor as ev
 from eivor.errors import InputError, MissingReaderError
 from eivor.inference.verdict import Status
 from eivor.logs.read import read_log
-from eivor.signals.recording import CurveSide, Frame
+from eivor.signals.canonical import CurveSide
+from eivor.signals.recording import Frame
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.expressions import parse_expression
 from eivor.logs.table import parquet
+from eivor.signals.canonical import CurveSide
 from eivor.signals.data_sheet import DataSheet
-from eivor.signals.recording import CurveSide
 
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'

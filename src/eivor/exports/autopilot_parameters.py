@@ -12,9 +12,8 @@ from dataclasses import dataclass, field
 
 from eivor.errors import UsageError
 from eivor.exports.fitted import Fitted, Number
-from eivor.motions.vertical.curve_family import AutopilotParameter, family_of_fitted, proposed
-from eivor.motions.vertical.curve_told import DECLARE
-from eivor.signals.recording import CurveSide
+from eivor.motions.vertical.curve_family import DECLARE, AutopilotParameter, family_of_fitted, proposed
+from eivor.signals.canonical import CurveSide
 
 
 @dataclass(frozen=True, slots=True)

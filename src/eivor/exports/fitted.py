@@ -12,8 +12,8 @@ from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.known_number import KnownNumber
 from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.signals.canonical import CurveSide
 from eivor.signals.input_map import InputMap, input_map
-from eivor.signals.recording import CurveSide
 
 #: Name in documents of the motion that exports are made of.
 VERTICAL = "vertical_motion"

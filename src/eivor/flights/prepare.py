@@ -24,9 +24,10 @@ from eivor.flights.references import Reference, jumps, named_reference, referenc
 from eivor.flights.selection import Limit, Selection
 from eivor.flights.spread import spread_alike
 from eivor.shapes import Bool, Float
+from eivor.signals.canonical import common_side
 from eivor.signals.fast_length import fast_length
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import Channel, Finding, Recording, common_side, interval_within
+from eivor.signals.recording import Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
 
 #: Runs shorter than this are left out, and flights with less than this to use [s].

@@ -15,8 +15,9 @@ from eivor.flights.references import Reference
 from eivor.flights.selection import InputFamily
 from eivor.models.spectral import SpectralRun
 from eivor.shapes import Bool, Float, Int
+from eivor.signals.canonical import CurveSide
 from eivor.signals.families import family_members
-from eivor.signals.recording import CurveSide, Finding, Recording
+from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
 
 #: An input whose standard deviation is below this share of its mean is constant.

@@ -56,10 +56,10 @@ from eivor.errors import ChannelMapError, UsageError, did_you_mean
 from eivor.logs.elements import element_name
 from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles, tilt_of_quaternion
 from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
-from eivor.signals.canonical import canonical_channel, canonical_channels
+from eivor.signals.canonical import CurveSide, canonical_channel, canonical_channels
 from eivor.signals.data_sheet import DataSheet
 from eivor.signals.input_map import input_map
-from eivor.signals.recording import CurveSide, Frame
+from eivor.signals.recording import Frame
 from eivor.toml_table import TomlTable, read_toml, toml_table
 
 ESTIMATOR = "estimator"

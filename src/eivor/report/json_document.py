@@ -24,10 +24,11 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.flights.telemetry import TELEMETRY
 from eivor.inference.quantiles import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
-from eivor.motions.vertical.curve_told import curve_in_force
+from eivor.motions.vertical.curve_family import curve_in_force
 from eivor.report.identify_schema import SCHEMA
 from eivor.report.json_ahead import ahead_json
 from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
+from eivor.signals.canonical import common_side
 from eivor.signals.recording import Finding
 
 #: Candidates that do not fit even at this level are left out.
@@ -102,8 +103,10 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
 
 def _autopilot_curve(flights: tuple[PreparedFlight, ...]) -> Json:
     """Side of the thrust curve that the input is on, null for unknown, and its parameters in force."""
-    side, in_force = curve_in_force(flights)
-    return {"side": side.value or None, "in_force": in_force}
+    return {
+        "side": common_side(flight.curve_side for flight in flights).value or None,
+        "in_force": curve_in_force([flight.recording.parameters for flight in flights]),
+    }
 
 
 def _implied(one: Implied) -> dict[str, Json]:

@@ -26,7 +26,7 @@ from eivor.motions.rigid_body.vehicle_file import load_vehicle
 from eivor.notebook import html_table
 from eivor.report.drawn_candidates import SavedCandidate, drawn_at, drawn_at_all
 from eivor.shapes import Float
-from eivor.signals.recording import CurveSide
+from eivor.signals.canonical import CurveSide
 
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000

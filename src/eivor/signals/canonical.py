@@ -9,14 +9,29 @@ the others.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from types import MappingProxyType
 
 from eivor.errors import UsageError
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*(?:_\*)?")
 _LONGEST_NAME = 100
+
+
+class CurveSide(Enum):
+    """Where a command stands to the autopilot's own thrust curve, which makes motor signals of setpoints."""
+
+    BEFORE = "before"
+    BEHIND = "behind"
+    UNKNOWN = ""
+
+
+def common_side(sides: Iterable[CurveSide]) -> CurveSide:
+    """Return the side of the thrust curve that all commands have; unknown where they differ."""
+    found = set(sides)
+    return found.pop() if len(found) == 1 else CurveSide.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)

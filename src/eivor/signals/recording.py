@@ -15,7 +15,7 @@ Conventions, settled here once:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.notebook import html_table
 from eivor.shapes import Bool, Float
+from eivor.signals.canonical import CurveSide
 from eivor.signals.data_sheet import DataSheet
 from eivor.signals.families import family_members
 from eivor.signals.log_origin import LogOrigin
@@ -48,14 +49,6 @@ class Frame(Enum):
 
     Z_UP = "z up (world east-north-up, body forward-left-up)"
     NED = "z down (world north-east-down, body forward-right-down)"
-
-
-class CurveSide(Enum):
-    """Where a command stands to the autopilot's own thrust curve, which makes motor signals of setpoints."""
-
-    BEFORE = "before"
-    BEHIND = "behind"
-    UNKNOWN = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,12 +379,6 @@ class Recording:
         from eivor.motions.log_signals import log_signals  # the house's exception: a door upwards
 
         return log_signals(self, actuator_lag=actuator_lag, delay=delay, model=model, **choices)
-
-
-def common_side(sides: Iterable[CurveSide]) -> CurveSide:
-    """Return the side of the thrust curve that all commands have; unknown where they differ."""
-    found = set(sides)
-    return found.pop() if len(found) == 1 else CurveSide.UNKNOWN
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

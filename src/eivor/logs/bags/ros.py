@@ -11,8 +11,8 @@ from eivor.logs.bags.derived import with_derived
 from eivor.logs.bags.ros_sources import CHANNEL_SOURCES, MAVROS, RosSource
 from eivor.logs.bags.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns
 from eivor.logs.silences import silenced
-from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
+from eivor.signals.canonical import CurveSide, held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, clean_channel
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0

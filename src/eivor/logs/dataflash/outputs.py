@@ -9,7 +9,8 @@ from eivor.logs.dataflash.motors import OUTPUTS, disagreement, motor_columns, mo
 from eivor.logs.dataflash.reading import Reading
 from eivor.logs.units import UNITS
 from eivor.shapes import Float
-from eivor.signals.recording import CurveSide, Finding
+from eivor.signals.canonical import CurveSide
+from eivor.signals.recording import Finding
 
 MAX_ESCS = 32
 

@@ -41,7 +41,8 @@ from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.log_format import HEAD_BYTES as SNIFFED_BYTES
 from eivor.logs.stamps import believable
 from eivor.shapes import Float
-from eivor.signals.recording import CurveSide, Finding, Frame, Recording
+from eivor.signals.canonical import CurveSide
+from eivor.signals.recording import Finding, Frame, Recording
 
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5

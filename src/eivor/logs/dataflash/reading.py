@@ -13,8 +13,8 @@ from eivor.logs.findings import Look, look
 from eivor.logs.kept_channels import KeptChannels
 from eivor.logs.silences import silenced
 from eivor.shapes import Bool, Float
-from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
+from eivor.signals.canonical import CurveSide, held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, clean_channel
 
 #: Of stamps that take more, those of one table at a time are kept [bytes].
 LONG_BYTES = 1 << 23

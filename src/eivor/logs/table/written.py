@@ -21,9 +21,9 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.logs.table.parquet import METADATA_KEY
 from eivor.shapes import Float
-from eivor.signals.canonical import held_by_default
+from eivor.signals.canonical import CurveSide, held_by_default
 from eivor.signals.log_origin import LogOrigin
-from eivor.signals.recording import Channel, CurveSide, Finding, Frame, Recording
+from eivor.signals.recording import Channel, Finding, Frame, Recording
 from eivor.whole_file import whole_file
 
 _VERSION = 1

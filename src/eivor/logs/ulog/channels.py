@@ -39,8 +39,8 @@ from eivor.logs.ulog.topics import (
 )
 from eivor.logs.units import UNITS
 from eivor.shapes import Bool, Float
-from eivor.signals.canonical import held_by_default, unit_of
-from eivor.signals.recording import Channel, CurveSide, Finding, clean_channel
+from eivor.signals.canonical import CurveSide, held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, clean_channel
 
 #: Stamps further than this from the log's start are damaged [s].
 MAX_SPAN_S = 1e6

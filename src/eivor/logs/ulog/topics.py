@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eivor.signals.recording import CurveSide
+from eivor.signals.canonical import CurveSide
 
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"

@@ -32,6 +32,7 @@ density; both ratios are taken as one here.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -136,6 +137,17 @@ class AutopilotParameter:
 THR_MDL_FAC = AutopilotParameter("THR_MDL_FAC", "PX4", 0.0, 1.0)
 MOT_THST_EXPO = AutopilotParameter("MOT_THST_EXPO", "ArduPilot", -1.0, 1.0)
 CURVE_PARAMETERS = (THR_MDL_FAC, MOT_THST_EXPO)
+#: What to do where a log does not say on which side of the curve its command is.
+DECLARE = 'Of a table, declare curve_side = "before" or "behind" of the command in its channel map (--map).'
+
+
+def curve_in_force(logged: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Parameters of thrust curves that logs have in common, of the parameters of each."""
+    names = [one.name for one in CURVE_PARAMETERS]
+    values = {name: {one.get(name, math.nan) for one in logged} for name in names}
+    return {
+        name: min(found) for name, found in values.items() if len(found) == 1 and math.isfinite(min(found))
+    }
 
 
 def share_of(exponent: float, signal: float) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 from eivor.flights.prepared import PreparedFlight
@@ -10,32 +9,22 @@ from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.curve_family import (
     CURVE_PARAMETERS,
+    DECLARE,
     AutopilotParameter,
     Interval,
+    curve_in_force,
     family_of_fitted,
     proposed,
 )
+from eivor.signals.canonical import CurveSide, common_side
 from eivor.signals.input_map import input_map
-from eivor.signals.recording import CurveSide, Finding, common_side
+from eivor.signals.recording import Finding
 
-#: What to do where a log does not say on which side of the curve its command is.
-DECLARE = 'Of a table, declare curve_side = "before" or "behind" of the command in its channel map (--map).'
 #: Why nothing is proposed of a command before a curve that is not known.
 NOT_IN_FORCE = (
     "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
     "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."
 )
-
-
-def curve_in_force(flights: tuple[PreparedFlight, ...]) -> tuple[CurveSide, dict[str, float]]:
-    """Side of the thrust curve that commands are on, and parameters of it that all logs agree on."""
-    logged = [flight.recording.parameters for flight in flights]
-    return common_side(flight.curve_side for flight in flights), {
-        one.name: logged[0][one.name]
-        for one in CURVE_PARAMETERS
-        if len({parameters.get(one.name, math.nan) for parameters in logged}) == 1
-        and math.isfinite(logged[0].get(one.name, math.nan))
-    }
 
 
 def curve_findings(
@@ -45,7 +34,8 @@ def curve_findings(
     curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
     if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
         return ()
-    side, in_force = curve_in_force(flights)
+    side = common_side(flight.curve_side for flight in flights)
+    in_force = curve_in_force([flight.recording.parameters for flight in flights])
     if Status.REFUSED in (curve.verdict, hover.verdict):
         return _overdone(side, in_force, curve)
     if side is CurveSide.UNKNOWN:

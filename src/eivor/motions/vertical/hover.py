@@ -14,7 +14,8 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.shapes import Bool, Float
-from eivor.signals.recording import Channel, CurveSide, Finding
+from eivor.signals.canonical import CurveSide
+from eivor.signals.recording import Channel, Finding
 
 #: Parameters in which an autopilot keeps its own idea of the hover input.
 HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
