@@ -20,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("coarse_search")
 INTERNAL = re.compile(
     r"reshape|unexpected \w+Error|column \d|rows for \d+ unknowns|unknowns; received"
     r"|equations for \d+ unknowns|zero-size|broadcast|out of bounds|singular value|Traceback|mistake in Eivor"
+    r"|Not enough memory"
 )
 RATES_HZ = (0.3, 1.0, 2.0, 5.0, 10.0, 10.0, 25.0, 50.0, 100.0, 250.0)
 GRAVITY = 9.80665
@@ -266,24 +267,24 @@ def check_library(seed: int, fit: Path) -> None:
     assert not INTERNAL.search(said), said
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(20))
 def test_calls_end_in_a_result_or_a_sentence(good_fit: Path, seed: int) -> None:
     check_library(seed, good_fit)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_commands_end_in_a_documented_code(eivor: Caller, good_fit: Path, tmp_path: Path, seed: int) -> None:
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(24, 324))
+@pytest.mark.parametrize("seed", range(20, 320))
 def test_many_more_calls_end_so(good_fit: Path, seed: int) -> None:
     check_library(seed, good_fit)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(6, 60))
+@pytest.mark.parametrize("seed", range(4, 60))
 def test_many_more_commands_end_so(eivor: Caller, good_fit: Path, tmp_path: Path, seed: int) -> None:
     use_commands(eivor, flown(np.random.default_rng(seed)), good_fit, tmp_path)
 

@@ -46,12 +46,13 @@ def track(
     *,
     example: arguments.ExampleOption = False,
     memory: Annotated[
-        float,
+        float | None,
         typer.Option(
             metavar="S",
-            help="Time over which samples are forgotten, in seconds; a step is told after half of it.",
+            help="Time over which samples are forgotten, in seconds; a step is told after half of it "
+            "(default: 5, or the length of a shorter flight).",
         ),
-    ] = 5.0,
+    ] = None,
     window: arguments.WindowOption = "",
     max_tilt: arguments.MaxTiltOption = None,
     input_channel: arguments.InputOption = "",

@@ -100,15 +100,15 @@ class Track:
         return tuple(one for one in self.moments if one.change)
 
 
-def track(result: FlightEstimate, memory_s: float = MEMORY_S) -> Track:
+def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
     """Follow a parameter over a flight that was identified.
 
     Parameters
     ----------
     result : FlightEstimate
         Of one flight, identified or not.
-    memory_s : float
-        Sum of the weights of the time before [s].
+    memory_s : float, optional
+        Sum of the weights of the time before [s]. Default: 5 s, or the length of a flight that is shorter.
 
     Raises
     ------
@@ -116,24 +116,26 @@ def track(result: FlightEstimate, memory_s: float = MEMORY_S) -> Track:
         When the motion has nothing to follow, there are several flights, or the memory does not fit.
     """
     checks.kind("result", result, FlightEstimate, "a FlightEstimate", "Identify the flight first.")
-    checks.number("memory_s", memory_s)
+    if memory_s is not None:
+        checks.number("memory_s", memory_s)
     if len(result.prepared) != 1:
         raise UsageError("one flight to follow", f"{len(result.prepared)}", "Track the logs one by one.")
     if result.fit is None:
-        return Track(result, "", "", memory_s, {}, (), ())
+        return Track(result, "", "", MEMORY_S if memory_s is None else memory_s, {}, (), ())
     followed = result.motion.followed(result.fit.problem, result.quantities, result.options)
     if followed is None:
         raise UsageError(
             "a motion with a parameter to follow", f"{result.motion.name}", "The vertical motion has one."
         )
     (columns,) = followed.runs.columns
+    length_s = columns.fixed.shape[0] * columns.step_s
+    memory_s = min(MEMORY_S, length_s) if memory_s is None else memory_s
     memory = memory_s / columns.step_s
-    if not MEMORIES[0] <= memory <= columns.fixed.shape[0]:
+    if not MEMORIES[0] <= memory <= columns.fixed.shape[0] * (1.0 + 1e-12):
         raise UsageError(
-            f"a memory of {MEMORIES[0] * columns.step_s:g} s up to the length of the flight, "
-            f"{columns.fixed.shape[0] * columns.step_s:.3g} s",
+            f"a memory of {MEMORIES[0] * columns.step_s:g} to {length_s:.3g} s, the length of the flight",
             f"{memory_s:g} s",
-            f"The default is {MEMORY_S:g} s.",
+            "Leave it out, or give another.",
         )
     return _tracked(result, result.fit, followed, columns, memory_s)
 
