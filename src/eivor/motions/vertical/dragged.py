@@ -13,6 +13,7 @@ import numpy as np
 
 from eivor.errors import EstimationError
 from eivor.shapes import Bool, Float
+from eivor.signals.recording import LARGEST_VALUE
 
 #: Most steps towards the best trim and start, and when they have arrived.
 STEPS, ARRIVED = 8, 1e-9
@@ -51,14 +52,9 @@ def dragged_run(
     force, wanted = driven - driven.mean(), measured[counted]
     trim, start = 0.0, float(wanted[0])
     for _ in range(STEPS):
-        answers = _answers(force + trim, start, friction, drag, step_s)
-        if not np.isfinite(answers).all():
-            raise EstimationError(
-                "numbers with which the predicted climb rate stays finite",
-                f"a friction of {friction:.3g} 1/s and a drag of {drag:.3g} 1/m, with which it grows",
-                "Identify the flight without the term quadratic-drag, or fly faster.",
-            )
-        answer, by_trim, by_start = (one[counted] for one in answers)
+        answer, by_trim, by_start = (
+            one[counted] for one in _answers(force + trim, start, friction, drag, step_s)
+        )
         step = np.linalg.lstsq(np.column_stack([by_trim, by_start]), wanted - answer, rcond=None)[0]
         trim, start = trim + float(step[0]), start + float(step[1])
         if np.abs(step).max() < ARRIVED:
@@ -81,4 +77,11 @@ def _answers(
         by_trim = slower * (by_trim + 0.5 * step_s) + 0.5 * step_s
         by_start *= slower
         found.append((v, by_trim, by_start))
-    return np.array(found).T
+    answers = np.array(found).T
+    if not (np.abs(answers) <= LARGEST_VALUE).all():
+        raise EstimationError(
+            "numbers with which the predicted climb rate stays finite",
+            f"a friction of {friction:.3g} 1/s and a drag of {drag:.3g} 1/m, with which it grows",
+            "Identify the flight without the term quadratic-drag, or fly faster.",
+        )
+    return answers
