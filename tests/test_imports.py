@@ -82,7 +82,7 @@ def test_the_command_loads_no_solver_that_it_does_not_use(recordings):
     unwanted = ("simulation", "studies", "planning", "fleets", "exports", "serve", "flights.pooled")
     assert not [name for name in loaded if name.startswith(tuple(f"eivor.{room}" for room in unwanted))]
     assert not loaded & {
-        *(f"eivor.linalg.{name}" for name in ("fuller", "parameter_choice", "regularisation", "regularised")),
+        *(f"eivor.linalg.{name}" for name in ("fuller", "regularised")),
         *(f"eivor.linalg.{name}" for name in ("total_least_squares", "weighted_total_least_squares")),
         *(f"eivor.inference.covariances.{name}" for name in ("bandwidth", "fixed_b", "kernel")),
         "eivor.estimation.regularised",

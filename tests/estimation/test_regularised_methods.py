@@ -11,8 +11,10 @@ import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.verdict import Status
 from eivor.linalg import LinearSystem, RegularisedLeastSquares
+from eivor.linalg.regularised import DECADES, POINTS
 
 M = ev.methods
+GRID = np.append(0.0, np.logspace(*DECADES, (DECADES[1] - DECADES[0]) * POINTS + 1))
 MOTION = ev.VerticalMotion(intercept=False)
 
 
@@ -59,7 +61,7 @@ def test_moments_are_the_equations_of_an_instrumental_method(weighting):
     if plain.factor is not None:
         A, b = np.linalg.solve(plain.factor, A), np.linalg.solve(plain.factor, b)
     unit = A / np.linalg.norm(A, axis=0)
-    grid, scores = M.Tikhonov().parameters, []
+    grid, scores = GRID, []
     for a in grid:
         hat = unit @ np.linalg.solve(unit.T @ unit + a * np.eye(2), unit.T)
         scores.append(np.sum((b - hat @ b) ** 2) / (7.0 - np.trace(hat)) ** 2)
@@ -75,7 +77,7 @@ def test_moments_without_an_equation_left_over_tell_no_noise():
         EstimationError, match=r"more equations than the 2 unknowns .*moments count, not rows"
     ):
         ev.identify(problem_of(3), square)
-    ev.identify(problem_of(3), M.regularised(M.bias_compensated_least_squares(), choice=M.LCurve()))
+    ev.identify(problem_of(3), M.regularised(M.bias_compensated_least_squares(), parameter=0.1))
 
 
 @pytest.mark.parametrize(
@@ -84,7 +86,7 @@ def test_moments_without_an_equation_left_over_tell_no_noise():
 def test_nothing_is_changed_by_a_parameter_of_zero(name):
     method, made = getattr(M, name)(), problem_of(4)
     plain = ev.identify(made, method)
-    found = ev.identify(made, M.regularised(method, choice=M.GivenParameter(0.0)))
+    found = ev.identify(made, M.regularised(method, parameter=0.0))
     np.testing.assert_allclose(found.best.values, plain.best.values, rtol=1e-9)
     np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-7)
     assert found.status is plain.status
@@ -98,7 +100,7 @@ def test_intervals_count_the_whole_move(name):
     """Mean square errors: what the equations leave, and the square of what regularisation did."""
     method, made = getattr(M, name)(), problem_of(5)
     plain = ev.identify(made, method)
-    found = ev.identify(made, M.regularised(method, choice=M.GivenParameter(0.3)))
+    found = ev.identify(made, M.regularised(method, parameter=0.3))
     move = found.best.values - plain.best.values
     np.testing.assert_allclose(found.best.solution.shrinkage.shift, move, rtol=1e-6)
     left = np.diag(found.covariance) - move**2
@@ -115,7 +117,7 @@ def test_intervals_cover_although_the_estimate_is_biased():
         rng = np.random.default_rng([6, run])
         X = rng.standard_normal((60, 2))
         rows = ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(60), regressors=X)
-        found = ev.identify(rows, M.regularised(M.least_squares(), choice=M.GivenParameter(0.1)))
+        found = ev.identify(rows, M.regularised(M.least_squares(), parameter=0.1))
         found = found.with_covariance(ev.covariances.Classical())
         low, high = found.interval("theta_2")
         covered += low <= 2.0 <= high
@@ -128,12 +130,12 @@ def test_intervals_cover_although_the_estimate_is_biased():
 def test_towards_the_estimate_of_another_method():
     """All the way it is that estimate; the input's gain of a white input is then that of least squares."""
     made, least = problem_of(7), M.least_squares()
-    found = ev.identify(made, M.regularised(M.generalized_iv(), choice=M.GivenParameter(1e9), towards=least))
+    found = ev.identify(made, M.regularised(M.generalized_iv(), parameter=1e9, towards=least))
     wanted = ev.identify(made, least)
     np.testing.assert_allclose(found.best.values, wanted.best.values, rtol=1e-6)
     assert found.status is Status.WEAK
-    given = M.regularised(M.generalized_iv(), choice=M.GivenParameter(0.5), towards=wanted.best.theta)
-    named = M.regularised(M.generalized_iv(), choice=M.GivenParameter(0.5), towards=least)
+    given = M.regularised(M.generalized_iv(), parameter=0.5, towards=wanted.best.theta)
+    named = M.regularised(M.generalized_iv(), parameter=0.5, towards=least)
     np.testing.assert_allclose(
         ev.identify(made, given).best.values, ev.identify(made, named).best.values, rtol=1e-12
     )
@@ -154,7 +156,7 @@ def test_chunks_are_the_whole_record():
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_nuisance_beside_it_is_not_moved():
     made = problem(lag(), share(grid=np.array([0.4])))
-    found = ev.identify(made, M.regularised(M.least_squares(), choice=M.GivenParameter(1e-3)))
+    found = ev.identify(made, M.regularised(M.least_squares(), parameter=1e-3))
     assert found.names == ("friction", "gain", "actuator_lag")
     assert "it moved friction by" in found.reasons[-1].sentence
     move = found.best.equation.move

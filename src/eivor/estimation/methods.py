@@ -17,23 +17,10 @@ from eivor.linalg.least_squares import AugmentedLeastSquares, LeastSquares
 
 if TYPE_CHECKING:
     from eivor.estimation.regularised import regularised
-    from eivor.linalg.parameter_choice import (
-        DiscrepancyPrinciple,
-        GeneralizedCrossValidation,
-        GivenParameter,
-        LCurve,
-    )
-    from eivor.linalg.regularisation import ImplicitIteration, Tikhonov
     from eivor.linalg.system import Solver
 
 __all__ = [
     "TABLE",
-    "DiscrepancyPrinciple",
-    "GeneralizedCrossValidation",
-    "GivenParameter",
-    "ImplicitIteration",
-    "LCurve",
-    "Tikhonov",
     "TwoStage",
     "TwoStepRobust",
     "Unweighted",
@@ -64,12 +51,6 @@ __all__ = [
 __getattr__ = late_names(
     __name__,
     {
-        "DiscrepancyPrinciple": "eivor.linalg.parameter_choice",
-        "GeneralizedCrossValidation": "eivor.linalg.parameter_choice",
-        "GivenParameter": "eivor.linalg.parameter_choice",
-        "ImplicitIteration": "eivor.linalg.regularisation",
-        "LCurve": "eivor.linalg.parameter_choice",
-        "Tikhonov": "eivor.linalg.regularisation",
         "regularised": "eivor.estimation.regularised",
     },
 )

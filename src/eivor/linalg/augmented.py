@@ -4,7 +4,7 @@
 
 With c = 0 and t = 0 it is least squares, with t = s = sigma_min([A b]) total least squares (Bjorck 1967;
 Ivanov and Zhdanov 2021). A shift of t and a c that is no zero pull theta towards a vector, see
-`eivor.linalg.regularisation`. Its condition is governed by that of A, not by its square.
+`eivor.linalg.regularised`. Its condition is governed by that of A, not by its square.
 """
 
 from __future__ import annotations

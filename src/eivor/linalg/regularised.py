@@ -1,59 +1,153 @@
-"""Solvers that regularise: least squares, and total least squares, pulled towards a vector.
+"""Tikhonov's regularisation (1963) of least squares and total least squares, by the augmented system.
 
-A regularisation (`eivor.linalg.regularisation`) says how, a choice of its parameter (`parameter_choice`) how
-far. A solution that is pulled is biased; `Solution.shrinkage` says how far it was moved, and intervals count
-that whole move. Columns that are combinations of one another but for rounding are refused as by every other
-solver.
+Both solve (R'R - sigma^2 I + a I) theta = R' right + a towards, with sigma = 0 for least squares, through
+[[s I, R], [R', t I]] [r/s; theta] = [right; -(a/s) towards], s t = sigma^2 - a. With lambda_i the
+eigenvalues of R'R - sigma^2 I, the share lambda_i / (lambda_i + a) of direction i is kept. The parameter a
+counts in units of the mean of R's squared singular values, so that it has no unit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import NonFiniteError, ShapeError
+from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
+from eivor.linalg.augmented import balanced, solve_augmented
 from eivor.linalg.least_squares import UnweightedScore, column_lengths, smallest_singular_value
-from eivor.linalg.parameter_choice import GeneralizedCrossValidation, ParameterChoice, check_choice
-from eivor.linalg.regularisation import ReducedProblem, Regularisation, Tikhonov
-from eivor.linalg.shrinkage_path import shrinkage_path
 from eivor.linalg.split_problem import split_problem
 from eivor.linalg.system import LinearSystem, Shrinkage, Solution
 from eivor.linalg.total_least_squares import ErrorsInColumns
 from eivor.linalg.triangular import triangular_root
 from eivor.shapes import Float
 
+#: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
+DECADES, POINTS = (-14, 4), 20
+
 
 @dataclass(frozen=True)
-class RegularisedLeastSquares(UnweightedScore):
-    """Least squares, pulled towards a vector through the shifted augmented system.
+class ReducedProblem:
+    """A problem in the coordinates in which it is regularised."""
 
-    Columns are scaled to unit length first, so that the result does not depend on their units. Every column
-    is pulled, an intercept's as well: give its value in `towards`, or leave it out of the model.
+    R: Float[np.ndarray, "n n"]  # triangular factor of the scaled or whitened columns
+    right: Float[np.ndarray, " n"]
+    outside: float  # square of the right-hand side that R does not reach
+    shift: float  # sigma^2
+    towards: Float[np.ndarray, " n"]
+    equations: float  # number of equations that R is the root of
+    column_errors: float  # variance of the columns' errors over the right-hand side's: 0, or 1 in TLS
+
+    @property
+    def unit(self) -> float:
+        """Mean of the squared singular values, the unit of the parameter."""
+        return float(np.sum(self.R**2)) / self.R.shape[0]
+
+    def solution(self, parameter: float) -> Float[np.ndarray, " n"]:
+        """Theta of the shifted system."""
+        a = parameter * self.unit
+        upper = balanced(self.R, self.shift - a)
+        below = -(a / upper) * self.towards
+        return solve_augmented(self.R, self.right, upper, (self.shift - a) / upper, below=below)
+
+    def kept(self, parameters: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Number of parameters that are left, of n."""
+        powers = (np.linalg.svd(self.R, compute_uv=False) ** 2 - self.shift) / self.unit
+        return np.sum(powers / (powers + parameters[:, None]), axis=1)
+
+    def cross_validated(self) -> float:
+        """Parameter of the least misfit / (m - parameters left)^2 (Golub, Heath and Wahba 1979)."""
+        if self.equations <= self.right.size:
+            raise EstimationError(
+                f"more equations than the {self.right.size} unknowns for generalized cross-validation",
+                f"{self.equations:g}",
+                "Give more instruments (moments count, not rows), or give the parameter.",
+            )
+        first, last = DECADES
+        parameters = np.append(0.0, np.logspace(first, last, (last - first) * POINTS + 1))
+        U, s, Vt = np.linalg.svd(self.R)
+        powers = s**2 - self.shift
+        beta, target = U.T @ self.right, Vt @ self.towards
+        x = target + powers / (powers + parameters[:, None] * self.unit) * (s * beta / powers - target)
+        misfits = self.outside + np.sum((beta - s * x) ** 2, axis=1)
+        misfits /= 1.0 + self.column_errors * np.sum(x**2, axis=1)
+        return float(parameters[np.argmin(misfits / (self.equations - self.kept(parameters)) ** 2)])
+
+
+@dataclass(frozen=True)
+class Tikhonov:
+    """Parameter, and the vector that the solution is pulled towards.
 
     Parameters
     ----------
-    scheme : Regularisation
-        How; `Tikhonov` by default.
-    choice : ParameterChoice
-        How far; `GeneralizedCrossValidation` by default.
+    parameter : float, optional
+        Zero or more: at 1 a regressor that is orthogonal to all others keeps half of its coefficient. None
+        takes generalized cross-validation.
     towards : ndarray, shape (n,), optional
         In the units of theta; zero by default.
 
     Raises
     ------
     UsageError, NonFiniteError
-        When an argument is of another kind, or a number is not finite.
+        When an argument is out of range or not finite.
     """
 
-    scheme: Regularisation = field(default_factory=Tikhonov)
-    choice: ParameterChoice = field(default_factory=GeneralizedCrossValidation)
+    parameter: float | None = None
     towards: Float[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "towards", _checked(self.scheme, self.choice, self.towards))
+        if self.parameter is not None:
+            checks.number("parameter", self.parameter)
+            if not 0.0 <= self.parameter < np.inf:
+                raise UsageError(
+                    "a parameter of zero or more", f"{self.parameter:g}", "Zero regularises nothing."
+                )
+        if self.towards is not None:
+            vector = checks.real_array("towards", self.towards)
+            if vector.ndim != 1 or not np.isfinite(vector).all():
+                raise NonFiniteError(
+                    "a vector of finite numbers", f"{vector}", "Give one number for each parameter."
+                )
+            object.__setattr__(self, "towards", vector)
+
+    def vector(self, unknowns: int) -> Float[np.ndarray, " n"]:
+        """The vector for a number of unknowns."""
+        if self.towards is None:
+            return np.zeros(unknowns)
+        if self.towards.size != unknowns:
+            raise ShapeError(
+                f"{unknowns} numbers to be pulled towards, one for each parameter",
+                f"{self.towards.size}",
+                "Give them in the order of the parameters.",
+            )
+        return self.towards
+
+    def solve(
+        self, problem: ReducedProblem, back: Callable[[Float[np.ndarray, " q"]], Float[np.ndarray, " n"]]
+    ) -> tuple[Float[np.ndarray, " n"], Shrinkage]:
+        """Theta in its own units, and the shift that regularisation made."""
+        chosen = "gcv" if self.parameter is None else "given"
+        parameter = problem.cross_validated() if self.parameter is None else float(self.parameter)
+        theta = back(problem.solution(parameter))
+        kept = float(problem.kept(np.array([parameter]))[0])
+        return theta, Shrinkage("tikhonov", chosen, parameter, kept, theta - back(problem.solution(0.0)))
+
+
+@dataclass(frozen=True)
+class RegularisedLeastSquares(UnweightedScore):
+    """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths.
+
+    Columns are scaled to unit length first, so that the result does not depend on their units. Every column
+    is pulled, an intercept's as well: give its value in `towards`, or leave it out of the model.
+
+    Parameters
+    ----------
+    scheme : Tikhonov
+        Parameter and vector.
+    """
+
+    scheme: Tikhonov = Tikhonov()
 
     def solve(self, system: LinearSystem) -> Solution:
         """Regularised solution, see `Solver.solve`.
@@ -61,47 +155,36 @@ class RegularisedLeastSquares(UnweightedScore):
         Raises
         ------
         EstimationError
-            When the choice needs more equations than unknowns and there are not.
+            When cross-validation needs more equations than unknowns and there are not.
         ShapeError
-            When there is another number of unknowns than numbers in `towards`.
+            When the number of unknowns differs from that of `towards`.
         """
         n = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
         root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
         _, condition = smallest_singular_value(root[:n, :n])
         outside = float(root[n, n] ** 2) if root.shape[0] > n else 0.0
-        towards = _of_length(self.towards, n) * scale
+        towards = self.scheme.vector(n) * scale
         problem = ReducedProblem(root[:n, :n], root[:n, -1], outside, 0.0, towards, system.equations, 0.0)
-        theta, shrinkage = _regularised(problem, self.scheme, self.choice, lambda found: found / scale)
+        theta, shrinkage = self.scheme.solve(problem, lambda scaled: scaled / scale)
         residual = system.right - system.matrix @ theta
         return Solution(theta, residual, float(residual @ residual), condition, shrinkage)
 
 
 @dataclass(frozen=True)
 class RegularisedTotalLeastSquares(ErrorsInColumns):
-    """Generalized total least squares, pulled towards a vector through the shifted augmented system.
+    """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b]).
 
-    (R'R - sigma^2 I + a I) theta = R' right + a towards, with sigma = sigma_min([A b]), in the coordinates in
-    which the declared errors are alike; see `GeneralizedTotalLeastSquares` for them. Columns without error
-    are not pulled.
+    In the coordinates in which the declared errors are alike; see `GeneralizedTotalLeastSquares` for them.
+    Columns without error are not pulled.
 
     Parameters
     ----------
-    scheme, choice, towards
-        As of `RegularisedLeastSquares`.
-
-    Raises
-    ------
-    UsageError, NonFiniteError
-        When an argument is of another kind, or a number is not finite.
+    scheme : Tikhonov
+        Parameter and vector.
     """
 
-    scheme: Regularisation = field(default_factory=Tikhonov)
-    choice: ParameterChoice = field(default_factory=GeneralizedCrossValidation)
-    towards: Float[np.ndarray, " n"] | None = None
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "towards", _checked(self.scheme, self.choice, self.towards))
+    scheme: Tikhonov = Tikhonov()
 
     def solve(self, system: LinearSystem) -> Solution:
         """Regularised solution, see `RegularisedLeastSquares.solve` and `GeneralizedTotalLeastSquares.solve`.
@@ -114,48 +197,7 @@ class RegularisedTotalLeastSquares(ErrorsInColumns):
         split = split_problem(system)
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))
-        towards = split.whitened(_of_length(self.towards, system.matrix.shape[1]))
+        towards = split.whitened(self.scheme.vector(system.matrix.shape[1]))
         left = system.equations - split.exact.size
         problem = ReducedProblem(split.R, split.right, split.outside, split.smallest**2, towards, left, 1.0)
-        theta, shrinkage = _regularised(problem, self.scheme, self.choice, split.theta)
-        return split.solution(theta, shrinkage)
-
-
-def _regularised(
-    problem: ReducedProblem,
-    scheme: Regularisation,
-    choice: ParameterChoice,
-    back: Callable[[Float[np.ndarray, " q"]], Float[np.ndarray, " n"]],
-) -> tuple[Float[np.ndarray, " n"], Shrinkage]:
-    """Theta at the chosen parameter, and what was done to it."""
-    path = shrinkage_path(problem, scheme, choice.parameters(scheme))
-    place = choice.chosen(path)
-    parameter = float(path.parameters[place])
-    theta = back(scheme.solution(problem, parameter))
-    unmoved = back(problem.pulled(0.0, problem.towards))
-    return theta, Shrinkage(scheme.name, choice.name, parameter, float(path.kept[place]), theta - unmoved)
-
-
-def _checked(
-    scheme: object, choice: object, towards: Float[np.ndarray, " n"] | None
-) -> Float[np.ndarray, " n"] | None:
-    checks.kind("scheme", scheme, Regularisation, "a regularisation", "Make one: Tikhonov().")
-    check_choice(choice)
-    if towards is None:
-        return None
-    vector = checks.real_array("towards", towards)
-    if vector.ndim != 1 or not np.isfinite(vector).all():
-        raise NonFiniteError("a vector of finite numbers", f"{vector}", "Give one number for each parameter.")
-    return vector
-
-
-def _of_length(towards: Float[np.ndarray, " _"] | None, unknowns: int) -> Float[np.ndarray, " n"]:
-    if towards is None:
-        return np.zeros(unknowns)
-    if towards.size != unknowns:
-        raise ShapeError(
-            f"{unknowns} numbers to be pulled towards, one for each parameter",
-            f"{towards.size}",
-            "Give them in the order of the parameters.",
-        )
-    return towards
+        return split.solution(*self.scheme.solve(problem, split.theta))

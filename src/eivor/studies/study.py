@@ -25,7 +25,6 @@ from eivor.inference import covariances
 from eivor.models.column import Column, lags
 from eivor.studies.among import check_among
 from eivor.studies.experiment import Experiment
-from eivor.studies.regularisation_choice import RegularisationChoice
 
 #: Methods that need no instruments.
 DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
@@ -66,8 +65,35 @@ WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
     "two_stage": methods.TwoStage,
     "two_step_robust": methods.TwoStepRobust,
 }
+#: What regularisation may pull a solution towards.
+TARGETS: Mapping[str, Method | None] = {"zero": None, "least_squares": methods.least_squares()}
 #: Largest number of runs: above it a study is more likely a mistake.
 MOST_RUNS = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Regularisation:
+    """Tikhonov's regularisation of a method.
+
+    Parameters
+    ----------
+    parameter : float, optional
+        Generalized cross-validation chooses it by default.
+    towards : str
+        One of `TARGETS`.
+
+    Raises
+    ------
+    UsageError
+        When the target is unknown or the parameter is out of range.
+    """
+
+    parameter: float | None = None
+    towards: str = "zero"
+
+    def __post_init__(self) -> None:
+        check_among("a vector to be pulled towards", self.towards, TARGETS)
+        methods.regularised(methods.least_squares(), self.parameter)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +118,8 @@ class MethodChoice:
         What results call it; default: its name.
     strength : float
         Of `fuller` and `generalized_fuller`.
-    regularisation : RegularisationChoice, optional
-        How its solution is pulled; not at all by default.
+    regularisation : Regularisation, optional
+        Tikhonov's, of a linear method; none by default.
 
     Raises
     ------
@@ -109,7 +135,7 @@ class MethodChoice:
     label: str = ""
     covariance: str = "default"
     strength: float = 1.0
-    regularisation: RegularisationChoice | None = None
+    regularisation: Regularisation | None = None
 
     def __post_init__(self) -> None:
         check_among("a method", self.name, METHODS)
@@ -147,7 +173,7 @@ class MethodChoice:
         made = self._plain_method
         if self.regularisation is None or not isinstance(made, LinearMethod):
             return made
-        return self.regularisation.of(made)
+        return methods.regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
 
     @property
     def _plain_method(self) -> Method:

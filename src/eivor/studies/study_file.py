@@ -15,8 +15,8 @@
     known_noise = ["input"]         # optional: all channels
     label = "giv"                   # optional: the name
     strength = 4.0                  # optional: of fuller and generalized_fuller
-    regularisation = {scheme = "tikhonov", choice = "gcv", towards = "zero"}    # optional, see
-                                    # `RegularisationChoice`; parameter = 0.1 beside choice = "given"
+    regularisation = {parameter = 0.1, towards = "least_squares"}   # optional: Tikhonov's; without a
+                                    # parameter by cross-validation, without a target towards zero
 
 A scenario is one of vertical motion, see `eivor.simulation.scenario_files.scenario_file`, or with
 ``kind = "difference_equation"`` one whose keys are the parameters of `DifferenceEquation`; its noises are
@@ -35,8 +35,7 @@ from eivor.simulation.sources.disturbance import Disturbance
 from eivor.simulation.sources.excitation import Excitation
 from eivor.studies.difference_equation import INPUT, OUTPUT, DifferenceEquation
 from eivor.studies.experiment import Experiment, VerticalExperiment
-from eivor.studies.regularisation_choice import RegularisationChoice
-from eivor.studies.study import MethodChoice, Study
+from eivor.studies.study import MethodChoice, Regularisation, Study
 from eivor.toml_table import TomlTable, read_toml
 
 #: What a scenario may be of, the first when it does not say.
@@ -118,15 +117,13 @@ def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
         raise _placed(table, error) from error
 
 
-def _regularisation(table: TomlTable) -> RegularisationChoice:
-    plain = RegularisationChoice()
-    scheme, choice = table.text("scheme", plain.scheme), table.text("choice", plain.choice)
-    towards = table.text("towards", plain.towards)
+def _regularisation(table: TomlTable) -> Regularisation:
+    towards = table.text("towards", "zero")
     parameter = table.number("parameter") if table.has("parameter") else None
     table.taken.add("parameter")
     table.finish()
     try:
-        return RegularisationChoice(scheme, choice, parameter, towards)
+        return Regularisation(parameter, towards)
     except EivorError as error:
         raise _placed(table, error) from error
 
