@@ -9,7 +9,9 @@ It is computed in float64 throughout: a number is a float, also where it meets a
 
 from __future__ import annotations
 
+import ast
 import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -35,16 +37,15 @@ FUNCTIONS: Mapping[str, np.ufunc] = {
     "greatest": np.maximum,
     "least": np.minimum,
 }
-_OPERATORS: Mapping[str, np.ufunc] = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
+_OPERATORS: Mapping[type[ast.AST], np.ufunc] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+}
 MAX_LENGTH = 1000
 MAX_NESTING = 32
-
-_TOKEN = re.compile(
-    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?![\w.])"
-    r"|(?P<name>[^\W\d]\w*)"
-    r'|"(?P<quoted>[^"\x00]+)"'
-    r"|(?P<mark>[-+*/(),]))"
-)
+_QUOTED = re.compile(r'"([^"\x00]+)"')
 
 
 #: One step of a computation on a stack: put a number or a column (by name) on it, or apply a function.
@@ -105,13 +106,11 @@ def parse_expression(text: str, where: str) -> Expression:
     """
     if len(text) > MAX_LENGTH:
         raise _refused(where, f"{len(text)} characters")
-    parser = _Parser(_tokens(text, where), text, where)
-    parser.sum(0)
-    if parser.tokens:
-        raise _refused(where, f"{text!r}, which goes on after its end with {parser.tokens[0][1]!r}")
-    if not parser.columns:
+    compiler = _Compiler(text, where)
+    compiler.compile()
+    if not compiler.columns:
         raise _refused(where, f"{text!r}, which names no column")
-    return Expression(text, tuple(parser.steps), tuple(parser.columns))
+    return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
 
 
 def tilt_of_quaternion(w: str, x: str, y: str, z: str) -> Expression:
@@ -137,107 +136,84 @@ def _refused(where: str, received: str) -> ChannelMapError:
     return ChannelMapError(
         f"arithmetic over columns, at most {MAX_LENGTH} characters, at {where}",
         received,
-        f"Use column names (in double quotes where they hold other characters than letters, digits and _), "
-        f"numbers, + - * /, parentheses and {names}.",
+        f"Use column names (in double quotes where they are words of Python or hold other characters than "
+        f"letters, digits and _), numbers, + - * /, parentheses and {names}.",
     )
 
 
-def _tokens(text: str, where: str) -> list[tuple[str, str]]:
-    tokens = []
-    position = 0
-    end = len(text.rstrip())
-    while position < end:
-        match = _TOKEN.match(text, position)
-        if match is None or match.lastgroup is None:
-            raise _refused(where, f"{text!r}, not understood from {text[position : position + 20]!r} on")
-        tokens.append((match.lastgroup, match.group(match.lastgroup)))
-        position = match.end()
-    return tokens
+class _Compiler:
+    """Turns the syntax tree of a text into steps; only the nodes of the white list pass."""
 
-
-class _Parser:
-    """Recursive descent over the tokens; each method consumes one phrase and adds its steps."""
-
-    def __init__(self, tokens: list[tuple[str, str]], text: str, where: str) -> None:
-        self.tokens = tokens
+    def __init__(self, text: str, where: str) -> None:
         self.text = text
         self.where = where
+        self.source = re.sub(r"\s", " ", text).strip()
         self.steps: list[Step] = []
         self.columns: dict[str, None] = {}
 
-    def _next_is(self, *marks: str) -> bool:
-        return bool(self.tokens) and self.tokens[0][0] == "mark" and self.tokens[0][1] in marks
+    def compile(self) -> None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                tree = ast.parse(self.source, mode="eval")
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            place = getattr(error, "offset", None) or 1
+            start = self.source[max(place - 1, 0) :][:20] or self.source[-20:]
+            raise self._refuse(f"not understood at {start!r}") from None
+        if "#" in _QUOTED.sub("", self.source):
+            raise self._refuse("with a comment")
+        self._add(tree.body, 0)
 
-    def _expect(self, mark: str) -> None:
-        if not self._next_is(mark):
-            got = repr(self.tokens[0][1]) if self.tokens else "its end"
-            raise _refused(self.where, f"{self.text!r}, with {got} where {mark!r} belongs")
-        self.tokens.pop(0)
+    def _refuse(self, why: str) -> ChannelMapError:
+        return _refused(self.where, f"{self.text!r}, {why}")
 
-    def sum(self, depth: int) -> None:
-        """Products, added or subtracted."""
+    def _add(self, node: ast.expr, depth: int) -> None:
+        """Add the steps of a node; chains of one precedence do not count as depth."""
         if depth > MAX_NESTING:
-            raise _refused(self.where, f"{self.text!r}, nested deeper than {MAX_NESTING}")
-        self._product(depth)
-        while self._next_is("+", "-"):
-            operator = _OPERATORS[self.tokens.pop(0)[1]]
-            self._product(depth)
-            self.steps.append(operator)
-
-    def _product(self, depth: int) -> None:
-        self._factor(depth)
-        while self._next_is("*", "/"):
-            operator = _OPERATORS[self.tokens.pop(0)[1]]
-            self._factor(depth)
-            self.steps.append(operator)
-
-    def _factor(self, depth: int) -> None:
+            raise self._refuse(f"nested deeper than {MAX_NESTING}")
+        chain: list[tuple[np.ufunc, ast.expr]] = []
+        while isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+            chain.append((_OPERATORS[type(node.op)], node.right))
+            node = node.left
         negative = False
-        while self._next_is("+", "-"):
-            negative ^= self.tokens.pop(0)[1] == "-"
-        self._atom(depth)
+        while isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+            negative ^= isinstance(node.op, ast.USub)
+            node = node.operand
+        if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+            self._add(node, depth + 1)
+        else:
+            self._atom(node, depth)
         if negative:
             self.steps.append(np.negative)
+        for operator, right in reversed(chain):
+            self._add(right, depth + 1)
+            self.steps.append(operator)
 
-    def _atom(self, depth: int) -> None:
-        if self._next_is("("):
-            self.tokens.pop(0)
-            self.sum(depth + 1)
-            self._expect(")")
-            return
-        if not self.tokens or self.tokens[0][0] == "mark":
-            got = repr(self.tokens[0][1]) if self.tokens else "its end"
-            raise _refused(self.where, f"{self.text!r}, with {got} where a column or a number belongs")
-        kind, word = self.tokens.pop(0)
-        if kind == "number":
-            self.steps.append(self._number(word))
-        elif kind == "name" and self._next_is("("):
-            self._call(word, depth)
+    def _atom(self, node: ast.expr, depth: int) -> None:
+        written = ast.get_source_segment(self.source, node) or ""
+        if isinstance(node, ast.Constant) and type(node.value) in {int, float}:
+            try:
+                number = float(node.value)
+            except OverflowError:
+                number = np.inf
+            if not np.isfinite(number):
+                raise self._refuse(f"where {written} is too large for a number")
+            self.steps.append(number)
+        elif isinstance(node, ast.Name) or (isinstance(node, ast.Constant) and _QUOTED.fullmatch(written)):
+            name = written.strip('"')
+            self.columns[name] = None
+            self.steps.append(name)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+            self._call(node, node.func.id, depth)
         else:
-            self.columns[word] = None
-            self.steps.append(word)
+            raise self._refuse(f"with {written!r} where a column or a number belongs")
 
-    def _number(self, word: str) -> float:
-        value = float(word)
-        if not np.isfinite(value):
-            raise _refused(self.where, f"{self.text!r}, where {word} is too large for a number")
-        return value
-
-    def _call(self, word: str, depth: int) -> None:
-        name = word.lower()
-        if name not in FUNCTIONS:
-            raise _refused(self.where, f"{self.text!r}, with the function {word!r}")
-        self.tokens.pop(0)
-        self.sum(depth + 1)
-        count = 1
-        while self._next_is(","):
-            self.tokens.pop(0)
-            self.sum(depth + 1)
-            count += 1
-        self._expect(")")
-        function = FUNCTIONS[name]
-        if count != function.nin:
-            raise _refused(
-                self.where, f"{self.text!r}, where {name} has {count} arguments, not {function.nin}"
-            )
+    def _call(self, node: ast.Call, word: str, depth: int) -> None:
+        function = FUNCTIONS.get(word.lower())
+        if function is None:
+            raise self._refuse(f"with the function {word!r}")
+        if len(node.args) != function.nin:
+            raise self._refuse(f"where {word.lower()} has {len(node.args)} arguments, not {function.nin}")
+        for argument in node.args:
+            self._add(argument, depth + 1)
         self.steps.append(function)
