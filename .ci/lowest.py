@@ -23,8 +23,8 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-#: Extras that read logs.
-EXTRAS = ("ros", "hdf5")
+#: Extras that read logs, and that of the page.
+EXTRAS = ("ros", "hdf5", "serve")
 _BOUND = re.compile(r"([A-Za-z0-9_.-]+)>=(\d[\w.]*)")
 
 IMPORT_ALL = """

@@ -75,6 +75,14 @@ def test_wrong_usage_is_told(eivor, arguments, code, sentence):
     assert sentence in run.err
 
 
+def test_a_missing_extra_is_a_sentence(eivor, monkeypatch):
+    monkeypatch.setitem(sys.modules, "uvicorn", None)
+    monkeypatch.delitem(sys.modules, "eivor.serve.app", raising=False)
+    run = eivor("serve", "--no-browser")
+    assert run.code == 2
+    assert "pip install 'eivor[serve]'" in run.err
+
+
 def test_a_port_that_is_taken_is_told(eivor):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         run = eivor("serve", "--no-browser", "--port", taken.getsockname()[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Any
@@ -11,8 +12,21 @@ from typing import Any
 import pytest
 
 from eivor.fleets.limits import Limits
-from eivor.serve.server import ServeOptions, Server
+from eivor.serve.app import ServeOptions, Server
 from serve.quick_work import QuickWork
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Return once it holds."""
+    end = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def closed(server: Server) -> None:
+    """Return once no connection is open."""
+    wait_for(lambda: not server.connections)
 
 
 class Asking:
@@ -23,9 +37,9 @@ class Asking:
 
     def __call__(
         self, method: str, path: str, body: bytes | None = None, **headers: str | None
-    ) -> tuple[int, bytes, dict[str, str]]:
+    ) -> tuple[int, bytes, http.client.HTTPMessage]:
         """Status, body and headers of an answer; a header of None is left out."""
-        with closing(http.client.HTTPConnection("127.0.0.1", self.server.gate.port, timeout=30.0)) as line:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
             line.putrequest(method, path, skip_host="host" in headers, skip_accept_encoding=True)
             given = {
                 "x-eivor-token": self.server.token,
@@ -40,7 +54,7 @@ class Asking:
             if body is not None:
                 line.send(body)
             answer = line.getresponse()
-            return answer.status, answer.read(), dict(answer.getheaders())
+            return answer.status, answer.read(), answer.headers
 
     def json(self, method: str, path: str, body: object = None, **headers: str | None) -> Any:
         """JSON of an answer that is one."""
@@ -72,7 +86,7 @@ class Asking:
     @contextmanager
     def events(self, job: str) -> Iterator[Iterator[dict[str, Any]]]:
         """What is told of a job, as it comes."""
-        with closing(http.client.HTTPConnection("127.0.0.1", self.server.gate.port, timeout=30.0)) as line:
+        with closing(http.client.HTTPConnection("127.0.0.1", self.server.port, timeout=30.0)) as line:
             line.request("GET", f"/jobs/{job}/events", headers={"X-Eivor-Token": self.server.token})
             answer = line.getresponse()
             assert answer.status == 200

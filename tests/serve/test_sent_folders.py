@@ -12,6 +12,7 @@ from eivor.serve.refusals import RefusedError
 from eivor.serve.sent_files import MOST_FILES, plain_name, sent_files
 from eivor.serve.tasks import Begin, Choices
 from eivor.serve.working import outcome_of
+from serve.conftest import wait_for
 
 
 @pytest.mark.parametrize(
@@ -74,13 +75,12 @@ def test_its_files_are_kept_and_deleted_with_it(page):
 
 def test_a_folder_that_breaks_off_leaves_nothing(page):
     before = set(page.server.folder.rglob("*"))
-    with socket.create_connection(("127.0.0.1", page.server.gate.port)) as line:
+    with socket.create_connection(("127.0.0.1", page.server.port)) as line:
         line.sendall(
-            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.gate.port}\r\nX-Eivor-Files: a/3 b/9\r\n"
+            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\nX-Eivor-Files: a/3 b/9\r\n"
             f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 12\r\n\r\nabcd".encode()
         )
-    page.server.connections.end(5.0)
-    assert set(page.server.folder.rglob("*")) == before
+    wait_for(lambda: set(page.server.folder.rglob("*")) == before)
 
 
 def test_the_example_is_kept_as_if_it_was_dropped(opening):

@@ -14,8 +14,8 @@ import pytest
 from eivor.fleets.guard import TRIES
 from eivor.fleets.limits import Limits
 from eivor.serve import workers
-from eivor.serve.server import KEPT_S
-from serve.conftest import Clock
+from eivor.serve.app import KEPT_S
+from serve.conftest import Clock, closed
 
 
 def until(events, stage):
@@ -217,6 +217,5 @@ def test_drops_in_a_row_leave_nothing_behind(page):
         assert "done" in page.last(job)
         assert page("GET", f"/jobs/{job}/report.html")[0] == 200
         page.json("DELETE", f"/jobs/{job}")
-    page.server.connections.end(5.0)
-    assert not page.server.connections._open
+    closed(page.server)
     assert set(page.server.folder.glob("jobs/*")) == before

@@ -19,7 +19,7 @@ from eivor.cli.terminal import write
 from eivor.errors import InputError, UsageError
 
 if TYPE_CHECKING:
-    from eivor.serve.server import ServeOptions
+    from eivor.serve.app import ServeOptions
 
 #: Ctrl-C, the system's polite end, and a terminal or a console that is closed.
 STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -46,7 +46,14 @@ def serve(
     largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
 ) -> ExitCode:
     """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
-    from eivor.serve.server import Server
+    try:
+        from eivor.serve.app import Server
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            "the packages of the page, starlette and uvicorn",
+            f"no package '{error.name}'",
+            "Install them: pip install 'eivor[serve]'.",
+        ) from error
 
     options = _options(port, workers, memory, time, largest)
     with _stop_asked_for() as stop:
@@ -78,7 +85,7 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
         For what cannot be.
     """
     from eivor.fleets.limits import Limits
-    from eivor.serve.server import ServeOptions
+    from eivor.serve.app import ServeOptions
 
     if not 0 <= port < 1 << 16:
         raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")

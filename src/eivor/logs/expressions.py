@@ -191,9 +191,10 @@ class _Compiler:
 
     def _atom(self, node: ast.expr, depth: int) -> None:
         written = ast.get_source_segment(self.source, node) or ""
-        if isinstance(node, ast.Constant) and type(node.value) in {int, float}:
+        value = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(value, int | float) and not isinstance(value, bool):
             try:
-                number = float(node.value)
+                number = float(value)
             except OverflowError:
                 number = np.inf
             if not np.isfinite(number):
