@@ -1,10 +1,8 @@
 """Variable projection: the nuisances that minimise what is left after the linear parameters are solved for.
 
-One continuous nuisance: the objective on its grid, and parabolas and golden sections between the
-neighbours of the least (Brent 1973).
-Several: the objective on a coarse product of their grids, and from its least the minima of quadratics
-through points around the best (Winfield 1973); where these do not settle a bounded search without derivatives
-(Nelder and Mead 1965), begun again where it ends until that gains nothing.
+One continuous nuisance: the objective on its grid, and Brent's search between the neighbours of the least.
+Several: the objective on a coarse product of their grids, and from its least a bounded search by quadratic
+models without derivatives (COBYQA, Ragonneau and Zhang 2023), restarted until that gains nothing.
 
 What is known beforehand of a nuisance t adds ``unit ((t - mean) / std)^2``, with the variance of one
 equation as the unit: the term that a measurement of t would add.
@@ -12,15 +10,14 @@ equation as the unit: the term that a measurement of t would add.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from scipy.optimize import minimize, minimize_scalar
 
 from eivor.errors import ConvergenceError
-from eivor.estimation.quadratics import quadratics_settle
 from eivor.linalg.system import Solution
 from eivor.models.separable import Nuisance, Values
 from eivor.shapes import Float
@@ -33,8 +30,6 @@ PRODUCT_POINTS = 200
 #: objective; so often it may begin.
 LEAST_GAIN = 1e-10
 RESTARTS = 20
-#: Share of an interval that a golden section cuts off.
-GOLDEN = 0.5 * (3.0 - math.sqrt(5.0))
 
 #: Values of the nuisances that are sought, in their order.
 Point = tuple[float, ...]
@@ -210,68 +205,17 @@ def profiles_of(
 def between(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
-    """Least trial between two values of one nuisance, by Brent's search (1973); never worse than `best`.
+    """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
+    least = best
 
-    Each step goes to the minimum of the parabola through the three best trials, if that is between the
-    bounds and steps shrink by half; else to the golden section of the longer side.
+    def objective(value: float) -> float:
+        nonlocal least
+        tried = trial((float(value),))
+        least = min(tried, least, key=lambda one: one.objective)
+        return tried.objective
 
-    Parameters
-    ----------
-    trial : callable
-        From a point to the objective there.
-    best : Trial
-        Where the search begins: between the bounds, or at one of them.
-    bounds : tuple of float
-        Ends of the search.
-    tolerance : float
-        How close to the minimum it ends.
-    """
-    low, high = bounds
-    trials = [best, best, best]
-    step = before = 0.0
-    while True:
-        at, middle = trials[0].point[0], 0.5 * (low + high)
-        if abs(at - middle) + 0.5 * (high - low) <= 2.0 * tolerance:
-            return trials[0]
-        longer = (low if at >= middle else high) - at
-        parabola = parabola_step(trials) if abs(before) > tolerance else math.inf
-        if abs(parabola) < 0.5 * abs(before) and low < at + parabola < high:
-            before, step = step, parabola
-            if min(at + step - low, high - at - step) < 2.0 * tolerance:
-                step = math.copysign(tolerance, middle - at)
-        else:
-            before, step = longer, GOLDEN * longer
-        tried = trial((at + math.copysign(max(abs(step), tolerance), step),))
-        better = tried.objective <= trials[0].objective
-        inner, outer = (tried, trials[0]) if better else (trials[0], tried)
-        if outer.point[0] < inner.point[0]:
-            low = outer.point[0]
-        else:
-            high = outer.point[0]
-        trials = ranked(trials, tried)
-
-
-def ranked(trials: list[Trial], tried: Trial) -> list[Trial]:
-    """Three best of four trials of one nuisance, the last one first where it is no worse than another.
-
-    Copies of the first stand for trials that have not been made.
-    """
-    first, second, third = trials
-    if tried.objective <= first.objective:
-        return [tried, first, second]
-    if tried.objective <= second.objective or second is first:
-        return [first, tried, second]
-    if tried.objective <= third.objective or third in (first, second):
-        return [first, second, tried]
-    return trials
-
-
-def parabola_step(trials: list[Trial]) -> float:
-    """Step from the first of three trials to the minimum of their parabola; infinite where it has none."""
-    (x, f), (w, g), (v, h) = ((one.point[0], one.objective) for one in trials)
-    left, right = (x - w) * (f - h), (x - v) * (f - g)
-    bend = 2.0 * (right - left)
-    return ((x - v) * right - (x - w) * left) / -bend if bend else math.inf
+    minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
+    return least
 
 
 def bounded_search(
@@ -314,30 +258,23 @@ def bounded_search(
 
     steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
     accuracy = float(np.min([n.tolerance for n in sought] / steepest)) * tolerance
-    spacing = np.array([0.5 / (grid.size - 1) for grid in grids])
-    if quadratics_settle(left_at, (scaled(np.array(best.point)) - low) / (high - low), spacing, accuracy):
-        return found
-    from scipy.optimize import minimize
-
+    spacing = float(np.mean([0.5 / (grid.size - 1) for grid in grids]))
     for _ in range(RESTARTS):
         before = found
-        place = (scaled(np.array(before.point)) - low) / (high - low)
-        steps = np.where(place + spacing <= 1.0, spacing, -spacing)
         minimize(
             left_at,
-            place,
-            method="Nelder-Mead",
+            (scaled(np.array(before.point)) - low) / (high - low),
+            method="COBYQA",
             bounds=[(0.0, 1.0)] * len(sought),
             options={
-                "initial_simplex": np.vstack([place, place + np.diag(steps)]),
-                "xatol": accuracy,
-                "fatol": np.inf,
+                "initial_tr_radius": max(spacing, accuracy),
+                "final_tr_radius": accuracy,
                 "maxfev": 400 * len(sought),
             },
         )
         if before.objective - found.objective <= LEAST_GAIN * abs(found.objective):
             return found
-        spacing = np.maximum(0.3 * spacing, 100.0 * accuracy)
+        spacing = max(0.1 * spacing, 10.0 * accuracy)
     raise ConvergenceError(
         f"a search of {', '.join(nuisance.name for nuisance in sought)} that settles",
         f"one that still gains after {RESTARTS} beginnings",

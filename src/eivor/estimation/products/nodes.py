@@ -14,8 +14,8 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from eivor.estimation.products.cubic import slopes_of_nodes, spline_weights
 from eivor.estimation.search import product_grids
 from eivor.models.separable import Nuisance, Prior, Values
 from eivor.shapes import Float
@@ -49,12 +49,12 @@ class NodeAxis:
         return np.exp(places) if self.nuisance.positive else places
 
     @cached_property
-    def _slopes(self) -> Float[np.ndarray, "T T"]:
-        return slopes_of_nodes(self.places)
+    def _spline(self) -> CubicSpline:
+        return CubicSpline(self.places, np.eye(self.places.size))
 
     def weights(self, places: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k T"]:
         """What each node counts at places between them."""
-        return spline_weights(self.places, self._slopes, places)
+        return np.asarray(self._spline(places))
 
 
 @dataclass(frozen=True)
