@@ -17,7 +17,7 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 import polars as pl
 
 from eivor.errors import InputError
-from eivor.studies.executors import local_executor
+from eivor.process_pool import local_executor
 from eivor.studies.sealed_table import is_sealed, sealed
 from eivor.whole_file import write_whole
 

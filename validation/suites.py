@@ -15,7 +15,7 @@ from pathlib import Path
 import polars as pl
 
 from eivor.errors import EivorError, InputError
-from eivor.studies.executors import check_workers, local_executor
+from eivor.process_pool import check_workers, local_executor
 from eivor.studies.generated_page import page_text, page_with
 from eivor.studies.run import StudyResult, run_study
 from eivor.studies.suite_file import Suite, SuiteStudy, read_suite

@@ -202,7 +202,7 @@ def workers_of_this_process() -> list[int]:
     below = [
         int(one) for told in Path("/proc/self/task").glob("*/children") for one in told.read_text().split()
     ]
-    return [one for one in below if b"guarded_process" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    return [one for one in below if b"process_pool" in Path(f"/proc/{one}/cmdline").read_bytes()]
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are looked for in /proc")

@@ -47,7 +47,7 @@ def test_query_of_nothing(eivor, tmp_path):
 def logs(tmp_path, monkeypatch):
     """Logs whose rows are made here, at once."""
     rows_of(monkeypatch)
-    monkeypatch.setattr("eivor.fleets.shard.kept_guard", lambda function, _limits: function)
+    monkeypatch.setattr("eivor.fleets.shard.kept_process", lambda function, _limits: function)
     return write_logs(tmp_path / "logs", {"a.csv": "one", "b/c.csv": "one", "notes": "none"})
 
 

@@ -14,12 +14,12 @@ from eivor.errors import InputError, UsageError
 from eivor.fleets.fleet_folder import IDENTITY, RUN
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.folder_lock import folder_lock
-from eivor.fleets.limits import Limits
 from eivor.fleets.log_list import LogList
 from eivor.fleets.logs_found import logs_found
 from eivor.fleets.own_reports import report_place, reports_there
 from eivor.fleets.run import COPIES, hashed, run_fleet
 from eivor.fleets.table import part_files, read_flights
+from eivor.process_pool import Limits
 from eivor.studies.sealed_table import parquet_bytes
 from fleets.fleet_tasks import rows_of, write_logs
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from eivor.fleets.limits import Limits
+from eivor.process_pool import Limits
 from eivor.serve.app import ServeOptions, Server
 from serve.quick_work import QuickWork
 

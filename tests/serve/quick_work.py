@@ -8,7 +8,7 @@ import sys
 import time
 from typing import Any
 
-from eivor.fleets.telling import Tell, Telling
+from eivor.process_pool import ProgressCallback
 from eivor.serve.tasks import (
     REPORT,
     RESULT,
@@ -25,10 +25,10 @@ from eivor.serve.tasks import (
 )
 
 
-class QuickWork(Telling):
+class QuickWork:
     """Does what a log says: sleep, die, take memory, be refused, or else be its own result."""
 
-    def __call__(self, item: Any, tell: Tell) -> Any:
+    def __call__(self, item: Any, tell: ProgressCallback) -> Any:
         """Outcome of a task."""
         if isinstance(item, Begin):
             return Choices({"models": [{"name": "vertical", "words": "up and down"}]})
@@ -41,7 +41,7 @@ class QuickWork(Telling):
         assert isinstance(item, Plan)
         return Refused(409, dict.fromkeys(("expected", "received", "advice", "sentence"), item.form))
 
-    def _identified(self, item: Identify, tell: Tell) -> Refused | None:
+    def _identified(self, item: Identify, tell: ProgressCallback) -> Refused | None:
         tell(Stage("reading"))
         said = b" ".join(log.path.read_bytes() for log in item.logs.values()).decode()
         tell(Stage("identifying"))

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from eivor.fleets.guard import TRIES
-from eivor.fleets.limits import Limits
+from eivor.process_pool import TRIES, Limits
 from eivor.serve import workers
 from eivor.serve.app import KEPT_S
 from serve.conftest import Clock, closed

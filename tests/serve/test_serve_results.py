@@ -11,7 +11,6 @@ import polars as pl
 import pytest
 
 from eivor.cli.main import application
-from eivor.fleets.telling import nobody
 from eivor.serve.asked_json import asked_job
 from eivor.serve.tasks import (
     Begin,
@@ -136,7 +135,7 @@ def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
 
 
 def test_choices_are_those_that_there_are():
-    found = Work()(Begin(), nobody)
+    found = Work()(Begin(), lambda _: None)
     assert isinstance(found, Choices)
     known = dict(found.known)
     folders = known.pop("folders")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eivor.errors import InputError
-from eivor.studies.executors import abandoned
+from eivor.process_pool import abandoned
 
 
 def text_of(item: object) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eivor.studies.executors import LocalProcesses
+from eivor.process_pool import LocalProcesses
 from eivor.studies.metrics import MethodScore, scores
 from eivor.studies.run import run_study
 from eivor.studies.study_file import read_study

@@ -13,8 +13,7 @@ from pathlib import Path
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.studies.dask_executor import DaskCluster
-from eivor.studies.executors import (
+from eivor.process_pool import (
     TASKS_PER_WORKER,
     InProcess,
     LocalProcesses,
@@ -22,11 +21,13 @@ from eivor.studies.executors import (
     in_order,
     local_executor,
 )
+from eivor.studies.dask_executor import DaskCluster
 from eivor.studies.run import run_study
 from eivor.studies.trial_shards import SHARD_TRIALS
 from studies.dask_cluster import SOURCES, Cluster, dask_cluster, wait_for_workers, wait_until
 from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
 from studies.study_parts import content, small_study
+from worker_answers import answered
 
 #: Enough shards that every worker has some and a killed one leaves some.
 RUNS = 6 * SHARD_TRIALS + 10
@@ -58,7 +59,7 @@ SCRIPT = """
 import sys
 from pathlib import Path
 from studies.study_parts import small_study
-from eivor.studies.executors import InProcess, LocalProcesses
+from eivor.process_pool import InProcess, LocalProcesses
 from eivor.studies.run import run_study
 if __name__ == "__main__":
     run_study(small_study({runs}), Path({folder!r}), executor={executor})
@@ -96,8 +97,8 @@ def group_lives(group: int) -> bool:
 
 
 @pytest.mark.thorough
-def test_a_lost_worker_is_told(tmp_path, monkeypatch):
-    """The executor's own worker process is killed; what was complete stays."""
+def test_a_study_outlives_its_workers(expected, tmp_path):
+    """Its worker processes are killed again and again; what they worked on is tried in new ones."""
     study = small_study(RUNS)
     done: list[int] = []
 
@@ -108,16 +109,24 @@ def test_a_lost_worker_is_told(tmp_path, monkeypatch):
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(child, signal.SIGKILL)
 
-    with pytest.raises(InputError, match=r"worker processes that live .* one that died.*run the same again"):
-        run_study(study, tmp_path, executor=LocalProcesses(1), progress=kill)
-    assert sum(1 for _ in (tmp_path / "shards").iterdir()) >= 1
+    run_study(study, tmp_path, executor=LocalProcesses(1), progress=kill)
+    assert done[-1] == RUNS
+    assert content(tmp_path) == expected
+
+
+def test_a_lost_worker_is_a_sentence():
+    with pytest.raises(
+        InputError, match=r"worker processes that live .* one that died .*7.*run the same again"
+    ):
+        list(LocalProcesses(1).map(answered, ["a", "die"]))
 
 
 def children() -> list[int]:
     """Worker processes of this one."""
-    import multiprocessing
-
-    return [child.pid for child in multiprocessing.active_children() if child.pid]
+    below = [
+        int(one) for task in Path("/proc/self/task").glob("*/children") for one in task.read_text().split()
+    ]
+    return [one for one in below if b"process_pool" in Path(f"/proc/{one}/cmdline").read_bytes()]
 
 
 def test_workers_are_counted():

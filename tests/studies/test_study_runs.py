@@ -17,7 +17,7 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.studies.executors import Executor, InProcess, Item, Result
+from eivor.process_pool import Executor, InProcess, Item, Result
 from eivor.studies.metrics import scores, trial_nrmse
 from eivor.studies.run import StudyResult, run_study
 from eivor.studies.share import Share

@@ -23,10 +23,10 @@ from eivor.errors import EivorError, UsageError
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.process_pool import in_order, local_executor
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
 from eivor.simulation.scenario_files.flight_file import shipped_flight
-from eivor.studies.executors import in_order, local_executor
 from eivor.studies.generated_page import markdown, page_with
 from eivor.studies.share import Share
 from eivor.whole_file import write_whole

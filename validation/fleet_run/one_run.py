@@ -17,8 +17,8 @@ from pathlib import Path
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.logs_found import logs_found
 from eivor.fleets.run import run_fleet
+from eivor.process_pool import Executor, InProcess, LocalThreads
 from eivor.studies.dask_executor import DaskCluster
-from eivor.studies.executors import Executor, InProcess, LocalThreads
 from validation.fleet_run.logs import VEHICLES
 
 #: Bytes of a unit of the largest resident memory.

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from eivor.errors import EivorError
-from eivor.studies.executors import local_executor
+from eivor.process_pool import local_executor
 from eivor.studies.generated_page import page_with
 from eivor.whole_file import write_whole
 from validation.flight_recipe.grid import FlightGrid, published_grid

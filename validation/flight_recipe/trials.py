@@ -24,10 +24,10 @@ from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.flights import VerticalFlights
+from eivor.process_pool import Executor, in_order
 from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
 from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
 from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.studies.executors import Executor, in_order
 from validation.flight_recipe.grid import FlightCase, FlightGrid
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 

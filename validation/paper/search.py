@@ -20,8 +20,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from eivor.process_pool import in_order, local_executor
 from eivor.simulation.records.scenario import Intersample
-from eivor.studies.executors import in_order, local_executor
 from eivor.studies.generated_page import markdown, page_with
 from eivor.studies.paper.examples import PaperResult, trial_generator
 from eivor.studies.paper.readings import (

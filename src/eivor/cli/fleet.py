@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from eivor.fleets.own_reports import PageOf
     from eivor.fleets.report import FleetReport
     from eivor.fleets.run import FleetRun, Progress
-    from eivor.studies.executors import Executor
+    from eivor.process_pool import Executor
 
 #: Letters of a cell on the terminal; in a CSV cells are whole.
 LONGEST_CELL = 160
@@ -120,14 +120,14 @@ def run_command(
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    from eivor.fleets.begun_process import begun_ahead
+    from eivor.process_pool import begun_in_advance
 
     # what a process that reads logs loads takes as long as what follows here
-    with nullcontext() if dask else begun_ahead("eivor.fleets.flight_row"):
+    with nullcontext() if dask else begun_in_advance("eivor.fleets.flight_row"):
         from eivor.fleets.fleet_options import FleetOptions, given_maps
-        from eivor.fleets.limits import Limits
         from eivor.fleets.logs_found import logs_found
         from eivor.fleets.run import run_fleet
+        from eivor.process_pool import Limits
 
         motion = named_motion(model, vehicle)
         options = FleetOptions(
@@ -171,7 +171,7 @@ def _page_of() -> PageOf:
 
 
 def _executor(workers: int | None, dask: str, logs: int) -> Executor:
-    from eivor.studies.executors import InProcess, LocalThreads, useful_workers
+    from eivor.process_pool import InProcess, LocalThreads, useful_workers
 
     if dask:
         from eivor.studies.dask_executor import DaskCluster

@@ -84,7 +84,7 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
     UsageError
         For what cannot be.
     """
-    from eivor.fleets.limits import Limits
+    from eivor.process_pool import Limits
     from eivor.serve.app import ServeOptions
 
     if not 0 <= port < 1 << 16:

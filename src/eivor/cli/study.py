@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
 
-    from eivor.studies.executors import Executor
+    from eivor.process_pool import Executor
     from eivor.studies.metrics import MethodScore, Spread
     from eivor.studies.run import Progress, StudyResult
     from eivor.studies.study import Study
@@ -102,7 +102,7 @@ def study(
 
 
 def _executor(study: Study, workers: int | None, dask: str) -> Executor:
-    from eivor.studies.executors import local_executor
+    from eivor.process_pool import local_executor
     from eivor.studies.trial_shards import SHARD_TRIALS
 
     if dask:

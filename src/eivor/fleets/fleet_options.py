@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from eivor.errors import UsageError
-from eivor.fleets.limits import Limits
 from eivor.fleets.named_by_path import PathPattern
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.motions import DEFAULT, motion_by_name
+from eivor.process_pool import Limits
 
 #: Digits of the hash that rows are marked with.
 HASH_DIGITS = 16

@@ -33,8 +33,8 @@ from eivor.fleets.pooled_rows import (
 from eivor.fleets.table import COPY, FAILED
 from eivor.flights.across import AcrossFlights
 from eivor.flights.motion import Motion
+from eivor.process_pool import useful_workers
 from eivor.shapes import Float
-from eivor.studies.executors import useful_workers
 
 #: Tables without rows.
 COVARIATES = pl.DataFrame(

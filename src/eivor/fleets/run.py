@@ -25,12 +25,12 @@ from eivor.fleets.log_list import Log
 from eivor.fleets.logs_found import LogsFound
 from eivor.fleets.own_reports import PageOf, reports_there
 from eivor.fleets.private_database import database_errors_told
-from eivor.fleets.shard import Shard, close_kept_guards
+from eivor.fleets.shard import Shard, close_kept_processes
 from eivor.fleets.table import FAILED
 from eivor.logs.folders import folder_sha256, folder_size
 from eivor.logs.formats import folder_parts
 from eivor.logs.read import DEFAULT_MAX_BYTES
-from eivor.studies.executors import Executor, InProcess
+from eivor.process_pool import Executor, InProcess
 
 #: Logs of a task: as few as give the number of tasks that progress is told by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
@@ -153,7 +153,7 @@ def run_fleet(
         except SupersededError as error:
             raise _taken_over(folder) from error
         finally:
-            close_kept_guards()
+            close_kept_processes()
 
 
 @dataclass(frozen=True, slots=True)

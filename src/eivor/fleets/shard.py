@@ -11,11 +11,9 @@ from typing import Any
 from eivor.fleets.fleet_folder import FleetFolder, SupersededError
 from eivor.fleets.fleet_options import FleetOptions
 from eivor.fleets.flight_row import FlightRow, NamedRow, failed_row
-from eivor.fleets.guard import AbandonedError, Guard, LimitError
-from eivor.fleets.limits import Limits
 from eivor.fleets.log_list import Log
 from eivor.fleets.own_reports import PAGE, PageOf, write_report
-from eivor.studies.executors import abandoned
+from eivor.process_pool import AbandonedError, LimitError, Limits, WorkerProcess, abandoned
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,29 +93,29 @@ class Shard:
         if not self.guarded:
             return function(log)
         try:
-            row: dict[str, Any] = kept_guard(function, self.options.limits)(log)
+            row: dict[str, Any] = kept_process(function, self.options.limits)(log)
         except LimitError as error:
             return failed_row(NamedRow(self.options)(log), str(error))
         return row
 
 
-#: Guard of each thread, which lives from one task to the next, and what it was made for.
-_KEPT: dict[int, tuple[Guard, tuple[Any, Limits]]] = {}
+#: Process of each thread, which lives from one task to the next, and what it was made for.
+_KEPT: dict[int, tuple[WorkerProcess, tuple[Any, Limits]]] = {}
 
 
-def kept_guard(function: Callable[[Any], Any], limits: Limits) -> Guard:
-    """Guard of this thread for a function: that of the task before, when it was for the same."""
+def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProcess:
+    """Process of this thread for a function: that of the task before, when it was for the same."""
     thread = threading.get_ident()
-    guard, made_for = _KEPT.get(thread, (None, None))
-    if guard is not None and made_for == (function, limits):
-        return guard
-    if guard is not None:
-        guard.close()
-    _KEPT[thread] = Guard(function, limits), (function, limits)
+    process, made_for = _KEPT.get(thread, (None, None))
+    if process is not None and made_for == (function, limits):
+        return process
+    if process is not None:
+        process.close()
+    _KEPT[thread] = WorkerProcess(function, limits), (function, limits)
     return _KEPT[thread][0]
 
 
-def close_kept_guards() -> None:
-    """End the processes of all guards that are kept here; one that is wanted again begins another."""
+def close_kept_processes() -> None:
+    """End all processes that are kept here; one that is wanted again begins another."""
     while _KEPT:
         _KEPT.popitem()[1][0].close()

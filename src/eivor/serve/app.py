@@ -34,15 +34,26 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from eivor.errors import EivorError
-from eivor.fleets.limits import Limits
-from eivor.fleets.telling import Telling
+from eivor.process_pool import Limits
 from eivor.serve.asked_json import asked_job
 from eivor.serve.jobs import Jobs
 from eivor.serve.kept_logs import KeptLogs, shown_name
 from eivor.serve.page.page import page_text
 from eivor.serve.refusals import RefusedError, status_of, told
 from eivor.serve.sent_files import sent_files
-from eivor.serve.tasks import RESULT, Export, File, ListExports, Outcome, Plan, Refused, Supply, Task, Work
+from eivor.serve.tasks import (
+    RESULT,
+    Export,
+    File,
+    ListExports,
+    Outcome,
+    Plan,
+    Refused,
+    Supply,
+    Task,
+    Work,
+    WorkFunction,
+)
 from eivor.serve.workers import Workers
 
 #: The only address, and the header with the token.
@@ -86,7 +97,7 @@ class ServeOptions:
     largest: int = 500_000_000  # bytes of a log at most
     most_waiting: int = 256  # jobs in the queue
     clock: Callable[[], float] = time.monotonic
-    work: Telling = field(default_factory=Work)  # function of the worker processes
+    work: WorkFunction = field(default_factory=Work)  # function of the worker processes
 
 
 class Server:

@@ -67,7 +67,7 @@ class Job:
         self._working = True
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
         self._ticket = Ticket(
-            Identify(asked, logs, folder), begun=self._began, hear=self._heard, ended=self._ended
+            Identify(asked, logs, folder), begun=self._began, report=self._heard, ended=self._ended
         )
         workers.put(self._ticket)
 

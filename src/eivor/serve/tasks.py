@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from eivor.fleets.telling import Tell, Telling
+from eivor.process_pool import ProgressCallback
 from eivor.serve.asked_json import AskedJob
 from eivor.serve.refusals import Told
 
@@ -195,20 +195,21 @@ class Refused:
 
 Task = Begin | Identify | ListExports | Export | Plan
 Outcome = Choices | File | Refused | list[dict[str, object]] | None
+WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 
 
 @dataclass(frozen=True, slots=True)
-class Work(Telling):
+class Work:
     """The function of worker processes: a task to its outcome.
 
     A process that unpickles it loads everything that tasks need: neither time nor memory of the first task.
     """
 
-    def __call__(self, item: Task, tell: Tell) -> Outcome:
+    def __call__(self, item: Task, report: ProgressCallback) -> Outcome:
         """Outcome of a task."""
         from eivor.serve.working import outcome_of
 
-        return outcome_of(item, tell)
+        return outcome_of(item, report)
 
     def __reduce__(self) -> tuple[Callable[[], Work], tuple[()]]:
         return _loaded, ()

@@ -20,11 +20,11 @@ from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.exports.fitted import Exported, Supplied
 from eivor.exports.target import Target
 from eivor.exports.targets import TARGETS, target_by_name
-from eivor.fleets.telling import Tell
 from eivor.logs import read_log
 from eivor.logs.channel_map import shipped_maps
 from eivor.motions.rigid_body.vehicle_file import shipped_vehicles
 from eivor.planning.written.formats import WRITTEN
+from eivor.process_pool import ProgressCallback
 from eivor.report.json_document import json_document, json_text
 from eivor.report.page.flight_page import flight_page
 from eivor.report.planned import plan
@@ -57,7 +57,7 @@ from eivor.whole_file import write_whole
 _NAME = re.compile(r"[\w.-]{1,100}")
 
 
-def outcome_of(task: Task, tell: Tell) -> Outcome:
+def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
     """Outcome of a task: a `Refused` where it cannot be done."""
     try:
         match task:
@@ -65,7 +65,7 @@ def outcome_of(task: Task, tell: Tell) -> Outcome:
                 return Choices(choices())
             case Identify():
                 with _temporary_files_in(task.folder):
-                    _identify(task, tell)
+                    _identify(task, progress)
             case ListExports():
                 return _list_exports(task)
             case Export():
@@ -87,9 +87,9 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
         tempfile.tempdir = before
 
 
-def _identify(task: Identify, tell: Tell) -> None:
+def _identify(task: Identify, progress: ProgressCallback) -> None:
     """Identify, write the result, tell it, and write the report."""
-    tell(Stage("reading"))
+    progress(Stage("reading"))
     asked, folder = task.asked, task.folder
     with _vehicle(asked.vehicle, folder) as vehicle:
         motion = named_motion(asked.model, vehicle)
@@ -110,10 +110,12 @@ def _identify(task: Identify, tell: Tell) -> None:
     )
     windows = [one.window for one in given]
     check_windows(recordings, [own or options.window for own in windows])
-    result = identified(recordings, motion, options, windows, progress=lambda stage: tell(Stage(stage.value)))
-    tell(Stage("writing"))
+    result = identified(
+        recordings, motion, options, windows, progress=lambda stage: progress(Stage(stage.value))
+    )
+    progress(Stage("writing"))
     write_whole(folder / RESULT, json_text(json_document(result)))
-    tell(Found(result.verdict.status.value))
+    progress(Found(result.verdict.status.value))
     write_whole(folder / REPORT, flight_page(result))
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.studies.executors import TASKS_PER_WORKER, Executor, Item, Result
+from eivor.process_pool import TASKS_PER_WORKER, Executor, Item, Result
 
 if TYPE_CHECKING:
     from distributed import Client, Future

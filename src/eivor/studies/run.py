@@ -9,7 +9,7 @@ from pathlib import Path
 
 import polars as pl
 
-from eivor.studies.executors import Executor, InProcess, abandoned
+from eivor.process_pool import Executor, InProcess, abandoned
 from eivor.studies.study import Study
 from eivor.studies.trial import TrialRecord, trial
 from eivor.studies.trial_shards import open_folder, shard_trials

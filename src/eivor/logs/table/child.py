@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from eivor.errors import CorruptLogError
-from eivor.expendable import is_expendable
 from eivor.logs.table.source import corrupt_table
+from eivor.process_pool import SANDBOX
 
 #: What a child leaves with that refuses a file, having printed why.
 REFUSED = 3
@@ -62,9 +62,9 @@ def decode_in_child(
     Notes
     -----
     Where no interpreter can be started (frozen or embedded programs), nothing is decoded; nor in a process
-    that is expendable itself.
+    that may itself die of what it reads.
     """
-    if is_expendable():
+    if SANDBOX in os.environ:
         return
     if not sys.executable or getattr(sys, "frozen", False):
         return

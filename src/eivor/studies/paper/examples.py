@@ -15,8 +15,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import UsageError
+from eivor.process_pool import in_order, local_executor
 from eivor.shapes import Bool, Float
-from eivor.studies.executors import in_order, local_executor
 from eivor.studies.metrics import Spread
 from eivor.studies.paper.readings import EXAMPLES, METHODS, PRINTED_METHODS, TRUTH, Example, Reading
 from eivor.studies.paper.trials import estimates, nrmse, record

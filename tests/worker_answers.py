@@ -1,0 +1,55 @@
+"""Functions of worker processes in tests; quick to import."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from eivor.errors import InputError
+
+
+def answered(item: Any) -> Any:
+    """What an item asks for: to sleep, to take memory, to end the process, or an answer."""
+    if item == "sleep":
+        time.sleep(600.0)
+    if item == "memory":
+        return len(bytearray(10**10))
+    if item == "words":
+        sys.stderr.write("memory allocation of 9 bytes failed\nnote: run with RUST_BACKTRACE=1\n")
+        os._exit(6)
+    if item == "die":
+        os._exit(7)
+    if item == "end":
+        os._exit(0)
+    if item == "refuse":
+        raise InputError("no refusal", "one", "Leave it out.")
+    if item == "mistake":
+        raise ZeroDivisionError("of all things")
+    if item == "once" and not Path("died").exists():
+        Path("died").touch()
+        os._exit(9)
+    sys.stdout.write("what libraries print\n")
+    return os.getpid() if item == "pid" else f"<{item}>"
+
+
+def counted(item: int, report: Callable[[Any], None]) -> int:
+    """Report every number below the item; the process dies at the first attempt where there is a file."""
+    for number in range(item):
+        report(number)
+    if Path("die once").exists():
+        Path("die once").unlink()
+        os._exit(1)
+    return item
+
+
+def begin_another(item: Any) -> int:
+    """A process of the worker's own, which does nothing for long."""
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    Path(item).write_text(str(child.pid), encoding="ascii")
+    time.sleep(600.0)
+    return 0
