@@ -14,7 +14,7 @@ from eivor import process_pool
 from eivor.errors import InputError, UsageError
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
 from studies.dask_cluster import SOURCES, wait_until
-from worker_answers import answered, begin_another, counted
+from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
 
 @pytest.mark.thorough
@@ -67,6 +67,17 @@ def test_progress_comes_in_order_and_anew_with_another_attempt(tmp_path, monkeyp
         (tmp_path / "die once").touch()
         assert worker(2, report=reported.append) == 2
     assert reported == [0, 1, 2, 0, 1, 0, 1]
+
+
+def test_progress_does_not_hide_limits():
+    with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
+        WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)
+
+
+def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
+    monkeypatch.setattr(process_pool, "WORDS_S", 0.1)
+    with pytest.raises(LimitError, match=r"died \(signal 9\)"):
+        WorkerProcess(unreadable)(1)
 
 
 PARENT = """

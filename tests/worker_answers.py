@@ -47,6 +47,24 @@ def counted(item: int, report: Callable[[Any], None]) -> int:
     return item
 
 
+def always_reporting(item: Any, report: Callable[[Any], None]) -> None:
+    """Report for ever."""
+    while True:
+        report(item)
+        time.sleep(0.01)
+
+
+class Unreadable:
+    """A result that can be sent and not read."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return int, ("no number",)
+
+
+def unreadable(_item: Any) -> Unreadable:
+    return Unreadable()
+
+
 def begin_another(item: Any) -> int:
     """A process of the worker's own, which does nothing for long."""
     child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])

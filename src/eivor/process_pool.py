@@ -50,8 +50,8 @@ POLL_S, BEGIN_S = 0.2, 120.0
 TRIES = 2
 #: Tasks submitted for each worker: one at work and one that waits for it.
 TASKS_PER_WORKER = 2
-#: Bytes that are read of what a dead process printed.
-LAST_WORDS = 4000
+#: Bytes that are read of what a dead process printed, and how long a process may take to die [s].
+LAST_WORDS, WORDS_S = 4000, 10.0
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
 )
@@ -114,10 +114,9 @@ class WorkerProcess:
         item : object
             Argument of the function.
         report : callable, optional
-            Takes progress: the function then has a second argument that sends it. It starts anew where an
-            item is tried again.
+            Takes what the function sends by a second argument, anew where an item is tried again.
         given_up : callable, optional
-            Whether nobody waits any more. Default: whether the task that this is part of is abandoned.
+            Whether nobody waits any more. Default: `abandoned`.
 
         Raises
         ------
@@ -212,28 +211,22 @@ class _Process:
             pipe.flush()
 
     def _answer(
-        self,
-        patience_s: float,
-        what: str,
-        report: ProgressCallback | None,
-        given_up: Callable[[], bool],
+        self, patience_s: float, what: str, report: ProgressCallback | None, given_up: Callable[[], bool]
     ) -> tuple[str, Any]:
         end = time.monotonic() + patience_s
         while True:
-            try:
+            with suppress(queue.Empty):
                 answer = self._answers.get(timeout=POLL_S)
-            except queue.Empty:
-                if given_up():
-                    raise AbandonedError from None
-                if time.monotonic() > end:
-                    raise LimitError(f"It took longer than {patience_s:g} s to {what}.") from None
-                continue
-            if answer is None:
-                raise _DiedError(self._last_words())
-            if answer[0] != "progress":
-                return answer
-            if report is not None:
-                report(answer[1])
+                if answer is None:
+                    raise _DiedError(self._last_words())
+                if answer[0] != "progress":
+                    return answer
+                if report is not None:
+                    report(answer[1])
+            if given_up():
+                raise AbandonedError
+            if time.monotonic() > end:
+                raise LimitError(f"It took longer than {patience_s:g} s to {what}.")
 
     def _read(self) -> None:
         """Queue answers as they come; None for their end."""
@@ -244,7 +237,11 @@ class _Process:
         self._answers.put(None)
 
     def _last_words(self) -> str:
-        code = self.popen.wait()
+        try:
+            code = self.popen.wait(WORDS_S)
+        except subprocess.TimeoutExpired:  # it has sent what cannot be read here
+            self.popen.kill()
+            code = self.popen.wait()
         self._printed.seek(0, os.SEEK_END)
         self._printed.seek(max(self._printed.tell() - LAST_WORDS, 0))
         lines = self._printed.read().decode("utf-8", "replace").strip().splitlines()
@@ -315,13 +312,9 @@ def work() -> None:
     while True:
         item, reports = waiting.get()
         os.ftruncate(2, 0)  # what was printed at items before
-        call = (
-            partial(function, item, partial(_give, results, "progress"))
-            if reports
-            else partial(function, item)
-        )
+        report = (partial(_give, results, "progress"),) if reports else ()
         try:
-            answer = "result", call()
+            answer = "result", function(item, *report)
         except MemoryError:
             if math.isinf(memory_gb):
                 raise
@@ -486,26 +479,14 @@ class LocalProcesses(Executor):
 
 
 def useful_workers(workers: int | None, tasks: int) -> int:
-    """How many workers there is work for, on this computer; `workers` of None are one for each core.
-
-    Raises
-    ------
-    UsageError
-        When there is less than one worker.
-    """
+    """How many workers there is work for, on this computer; `workers` of None are one for each core."""
     if workers is not None:
         check_workers(workers)
     return min(workers or os.cpu_count() or 1, tasks)
 
 
 def local_executor(workers: int | None, tasks: int) -> Executor:
-    """Executor on this computer, of no more processes than there are tasks; this one, where one will do.
-
-    Raises
-    ------
-    UsageError
-        When there is less than one worker.
-    """
+    """Executor on this computer, of no more processes than there are tasks; this one, where one will do."""
     useful = useful_workers(workers, tasks)
     return LocalProcesses(useful) if useful > 1 else InProcess()
 

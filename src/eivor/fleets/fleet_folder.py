@@ -53,27 +53,13 @@ class SupersededError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class FleetFolder:
-    """Where a run writes its rows.
+    """Where a run writes its rows."""
 
-    Parameters
-    ----------
-    folder : Path
-        Absolute, the same for all workers.
-    run : str
-        Mark of the run, see `begin`.
-    """
-
-    folder: Path
-    run: str = ""
+    folder: Path  # absolute, the same for all workers
+    run: str = ""  # mark of the run, see `begin`
 
     def begin(self) -> FleetFolder:
-        """The folder for a new run, which ends the writing of all before it.
-
-        Raises
-        ------
-        InputError
-            When it cannot be written.
-        """
+        """The folder for a new run, which ends the writing of all before it."""
         run = uuid.uuid4().hex
         with fleet_errors_told(self.folder):
             (self.folder / FLIGHTS).mkdir(parents=True, exist_ok=True)
@@ -83,13 +69,7 @@ class FleetFolder:
         return FleetFolder(self.folder, run)
 
     def state(self, options: FleetOptions) -> None:
-        """Write down whose rows these are; those of other motions stay.
-
-        Raises
-        ------
-        InputError
-            When rows were made by other versions of what computes them.
-        """
+        """Write down whose rows these are; those of other motions stay."""
         versions = {package: version(package) for package in PACKAGES}
         before = self._document()
         if before is not None and before["versions"] != versions and part_files(self.folder):
@@ -110,15 +90,7 @@ class FleetFolder:
                 write_whole(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
     def check(self, options: FleetOptions) -> None:
-        """Refuse a folder that is not for these options.
-
-        Raises
-        ------
-        UsageError
-            When it has rows of the same motion by other options, or is another kind of folder.
-        InputError
-            When it was made by another version of the format.
-        """
+        """Refuse a folder that is not for these options."""
         folder = self.folder
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the fleet", f"the file '{folder}'", "Choose another with -o.")
@@ -143,13 +115,7 @@ class FleetFolder:
             )
 
     def _document(self) -> dict[str, Any] | None:
-        """What the folder says of itself; None of a new one.
-
-        Raises
-        ------
-        InputError
-            When it says something else.
-        """
+        """What the folder says of itself; None of a new one."""
         path = self.folder / IDENTITY
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
@@ -172,13 +138,7 @@ class FleetFolder:
         return document
 
     def check_run(self) -> None:
-        """Refuse to go on with a run that another one has followed.
-
-        Raises
-        ------
-        SupersededError
-            When there is another, or none any more.
-        """
+        """Refuse to go on with a run that another one has followed."""
         try:
             now = (self.folder / RUN).read_text(encoding="utf-8")
         except OSError:
@@ -187,15 +147,7 @@ class FleetFolder:
             raise SupersededError
 
     def write(self, rows: Sequence[Row], options_hash: str, name: str = "") -> str:
-        """Keep rows as a part, and give its name.
-
-        Raises
-        ------
-        InputError
-            When the system refuses, for example because the disk is full.
-        SupersededError
-            See `check_run`.
-        """
+        """Keep rows as a part, and give its name."""
         content = sealed(flight_frame(rows), _facts(options_hash))
         name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
@@ -204,13 +156,7 @@ class FleetFolder:
         return name
 
     def there(self, motion: str) -> Iterator[pl.DataFrame]:
-        """`KEYS` of the rows of a motion that are there, part by part; a damaged one is set aside instead.
-
-        Raises
-        ------
-        InputError
-            When the system refuses.
-        """
+        """`KEYS` of the rows of a motion that are there, part by part; a damaged one is set aside instead."""
         unopened = {self._unopened(motion, share).name for share in range(SHARES)}
         with fleet_errors_told(self.folder):
             for path in part_files(self.folder):
@@ -224,19 +170,7 @@ class FleetFolder:
     def replace_unopened(
         self, share: int, rows: Sequence[Row], is_given: Callable[[str], bool], options: FleetOptions
     ) -> None:
-        """Write the rows of logs that could not be opened, in place of earlier ones.
-
-        Parameters
-        ----------
-        share : int
-            Of which logs these are.
-        rows : sequence of mapping
-            Those of this run.
-        is_given : callable
-            Whether a log of a name is one of this run: rows of others stay.
-        options : FleetOptions
-            What was asked of them.
-        """
+        """Write the rows of logs that could not be opened, in place of earlier ones."""
         path = self._unopened(options.motion, share)
         with fleet_errors_told(self.folder):
             before = pl.read_parquet(path).rows(named=True) if path.exists() else []

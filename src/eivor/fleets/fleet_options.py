@@ -25,39 +25,17 @@ HASH_DIGITS = 16
 
 @dataclass(frozen=True, slots=True)
 class FleetOptions:
-    """What is asked of every log.
+    """What is asked of every log."""
 
-    Parameters
-    ----------
-    motion : str
-        Name of the motion.
-    vehicle_file : str
-        Vehicle of the motions that ask for one: a name, or a file.
-    flight : FlightOptions
-        Of every identification.
-    maps : tuple of (pattern, map)
-        Channel maps (names or files) of the logs whose name, or file's name, fits a pattern; the first that
-        fits.
-    vehicle_from : str
-        Pattern of paths with ``{vehicle}``, see `PathPattern`, or a column of the list or of the logs; empty
-        for the board's id.
-    limits : Limits
-        Of one log.
-
-    Raises
-    ------
-    UsageError
-        When the motion, a pattern or a limit cannot be.
-    InputError
-        When a map or the vehicle cannot be read.
-    """
-
-    motion: str = DEFAULT
-    vehicle_file: str = ""
-    flight: FlightOptions = field(default_factory=FlightOptions)
+    motion: str = DEFAULT  # name of the motion
+    vehicle_file: str = ""  # vehicle of the motions that ask for one: a name, or a file
+    flight: FlightOptions = field(default_factory=FlightOptions)  # of every identification
+    # patterns of logs' or files' names, and channel maps (names or files); the first that fits is taken
     maps: tuple[tuple[str, str], ...] = ()
+    # pattern of paths with ``{vehicle}``, see `PathPattern`, or a column of the list or of the logs;
+    # empty for the board's id
     vehicle_from: str = ""
-    limits: Limits = field(default_factory=Limits)
+    limits: Limits = field(default_factory=Limits)  # of one log
 
     def __post_init__(self) -> None:
         self.chosen_motion()
@@ -101,13 +79,7 @@ class FleetOptions:
 
 
 def given_maps(texts: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
-    """Patterns and maps as typed: ``PATTERN=MAP``; a map alone is that of all logs.
-
-    Raises
-    ------
-    UsageError
-        When one of both is empty.
-    """
+    """Patterns and maps as typed: ``PATTERN=MAP``; a map alone is that of all logs."""
     found = []
     for text in texts:
         pattern, equals, chosen = text.rpartition("=")

@@ -16,15 +16,7 @@ LOCK = ".lock"
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold a folder for the block.
-
-    Raises
-    ------
-    InputError
-        When another run holds it.
-    OSError
-        When the system refuses.
-    """
+    """Hold a folder for the block."""
     descriptor = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR)
     try:
         try:

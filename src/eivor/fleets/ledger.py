@@ -56,13 +56,7 @@ class Task(IntEnum):
 
 
 class Ledger:
-    """The state of a run over a list of logs.
-
-    Parameters
-    ----------
-    logs : LogList
-        What an earlier run has noted there is forgotten.
-    """
+    """The state of a run over a list of logs."""
 
     def __init__(self, logs: LogList) -> None:
         self._logs, self._database = logs, logs.database
@@ -84,13 +78,7 @@ class Ledger:
         )
 
     def take_rows(self, parts: Iterable[pl.DataFrame]) -> None:
-        """Keep which rows are there, in place of what was known of them.
-
-        Parameters
-        ----------
-        parts : iterable of polars.DataFrame
-            With the columns `sha256`, `name` and `verdict`.
-        """
+        """Keep which rows are there, in place of what was known of them."""
         self._database.execute("DROP INDEX IF EXISTS row_keys")
         self._database.execute("DELETE FROM rows")
         for part in parts:
@@ -107,13 +95,7 @@ class Ledger:
         self._database.execute(_SETTLE, (Task.IDENTIFY, Task.TELL_COPY))
 
     def settle_reports(self, there: Iterable[str]) -> None:
-        """Say of each log whether it has a result and wants its report.
-
-        Parameters
-        ----------
-        there : iterable of str
-            Hashes of the logs that have one.
-        """
+        """Say of each log whether it has a result and wants its report."""
         self._database.executemany(
             "INSERT OR IGNORE INTO reports VALUES (?)", ((_bytes(one),) for one in there)
         )

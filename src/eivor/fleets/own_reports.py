@@ -29,13 +29,7 @@ def report_place(folder: Path, sha256: str) -> Path:
 
 
 def write_report(folder: Path, sha256: str, page: str) -> None:
-    """Write the report of a log.
-
-    Raises
-    ------
-    InputError
-        When the system refuses, for example because the disk is full.
-    """
+    """Write the report of a log."""
     place = report_place(folder, sha256)
     with fleet_errors_told(folder):
         place.parent.mkdir(exist_ok=True)
@@ -43,13 +37,7 @@ def write_report(folder: Path, sha256: str, page: str) -> None:
 
 
 def reports_there(folder: Path) -> Generator[str, None, None]:
-    """Hashes of the logs that have a report, in any order; none are kept.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be looked into.
-    """
+    """Hashes of the logs that have a report, in any order; none are kept."""
     with fleet_errors_told(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
         for entry in entries:
             found = _NAME.fullmatch(entry.name)

@@ -47,42 +47,20 @@ def no_progress(_done: int, _total: int, /) -> None:
 
 @dataclass(frozen=True, slots=True)
 class FleetRun:
-    """What a run has done.
+    """What a run has done."""
 
-    Parameters
-    ----------
-    folder : Path
-        Of the fleet.
-    logs : int
-        Logs that were found, each of which has a row.
-    before : int
-        Those whose row was there already.
-    verdicts : mapping of str to int
-        Verdicts of the rows of all these logs.
-    others : int
-        Files that are no logs.
-    unread_folders : tuple of str
-        Folders that could not be looked into, and why.
-    elsewhere : int
-        Further rows of the motion in the folder, of logs that were not among these.
-    """
-
-    folder: Path
-    logs: int
-    before: int
-    verdicts: Mapping[str, int]
-    others: int
-    unread_folders: tuple[str, ...]
-    elsewhere: int
+    folder: Path  # of the fleet
+    logs: int  # logs that were found, each of which has a row
+    before: int  # those whose row was there already
+    verdicts: Mapping[str, int]  # verdicts of the rows of all these logs
+    others: int  # files that are no logs
+    unread_folders: tuple[str, ...]  # folders that could not be looked into, and why
+    elsewhere: int  # further rows of the motion in the folder, of logs that were not among these
 
 
-@dataclass(frozen=True, slots=True)
-class Hashed:
-    """The task of hashing: logs with the hash of their bytes, or why they cannot be opened."""
-
-    def __call__(self, logs: tuple[Log, ...]) -> tuple[Log, ...]:
-        """The same logs, hashed."""
-        return tuple(map(hashed, logs))
+def all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
+    """Logs with the hash of their bytes, or why they cannot be opened."""
+    return tuple(map(hashed, logs))
 
 
 def run_fleet(
@@ -188,7 +166,7 @@ class _Run:
 
     def _hash(self, ledger: Ledger) -> None:
         executor = self.executor if self.shared else InProcess()
-        with closing(executor.map(Hashed(), ledger.logs())) as results:
+        with closing(executor.map(all_hashed, ledger.logs())) as results:
             for _, logs in results:
                 ledger.note(logs)
 

@@ -18,43 +18,22 @@ from eivor.process_pool import AbandonedError, LimitError, Limits, WorkerProcess
 
 @dataclass(frozen=True, slots=True)
 class Receipt:
-    """What comes back of a task.
+    """What comes back of a task."""
 
-    Parameters
-    ----------
-    rows : int
-        Rows that were written.
-    verdicts : mapping of str to int
-        How many of them have which verdict.
-    """
-
-    rows: int
-    verdicts: Mapping[str, int]
+    rows: int  # rows that were written
+    verdicts: Mapping[str, int]  # how many of them have which verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """The task.
+    """The task."""
 
-    Parameters
-    ----------
-    folder : FleetFolder
-        Where the rows go.
-    options : FleetOptions
-        What is asked of every log.
-    guarded : bool
-        Whether each log has its limits, in a process that may die of it; else it is read in this one.
-    page_of : callable, optional
-        What makes the report of a flight; without one there are no reports.
-    only_reports : bool
-        Whether rows are there already and reports are missing.
-    """
-
-    folder: FleetFolder
-    options: FleetOptions
+    folder: FleetFolder  # where the rows go
+    options: FleetOptions  # what is asked of every log
+    # whether each log has its limits, in a process that may die of it; else it is read in this one
     guarded: bool = True
-    page_of: PageOf | None = None
-    only_reports: bool = False
+    page_of: PageOf | None = None  # what makes the report of a flight; without one there are no reports
+    only_reports: bool = False  # whether rows are there already and reports are missing
 
     def __call__(self, logs: tuple[Log, ...]) -> Receipt:
         """Write the rows of some logs; fewer of them when nobody waits for them any more."""

@@ -101,18 +101,7 @@ class ServeOptions:
 
 
 class Server:
-    """A page on this machine, until it is closed.
-
-    Parameters
-    ----------
-    options : ServeOptions
-        Its resources.
-
-    Raises
-    ------
-    OSError
-        When the port is taken.
-    """
+    """A page on this machine, until it is closed."""
 
     def __init__(self, options: ServeOptions | None = None) -> None:
         self.options = chosen = options or ServeOptions()
@@ -447,15 +436,7 @@ class _Body:
         self._end = time.monotonic() + BODY_S + size / BODY_RATE
 
     def parts(self, size: int) -> Iterator[bytes]:
-        """The next bytes, so many of them.
-
-        Raises
-        ------
-        TimeoutError
-            When they come too slowly.
-        ClientDisconnect
-            When the body ends before.
-        """
+        """The next bytes, so many of them."""
         while size:
             chunk = self._rest or anyio.from_thread.run(self._next)
             if time.monotonic() > self._end:
@@ -473,13 +454,7 @@ class _Body:
 
 
 def _length(request: Request, most: int) -> int:
-    """Bytes of the body, before any of it is read.
-
-    Raises
-    ------
-    RefusedError
-        When the request does not declare it, or it is too much.
-    """
+    """Bytes of the body, before any of it is read."""
     text = request.headers.get("content-length", "")
     if "transfer-encoding" in request.headers or not re.fullmatch("[0-9]{1,15}", text):
         raise RefusedError(
@@ -496,13 +471,7 @@ def _length(request: Request, most: int) -> int:
 
 
 def _fields(request: Request) -> dict[str, str]:
-    """Fields of the query.
-
-    Raises
-    ------
-    RefusedError
-        When there are too many.
-    """
+    """Fields of the query."""
     query = request.scope["query_string"].decode("latin-1")
     try:
         if len(query) > LONGEST_QUERY:

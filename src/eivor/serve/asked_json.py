@@ -30,34 +30,19 @@ _PATHS = ("lag_from",)
 
 @dataclass(frozen=True, slots=True)
 class AskedJob:
-    """What is to be identified.
+    """What is to be identified."""
 
-    Parameters
-    ----------
-    logs : tuple of (str, str)
-        Each log with its own window as words, empty for none.
-    model, vehicle, channel_map, mass : str
-        As words; empty where nothing was said.
-    options : mapping of str to object
-        Of `flight_options`.
-    """
-
-    logs: tuple[tuple[str, str], ...]
+    logs: tuple[tuple[str, str], ...]  # each log with its own window as words, empty for none
+    # as words; empty where nothing was said
     model: str = DEFAULT
     vehicle: str = ""
     channel_map: str = ""
     mass: str = ""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)  # of `flight_options`
 
 
 def asked_job(body: bytes) -> AskedJob:
-    """Job of the JSON of a request.
-
-    Raises
-    ------
-    RefusedError
-        When it is none.
-    """
+    """Job of the JSON of a request."""
     try:
         told = json.loads(body)
     except (ValueError, RecursionError):

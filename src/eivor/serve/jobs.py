@@ -28,23 +28,7 @@ Event = dict[str, Any]
 
 
 class Job:
-    """A job and what has happened of it.
-
-    Parameters
-    ----------
-    name : str
-        Its identifier.
-    asked : AskedJob
-        What is asked.
-    logs : mapping of str to KeptLog
-        Of which logs.
-    folder : Path
-        Its own, for its files.
-    workers : Workers
-        Who does it.
-    clock : callable
-        Seconds.
-    """
+    """A job and what has happened of it."""
 
     def __init__(
         self,
@@ -104,13 +88,7 @@ class Job:
         self._workers.give_up(self._ticket)
 
     def result_folder(self) -> Path:
-        """Folder with its result.
-
-        Raises
-        ------
-        RefusedError
-            When it has none (yet).
-        """
+        """Folder with its result."""
         with self._change:
             last = self._events[-1]
         if "done" not in last:
@@ -123,13 +101,7 @@ class Job:
         return self.folder
 
     def report(self) -> Path:
-        """File of its report, once it is there.
-
-        Raises
-        ------
-        RefusedError
-            When it has none.
-        """
+        """File of its report, once it is there."""
         folder = self.result_folder()
         with self._change:
             self._change.wait_for(lambda: not self._working)
@@ -172,17 +144,7 @@ class Job:
 
 
 class Jobs:
-    """The jobs of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        Private to the server.
-    workers : Workers
-        Who does them.
-    clock : callable
-        Seconds.
-    """
+    """The jobs of a run."""
 
     def __init__(self, folder: Path, workers: Workers, clock: Callable[[], float]) -> None:
         self._folder, self._workers, self._clock = folder, workers, clock
@@ -191,13 +153,7 @@ class Jobs:
         folder.mkdir(mode=0o700)
 
     def begin(self, asked: AskedJob, logs: dict[str, KeptLog]) -> str:
-        """Queue a job; its identifier.
-
-        Raises
-        ------
-        RefusedError
-            When too many wait.
-        """
+        """Queue a job; its identifier."""
         name = secrets.token_hex(16)
         folder = self._folder / name
         folder.mkdir(mode=0o700)
@@ -214,26 +170,14 @@ class Jobs:
         return name
 
     def get(self, name: str) -> Job:
-        """Job of an identifier.
-
-        Raises
-        ------
-        RefusedError
-            When there is none.
-        """
+        """Job of an identifier."""
         with self._lock:
             if name not in self._jobs:
                 raise absent("a job", name)
             return self._jobs[name]
 
     def end(self, name: str) -> None:
-        """Cancel a job that is not over, forget one that is.
-
-        Raises
-        ------
-        RefusedError
-            When there is none.
-        """
+        """Cancel a job that is not over, forget one that is."""
         job = self.get(name)
         if job.over_at is None:
             job.cancel()
@@ -255,13 +199,7 @@ class Jobs:
                     self._forget(job)
 
     def do(self, task: Task) -> Outcome:
-        """Outcome of something small that somebody waits for.
-
-        Raises
-        ------
-        RefusedError
-            When too many wait.
-        """
+        """Outcome of something small that somebody waits for."""
         ticket = Ticket(task, urgent=True)
         self._workers.put(ticket)
         return ticket.outcome()

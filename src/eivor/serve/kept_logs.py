@@ -35,17 +35,7 @@ class _Entry:
 
 
 class KeptLogs:
-    """The logs of a run.
-
-    Parameters
-    ----------
-    folder : Path
-        Private to the server.
-    largest : int
-        Bytes of one log at most.
-    clock : callable
-        Seconds.
-    """
+    """The logs of a run."""
 
     def __init__(self, folder: Path, largest: int, clock: Callable[[], float]) -> None:
         self._folder, self._largest, self._clock = folder, largest, clock
@@ -61,24 +51,7 @@ class KeptLogs:
         files: Iterable[tuple[str, Iterator[bytes]]],
         in_use: Callable[[], Collection[str]],
     ) -> str:
-        """Keep a log; its identifier.
-
-        Parameters
-        ----------
-        name : str
-            As its user calls it; shown, and its ending kept.
-        size : int
-            Bytes that come.
-        files : iterable of (str, iterator of bytes)
-            Those of a folder, by plain names; one without a name is the log itself.
-        in_use : callable
-            Logs that may not be forgotten to make room.
-
-        Raises
-        ------
-        RefusedError
-            When there is no room.
-        """
+        """Keep a log; its identifier."""
         self._make_room(size, in_use())
         try:
             log = secrets.token_hex(16)
@@ -111,13 +84,7 @@ class KeptLogs:
             self._coming += size
 
     def get(self, log: str) -> KeptLog:
-        """Log of an identifier, which is used now.
-
-        Raises
-        ------
-        RefusedError
-            When there is none.
-        """
+        """Log of an identifier, which is used now."""
         with self._lock:
             entry = self._entries.get(log)
             if entry is None:
@@ -126,13 +93,7 @@ class KeptLogs:
             return entry.log
 
     def forget(self, log: str) -> None:
-        """Delete a log.
-
-        Raises
-        ------
-        RefusedError
-            When there is none.
-        """
+        """Delete a log."""
         with self._lock:
             if log not in self._entries:
                 raise absent("a log", log)

@@ -11,15 +11,7 @@ Told = dict[str, str]
 
 
 class RefusedError(EivorError):
-    """A request that is not done.
-
-    Parameters
-    ----------
-    status : HTTPStatus
-        Of the answer.
-    expected, received, remedy : str
-        As of every error.
-    """
+    """A request that is not done."""
 
     def __init__(self, status: HTTPStatus, expected: str, received: str, remedy: str) -> None:
         super().__init__(expected, received, remedy)

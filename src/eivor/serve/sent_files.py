@@ -17,36 +17,14 @@ _OTHER = re.compile(r"[^A-Za-z0-9_.\-\[\]]")
 
 @dataclass(frozen=True, slots=True)
 class SentFile:
-    """A file of a folder.
+    """A file of a folder."""
 
-    Parameters
-    ----------
-    name : str
-        Plain: of letters that mean nothing to a file system.
-    size : int
-        Bytes.
-    """
-
-    name: str
-    size: int
+    name: str  # plain: of letters that mean nothing to a file system
+    size: int  # bytes
 
 
 def sent_files(header: str, size: int) -> tuple[SentFile, ...]:
-    """Files of a folder, out of their header.
-
-    Parameters
-    ----------
-    header : str
-        ``NAME/BYTES`` of each in the order of their bytes, with blanks between; names are percent-encoded.
-        Empty where a file is sent, and no folder.
-    size : int
-        Bytes of all of them.
-
-    Raises
-    ------
-    RefusedError
-        When it is anything else, or two names are one.
-    """
+    """Files of a folder, out of their header."""
     if not header:
         return ()
     entries = [_ENTRY.fullmatch(one) for one in header.split(" ")]

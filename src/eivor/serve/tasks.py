@@ -16,21 +16,11 @@ RESULT, REPORT = "result.json", "report.html"
 
 @dataclass(frozen=True, slots=True)
 class KeptLog:
-    """A log on the disk.
+    """A log on the disk."""
 
-    Parameters
-    ----------
-    path : Path
-        Where it is; its name there says nothing.
-    name : str
-        What its user calls it.
-    size : int
-        Bytes.
-    """
-
-    path: Path
-    name: str
-    size: int
+    path: Path  # where it is; its name there says nothing
+    name: str  # what its user calls it
+    size: int  # bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,127 +30,65 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """What may be chosen, as the page is given it.
+    """What may be chosen, as the page is given it."""
 
-    Parameters
-    ----------
-    known : mapping of str to object
-        See `eivor.serve`.
-    """
-
-    known: Mapping[str, object]
+    known: Mapping[str, object]  # see `eivor.serve`
 
 
 @dataclass(frozen=True, slots=True)
 class Identify:
-    """Identify logs, and write result and report into a folder; stages and the verdict are told on the way.
+    """Identify logs, and write result and report into a folder; progress is stages and the verdict."""
 
-    Parameters
-    ----------
-    asked : AskedJob
-        What of them.
-    logs : mapping of str to KeptLog
-        By identifier.
-    folder : Path
-        Of the job.
-    """
-
-    asked: AskedJob
-    logs: Mapping[str, KeptLog]
-    folder: Path
+    asked: AskedJob  # what of them
+    logs: Mapping[str, KeptLog]  # by identifier
+    folder: Path  # of the job
 
 
 @dataclass(frozen=True, slots=True)
 class Supply:
-    """What is known beside the flight, as words.
+    """What is known beside the flight, as words."""
 
-    Parameters
-    ----------
-    mass, vehicle : str
-        As on the command line, the vehicle by its name or as the text of a file.
-    priors : tuple of str
-        Likewise.
-    """
-
-    mass: str = ""
-    vehicle: str = ""
-    priors: tuple[str, ...] = ()
+    mass: str = ""  # as on the command line
+    vehicle: str = ""  # by its name, or as the text of a file
+    priors: tuple[str, ...] = ()  # as on the command line
 
 
 @dataclass(frozen=True, slots=True)
 class ListExports:
-    """Say of every target whether it can be written, and what stands in the way.
+    """Say of every target whether it can be written, and what stands in the way."""
 
-    Parameters
-    ----------
-    folder : Path
-        Of the job.
-    supply : Supply
-        What is known beside.
-    stem : str
-        What the files are called.
-    """
-
-    folder: Path
-    supply: Supply
-    stem: str
+    folder: Path  # of the job
+    supply: Supply  # what is known beside
+    stem: str  # what the files are called
 
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """Write what a target takes, as a `File`.
-
-    Parameters
-    ----------
-    folder, supply, stem
-        As of `ListExports`.
-    target : str
-        Its word.
-    """
+    """Write what a target takes, as a `File`."""
 
     folder: Path
     supply: Supply
     stem: str
-    target: str
+    target: str  # its word
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Plan the flight that would tell, and write it as a `File`.
-
-    Parameters
-    ----------
-    folder, stem
-        As of `ListExports`.
-    form : str
-        Word of the kind of file.
-    home : str
-        Place of a mission, as words.
-    target : str
-        What the flight is to tell; empty for what the result could not.
-    """
+    """Plan the flight that would tell, and write it as a `File`."""
 
     folder: Path
     stem: str
-    form: str
-    home: str = ""
-    target: str = ""
+    form: str  # word of the kind of file
+    home: str = ""  # place of a mission, as words
+    target: str = ""  # what the flight is to tell; empty for what the result could not
 
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A file that is sent.
+    """A file that is sent."""
 
-    Parameters
-    ----------
-    name : str
-        What it is called.
-    text : str
-        Content.
-    """
-
-    name: str
-    text: str
+    name: str  # what it is called
+    text: str  # content
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,18 +107,10 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """In place of a result: the error that came instead.
+    """In place of a result: the error that came instead."""
 
-    Parameters
-    ----------
-    status : int
-        Of the answer.
-    told : dict of str to str
-        Parts of the error.
-    """
-
-    status: int
-    told: Told = field(default_factory=dict)
+    status: int  # of the answer
+    told: Told = field(default_factory=dict)  # parts of the error
 
 
 Task = Begin | Identify | ListExports | Export | Plan

@@ -132,13 +132,7 @@ def _own_names(task: Identify) -> list[str]:
 
 
 def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
-    """Recording of a log, under its own name wherever the file is named.
-
-    Raises
-    ------
-    EivorError
-        Of its reader.
-    """
+    """Recording of a log, under its own name wherever the file is named."""
     try:
         with named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)
@@ -158,13 +152,7 @@ def _called(recording: Recording, name: str) -> Recording:
 
 @contextmanager
 def _as_file(text: str, path: Path, shipped: tuple[str, ...], what: str) -> Iterator[str]:
-    """A name of what comes with Eivor as it is; other text as a file, whose path is not told.
-
-    Raises
-    ------
-    InputError
-        For a name that is not known: it could be that of a file.
-    """
+    """A name of what comes with Eivor as it is; other text as a file, whose path is not told."""
     if not text or text in shipped:
         yield text
         return

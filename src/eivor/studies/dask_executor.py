@@ -124,13 +124,7 @@ def _result(future: Future[tuple[int, Result]]) -> tuple[int, Result]:
 def _task_on_worker(
     function: Callable[[Item], Result], place: int, item: Item, versions: Mapping[str, str]
 ) -> tuple[int, Result]:
-    """Result of an item, computed with the versions that the caller has.
-
-    Raises
-    ------
-    InputError
-        When this worker has others.
-    """
+    """Result of an item, computed with the versions that the caller has."""
     own = {package: version(package) for package in versions}
     if own != dict(versions):
         raise InputError(

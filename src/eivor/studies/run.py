@@ -43,15 +43,9 @@ class StudyResult:
 
 @dataclass(frozen=True, slots=True)
 class ShardTrials:
-    """The task of a study: from the number of a shard to its trials.
+    """The task of a study: from the number of a shard to its trials."""
 
-    Parameters
-    ----------
-    study : Study
-        Whose shards.
-    """
-
-    study: Study
+    study: Study  # whose shards
 
     def __call__(self, number: int) -> tuple[TrialRecord, ...]:
         """Trials of a shard, in order; fewer of them when nobody waits for them any more."""

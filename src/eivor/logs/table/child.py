@@ -37,32 +37,10 @@ except (ImportError, ValueError, OSError):
 def decode_in_child(
     file: Path, code: str, asked: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
 ) -> None:
-    """Decode a file in a child process.
+    """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish.
 
-    Parameters
-    ----------
-    file : Path
-        The file.
-    code : str
-        The child's program, which begins with `BEGINNING` and leaves with `REFUSED` for a damaged file.
-    asked : mapping
-        What it is given besides the file's path and the memory.
-    max_bytes : int
-        Memory that it may use [bytes].
-    timeout_s : float
-        Longest time that it may take [s].
-    kind : str
-        What to call the file in messages: "a Parquet file".
-
-    Raises
-    ------
-    CorruptLogError
-        When the child refuses the file, does not end, or is killed.
-
-    Notes
-    -----
-    Where no interpreter can be started (frozen or embedded programs), nothing is decoded; nor in a process
-    that may itself die of what it reads.
+    The program `code` begins with `BEGINNING` and leaves with `REFUSED` for a damaged file. Nothing is
+    decoded where no interpreter can be started (frozen or embedded programs), nor in a sandbox.
     """
     if SANDBOX in os.environ:
         return
