@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 #: The command line, whatever the PATH holds.
-EIVOR = (sys.executable, "-c", "from eivor.cli.entry import run; run()")
+EIVOR = (sys.executable, "-c", "from eivor.__main__ import run; run()")
 
 
 def arguments(about: str | None) -> argparse.Namespace:

@@ -17,17 +17,15 @@ from _shared import arguments
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import reference_iv
+from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
-from eivor.inference.resampling.replicates import IntervalKind
+from eivor.inference.bootstrap import IntervalKind
 from eivor.models.regression import Regression
-from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.motion import vertical_flight
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 

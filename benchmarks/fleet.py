@@ -18,8 +18,7 @@ from pathlib import Path
 
 from _shared import EIVOR, arguments, machine
 
-from eivor.simulation.fleets.fleet_logs import write_fleet_logs
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.fleet.simulate import FleetSpec, write_fleet_logs
 
 #: Reads and identifies logs, one after the other, and prints the seconds of it: by the clock, of processors.
 LOOP = """

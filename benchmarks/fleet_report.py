@@ -15,9 +15,8 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 from statsmodels.stats.meta_analysis import combine_effects
 
-from eivor.fleets.reports import fleet_reports
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.fleet.analysis import fleet_reports
+from eivor.fleet.simulate import FleetSpec, fleet_rows
 
 FLIGHTS = 40
 #: Vehicles that the peer pools.

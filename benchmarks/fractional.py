@@ -12,7 +12,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 import eivor as ev
-from eivor.signals.fractional import fractional_weights
+from eivor.signals.noise import fractional_weights
 
 #: Orders are known in a regression, and sought in an identification.
 KNOWN = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))

@@ -16,7 +16,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 import eivor as ev
-from eivor.estimation.products.of_problem import products_of
+from eivor.estimation.products import products_of
 
 LAGS = 10
 MOTION = ev.VerticalMotion(intercept=False)

@@ -13,7 +13,7 @@ from _shared import arguments, example_flight, least_seconds, machine
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights
 
 
 def main() -> None:

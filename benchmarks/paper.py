@@ -15,10 +15,9 @@ import scipy.linalg
 from _shared import EIVOR, arguments, least_seconds, machine, process_seconds
 from threadpoolctl import threadpool_limits
 
+from eivor.lab.paper_examples import estimates, record, trial_generator
+from eivor.lab.paper_readings import EXAMPLES, METHODS, READINGS
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.studies.paper.examples import trial_generator
-from eivor.studies.paper.readings import EXAMPLES, METHODS, READINGS
-from eivor.studies.paper.trials import estimates, record
 
 #: Direct fits of each record: least squares and total least squares.
 DIRECT = 2

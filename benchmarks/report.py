@@ -8,9 +8,9 @@ from __future__ import annotations
 from _shared import arguments, least_seconds, machine
 
 from eivor.flights.options import FlightOptions
-from eivor.logs.example import example_flight
+from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
-from eivor.report.page.flight_page import flight_page
+from eivor.report.flight_page import flight_page
 
 #: Seconds that a page may take.
 TARGET_S = 1.0

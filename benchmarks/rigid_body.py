@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 from _shared import arguments, least_seconds, machine
 
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import Vehicle, hover_speed, vehicle_parameters
 
 #: What all times are told for [s].

@@ -14,7 +14,7 @@ import numpy as np
 from _shared import arguments, least_seconds, machine
 
 import eivor as ev
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 
 METHODS = (
     ev.methods.generalized_iv(),

@@ -11,12 +11,12 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from eivor.logs.bags.ros_sources import LOOKED_FOR as FIELDS
+from eivor.lab.experiments import markdown, page_with
+from eivor.logs.common import UNITS
 from eivor.logs.crazyflie.channels import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
+from eivor.logs.rosbag.channels import ROS_SOURCES as FIELDS
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
-from eivor.logs.units import UNITS
-from eivor.studies.generated_page import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "logs.md"
 

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import eivor
-from eivor.studies.generated_page import markdown, page_with
+from eivor.lab.experiments import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "glossary.md"
 PART = "public names"

@@ -15,9 +15,9 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from eivor.flights.options import FlightOptions
-from eivor.logs.example import example_flight
+from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
-from eivor.report.page.flight_page import flight_page
+from eivor.report.flight_page import flight_page
 
 IMAGES = Path(__file__).parent / "images" / "report"
 #: Name, which result, theme, width and height of the window, and what is at its top.

@@ -18,13 +18,23 @@ from typing import Any, get_args
 
 import griffe
 
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
-from eivor.simulation.flights.sensor_noise import SensorNoise
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import (
+from eivor.lab.experiments import markdown, page_with
+from eivor.lab.scenario_files import (
+    CONTROLS,
+    COURSES,
+    DISTURBANCES,
+    EXCITATIONS,
+    FLIGHT_KIND,
+    INTEGRATORS,
+    NOISES,
+    parameters_of,
+    shipped_scenarios,
+)
+from eivor.lab.scenario_files import SHIPPED as SHIPPED_RIGID_BODIES
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import SensorNoise
+from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
@@ -32,23 +42,11 @@ from eivor.simulation.rigid_body.spec import (
     TorqueDisturbance,
     Wind,
 )
-from eivor.simulation.scenario_files.flight_file import KIND
-from eivor.simulation.scenario_files.kinds import (
-    CONTROLS,
-    COURSES,
-    DISTURBANCES,
-    EXCITATIONS,
-    INTEGRATORS,
-    NOISES,
-    parameters_of,
-)
-from eivor.simulation.scenario_files.rigid_body_file import SHIPPED as SHIPPED_RIGID_BODIES
-from eivor.simulation.scenario_files.scenario_file import shipped_scenarios
-from eivor.studies.generated_page import markdown, page_with
+from eivor.simulation.vertical import VerticalFlightSpec
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "studies" / "scenarios.md"
-SHIPPED = ROOT / "src" / "eivor" / "simulation" / "scenario_files"
+SHIPPED = ROOT / "src" / "eivor" / "lab"
 #: What a value of a type is called.
 WORDS: Mapping[Any, str] = {
     float: "a number",
@@ -169,8 +167,10 @@ def cell(text: str) -> str:
 
 def shipped() -> str:
     """Table of the scenarios that come with the package, by their first comment."""
-    files = {name: SHIPPED / "shipped" / f"{name}.toml" for name in shipped_scenarios()}
-    files |= {name: SHIPPED / "flights" / f"{name}.toml" for name in (KIND, *SHIPPED_RIGID_BODIES)}
+    files = {name: SHIPPED / "scenarios" / f"{name}.toml" for name in shipped_scenarios()}
+    files |= {
+        name: SHIPPED / "scenario_flights" / f"{name}.toml" for name in (FLIGHT_KIND, *SHIPPED_RIGID_BODIES)
+    }
     rows = []
     for name in sorted(files):
         lines = files[name].read_text(encoding="utf-8").splitlines()

@@ -14,8 +14,8 @@ from playwright.sync_api import sync_playwright
 from report_pictures import launched, take
 
 import eivor as ev
-from eivor.cli.examples import cache_folder, fetched, public_logs
-from eivor.report.page.flight_page import flight_page
+from eivor.cli.tools import cache_folder, fetched, public_logs
+from eivor.report.flight_page import flight_page
 
 IMAGES = Path(__file__).parent / "images" / "tutorial"
 

@@ -11,8 +11,8 @@ import sys
 from pathlib import Path
 
 import eivor as ev
-from eivor.logs.example import example_flight
-from eivor.report.flight_figure import flight_figure, save_figure
+from eivor.logs.read import example_flight
+from eivor.report.figures import flight_figure, save_figure
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 import eivor as ev
-from eivor.report.plain_figure import BLUE, DARK, GREY, RED, labelled, legend, page
+from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, page
 from validation.fractional.records import ARC, ARC_ORDER, OHMIC, TIME_CONSTANT, Cell, ways
 from validation.fractional.relaxation import step_response
 

@@ -16,10 +16,10 @@ import numpy as np
 import polars as pl
 
 import eivor as ev
-from eivor.report.coverage_figures import CoverageRow, coverage_figure
-from eivor.report.interval_figures import estimates_figure, pair_figure
-from eivor.report.residual_figures import residual_figure
-from eivor.studies.suite_file import coverage_suite
+from eivor.lab.figures import CoverageRow, coverage_figure
+from eivor.lab.study_files import coverage_suite
+from eivor.report.figure_panels import estimates_figure, pair_figure
+from eivor.report.figures import residual_figure
 from validation.coverage.requirements import BOUNDS, JUDGED
 from validation.coverage.table import read_coverage
 

@@ -18,9 +18,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.simulation.flights.sensor_noise import SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.truth import SimulatedFlight
+from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 

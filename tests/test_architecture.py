@@ -70,18 +70,18 @@ def test_contracts_hold(copy):
 @pytest.mark.parametrize(
     ("file", "line", "contract"),
     [
-        ("linalg/system.py", "import eivor.models.column", 0),
+        ("linalg/system.py", "import eivor.models.regression", 0),
         ("linalg/system.py", "import eivor.signals.noise", 0),
-        ("estimation/fit.py", "import eivor.logs.read", 0),
-        ("logs/read.py", "import eivor.estimation.fit", 0),
+        ("estimation/methods.py", "import eivor.logs.read", 0),
+        ("logs/read.py", "import eivor.estimation.methods", 0),
         ("inference/verdict.py", "import eivor.flights.options", 0),
-        ("flights/recipe.py", "import eivor.report", 0),
+        ("flights/identify.py", "import eivor.report", 0),
         ("new_room.py", "x = 1", 0),
-        ("flights/recipe.py", "import matplotlib.pyplot", 1),
+        ("flights/identify.py", "import matplotlib.pyplot", 1),
         ("logs/read.py", "def f():\n    import pyulog", 2),
         ("logs/read.py", "def f():\n    import rosbags", 3),
         ("flights/grid.py", "import polars", 4),
-        ("models/column.py", "def f():\n    import validation", 5),
+        ("models/regression.py", "def f():\n    import validation", 5),
         ("motions/vertical/model.py", "import rotorpy", 6),
     ],
 )
@@ -142,9 +142,8 @@ def test_documented_axes_are_the_code():
     for module in pkgutil.walk_packages(eivor.__path__, "eivor."):
         if module.name.startswith(("eivor.estimation.", "eivor.linalg.")):
             importlib.import_module(module.name)
-    from eivor.estimation.assembler import Assembler
-    from eivor.estimation.weighting.equations import EquationWeighting
-    from eivor.estimation.weighting.rows import RowWeighting
+    from eivor.estimation.moments import Assembler
+    from eivor.estimation.weighting import EquationWeighting, RowWeighting
     from eivor.linalg import Solver
 
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")

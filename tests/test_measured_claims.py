@@ -10,7 +10,7 @@ import pytest
 
 import eivor as ev
 from benchmarks import check
-from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights
 
 ROOT = Path(__file__).resolve().parents[1]
 

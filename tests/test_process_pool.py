@@ -141,14 +141,14 @@ def test_functions_of_a_script_need_its_guard(tmp_path):
 
 def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
     """What decoders do to a process is a further one's business, but where this one is there for it."""
-    from eivor.logs.table import child
+    from eivor.logs.table import columnar
 
     begun = []
-    monkeypatch.setattr(child.subprocess, "run", lambda *_, **__: begun.append(1) or child.subprocess)
-    monkeypatch.setattr(child.subprocess, "returncode", 0, raising=False)
+    monkeypatch.setattr(columnar.subprocess, "run", lambda *_, **__: begun.append(1) or columnar.subprocess)
+    monkeypatch.setattr(columnar.subprocess, "returncode", 0, raising=False)
 
     def decoded():
-        child.decode_in_child(tmp_path / "a", "", {}, max_bytes=1, timeout_s=1.0, kind="a file")
+        columnar.decode_in_child(tmp_path / "a", "", {}, max_bytes=1, timeout_s=1.0, kind="a file")
         return len(begun)
 
     monkeypatch.delenv(SANDBOX, raising=False)

@@ -15,11 +15,9 @@ import eivor as ev
 from eivor.errors import EivorError
 from eivor.estimation import methods
 from eivor.linalg import LinearSystem
-from eivor.models.equation import Parameter
-from eivor.models.rows import SampleRows
-from eivor.signals.input_map import Power
-from eivor.signals.log_origin import LogOrigin
-from eivor.signals.recording import Frame
+from eivor.models.regression import Parameter, SampleRows
+from eivor.signals.recording import Frame, LogOrigin
+from eivor.signals.thrust_map import Power
 from fleets.fleet_rows import row, write_fleet
 
 #: What is given in place of a right argument, each under the name that `ACCEPTED` calls it.

@@ -102,7 +102,7 @@ def test_channel_maps_in_the_pages_are_valid():
 
 
 def test_vehicle_files_in_the_pages_are_valid(tmp_path):
-    from eivor.motions.rigid_body.vehicle_file import load_vehicle
+    from eivor.motions.rigid_body.vehicle import load_vehicle
 
     page = (ROOT / "docs" / "rigid-body.md").read_text(encoding="utf-8")
     found = blocks(page, "toml")
@@ -114,7 +114,7 @@ def test_vehicle_files_in_the_pages_are_valid(tmp_path):
 
 
 def test_the_study_in_the_pages_is_valid(tmp_path):
-    from eivor.studies.study_file import read_study
+    from eivor.lab.study_files import read_study
 
     page = (ROOT / "docs" / "studies" / "running.md").read_text(encoding="utf-8")
     path = tmp_path / "study.toml"
@@ -157,7 +157,7 @@ def test_links_between_files_lead_somewhere():
 
 
 def test_every_channel_and_every_unit_is_documented():
-    from eivor.signals.canonical import BUILT_IN
+    from eivor.signals.channels import BUILT_IN
 
     page = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
     section = page.partition("## Channels")[2].partition("## PX4")[0]

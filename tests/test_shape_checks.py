@@ -151,7 +151,7 @@ def test_annotations_stay_as_they_were_written():
 
 
 def test_the_package_is_checked_where_this_run_checks():
-    from eivor.linalg.least_squares import LeastSquares
+    from eivor.linalg.total_least_squares import LeastSquares
 
     assert (jaxtyping.jaxtyped is shape_checks.jaxtyped) == shape_checks.wanted()
     assert hasattr(LeastSquares.solve, "__wrapped__") == shape_checks.wanted()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.toml_table import TomlTable
+from eivor.strict_toml import TomlTable
 
 Value = float | str
 

@@ -10,9 +10,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
-from eivor.studies.generated_page import page_text, page_with
-from eivor.whole_file import write_whole
+from eivor.lab.experiments import page_text, page_with
 from validation.requirement import Requirement
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.

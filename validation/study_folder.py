@@ -16,10 +16,10 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import polars as pl
 
+from eivor.atomic_file import write_whole
 from eivor.errors import InputError
+from eivor.lab.study_run import is_sealed, sealed
 from eivor.process_pool import local_executor
-from eivor.studies.sealed_table import is_sealed, sealed
-from eivor.whole_file import write_whole
 
 #: Packages whose versions bear on the numbers.
 PACKAGES = ("eivor", "numpy", "scipy")

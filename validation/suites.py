@@ -14,13 +14,12 @@ from pathlib import Path
 
 import polars as pl
 
+from eivor.atomic_file import whole_file, write_whole
 from eivor.errors import EivorError, InputError
+from eivor.lab.experiments import page_text, page_with
+from eivor.lab.study_files import Suite, SuiteStudy, read_suite
+from eivor.lab.study_run import SHARD_TRIALS, StudyResult, run_study
 from eivor.process_pool import check_workers, local_executor
-from eivor.studies.generated_page import page_text, page_with
-from eivor.studies.run import StudyResult, run_study
-from eivor.studies.suite_file import Suite, SuiteStudy, read_suite
-from eivor.studies.trial_shards import SHARD_TRIALS
-from eivor.whole_file import whole_file, write_whole
 from validation.requirement import Requirement
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.

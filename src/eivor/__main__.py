@@ -1,6 +1,35 @@
-"""`python -m eivor`: the command line of this interpreter, where the console script is not on the path."""
+"""Console script and `python -m eivor`: starts the command line; nothing is imported before `run`."""
 
-from eivor.cli.entry import run
+from __future__ import annotations
+
+import gc
+import sys
+
+# -- Entry --
+
+#: As `eivor.cli.outputs.ExitCode.INTERRUPTED`, which cannot be imported yet.
+INTERRUPTED = 130
+#: So many new objects, rather than 700, are waited for before those in cycles are looked for: what a command
+#: imports makes 120,000, none of which can go, and looking through them is a twentieth of its time.
+OBJECTS_BETWEEN_COLLECTIONS = 200_000
+
+
+def run() -> None:
+    """Import the command line, run it, and leave with its exit code."""
+    gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    try:
+        from eivor.cli.main import run as run_command
+
+        run_command()
+    except KeyboardInterrupt:
+        if sys.stderr is not None:  # closed by the caller, who does not want to know
+            sys.stderr.write("eivor: interrupted\n")
+        raise SystemExit(INTERRUPTED) from None
+    finally:
+        gc.freeze()  # the process ends: what it holds is given back at once, not looked through first
+
+
+# -- Main --
 
 if __name__ == "__main__":
     run()

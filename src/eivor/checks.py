@@ -1,7 +1,4 @@
-"""What the public doors ask of their arguments: a wrong type is told in words, not by what breaks on it.
-
-Values are judged where they are used; here it is only whether they are of the kind that can be judged.
-"""
+"""Checks of arguments, with readable errors."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import DataError, UsageError
-from eivor.shapes import Float
+from eivor.tools import Float
 
 #: What counts as a real number by itself; booleans are no numbers.
 NUMBERS = (int, float, np.integer, np.floating)

@@ -1,10 +1,4 @@
-"""The exception tree.
-
-Every message has three parts: what was expected, what was received, and what to do about it. The
-constructor asks for all three, so that none can be forgotten. Errors that a command reports with an
-exit code derive from `InputError` (exit code 1: the input cannot be read) or from `UsageError` (exit
-code 2: the call is wrong); everything else that Eivor raises derives from `EivorError` all the same.
-"""
+"""Errors and warnings: what was expected, what was received, and what to do."""
 
 from __future__ import annotations
 

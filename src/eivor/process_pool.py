@@ -1,13 +1,4 @@
-"""Worker processes with limits of time and memory, and executors that map a function over items.
-
-A worker process takes one item after the other, so that what it loads is loaded once. An item at which it
-dies is tried once more in a new one, so that no item pays for what those before it left behind.
-
-Workers are plain programs with two pipes. They neither import the caller's script nor are children of
-`multiprocessing`, which workers of a cluster may not have; `docs/architecture.md` compares pools of others.
-The matrices are small, so a worker uses one thread for linear algebra: more only wait for each other, and
-another number of threads may round differently.
-"""
+"""Worker processes with limits on memory and time, for fleets and studies."""
 
 from __future__ import annotations
 
@@ -22,7 +13,7 @@ import tempfile
 import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -35,7 +26,25 @@ from typing import Any, BinaryIO, TypeVar, cast
 
 from threadpoolctl import threadpool_limits
 
-from eivor.errors import EivorError, InputError, UsageError
+from eivor.errors import EivorError, InputError, UsageError, did_you_mean
+
+# -- Checks of choices --
+
+
+def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, ...]) -> None:
+    """Refuse a name that is not known, and propose the nearest that is.
+
+    Raises
+    ------
+    UsageError
+        With all known names.
+    """
+    if name not in known:
+        remedy = did_you_mean(name, known, "Name one of them.")
+        raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
+
+
+# -- Process pool --
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

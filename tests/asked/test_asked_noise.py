@@ -2,20 +2,22 @@
 
 import pytest
 
-from eivor.asked.noise import noise
+from eivor.cli.parsing import declared_noise
 from eivor.errors import UsageError
-from eivor.signals.data_sheet import DataSheet
+from eivor.signals.recording import DataSheet
 
 
 def test_numbers_units_sheets_and_the_word():
-    assert noise([]) is None
-    assert noise(["estimate"]) == "estimate"
-    assert noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
-    assert noise(["velocity_z=2 cm/s,specific_force_z=30mg"]) == {
+    assert declared_noise([]) is None
+    assert declared_noise(["estimate"]) == "estimate"
+    assert declared_noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
+    assert declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"]) == {
         "velocity_z": pytest.approx(0.02),
         "specific_force_z": pytest.approx(0.2942, rel=1e-3),
     }
-    assert noise(["velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s", "rotor_speed=3"]) == {
+    assert declared_noise(
+        ["velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s", "rotor_speed=3"]
+    ) == {
         "velocity_z": DataSheet(0.002, 50.0, 0.01),
         "rotor_speed": 3.0,
     }
@@ -40,4 +42,4 @@ def test_numbers_units_sheets_and_the_word():
 )
 def test_noises_that_are_none(texts, words):
     with pytest.raises(UsageError, match=words):
-        noise(texts)
+        declared_noise(texts)

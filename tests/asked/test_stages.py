@@ -3,7 +3,7 @@
 import pytest
 
 import eivor as ev
-from eivor.flights.stages import Stage
+from eivor.tools import Stage
 
 
 @pytest.mark.usefixtures("coarse_search")

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from eivor.asked.words import LogArgument, log_argument, named, names, window
+from eivor.cli.parsing import LogArgument, log_argument, named, parse_names, parse_window
 from eivor.errors import CorruptLogError, UsageError
 
 
@@ -19,13 +19,13 @@ from eivor.errors import CorruptLogError, UsageError
     ],
 )
 def test_a_window_is_two_seconds(text: str, expected: tuple[float, float]) -> None:
-    assert window(text) == expected
+    assert parse_window(text) == expected
 
 
 @pytest.mark.parametrize("text", ["", "4", "67:4", "4:4", "a:b", "4:nan", "nan:", "1:2:3", "4-67"])
 def test_a_window_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="START before END"):
-        window(text)
+        parse_window(text)
 
 
 def test_a_log_may_bring_its_window() -> None:
@@ -48,14 +48,14 @@ def test_a_log_with_a_broken_window_is_refused() -> None:
 
 
 def test_names_are_a_list_with_commas() -> None:
-    assert names("lags") == ("lags",)
-    assert names("reference_position_z, pilot_throttle") == ("reference_position_z", "pilot_throttle")
+    assert parse_names("lags") == ("lags",)
+    assert parse_names("reference_position_z, pilot_throttle") == ("reference_position_z", "pilot_throttle")
 
 
 @pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
 def test_instruments_that_exclude_each_other_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="alone"):
-        names(text)
+        parse_names(text)
 
 
 def test_an_error_names_its_log_once() -> None:

@@ -13,9 +13,9 @@ from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
-from eivor.logs.example import example_flight
+from eivor.logs.read import example_flight
 from eivor.motions.identify import identify_flight
-from eivor.report.page.flight_page import flight_page
+from eivor.report.flight_page import flight_page
 
 pytestmark = pytest.mark.thorough
 

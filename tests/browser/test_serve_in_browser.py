@@ -17,8 +17,8 @@ import pytest
 
 import eivor as ev
 from eivor.flights.result import FlightEstimate
-from eivor.report.told import told_flight
-from eivor.serve.app import ServeOptions, Server
+from eivor.report.flight import told_flight
+from eivor.serve.jobs import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
 

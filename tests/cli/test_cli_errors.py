@@ -19,8 +19,9 @@ from typing import Any
 import polars
 import pytest
 
-from eivor.cli import entry, main, terminal
-from eivor.cli.exit_codes import ExitCode, guarded
+from eivor import __main__ as entry
+from eivor.cli import main, outputs
+from eivor.cli.outputs import ExitCode, guarded
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 Caller = Callable[..., Any]
@@ -122,6 +123,7 @@ def test_version(eivor: Caller) -> None:
 
 def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.argv", ["eivor", "--version"])
+    monkeypatch.delitem(sys.modules, "eivor.__main__", raising=False)  # other tests import it
     with pytest.raises(SystemExit) as left:
         runpy.run_module("eivor", run_name="__main__")
     assert left.value.code == 0
@@ -201,7 +203,7 @@ def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
     assert (run.returncode, run.stderr) == (130, "eivor: interrupted\n")
 
 
-@pytest.mark.parametrize("module", ["eivor.cli.main", "typer", "eivor.cli.terminal", "eivor.errors"])
+@pytest.mark.parametrize("module", ["eivor.cli.main", "typer", "eivor.cli.outputs", "eivor.errors"])
 def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: str) -> None:
     """Ctrl-C right after the command was typed: the console script watches from its first line on."""
     code = (
@@ -211,7 +213,7 @@ def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: s
         f"        if name == {module!r}: raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupted())\n"
         "sys.argv = ['eivor', 'identify', '--example']\n"
-        "from eivor.cli.entry import run; run()"
+        "from eivor.__main__ import run; run()"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
@@ -221,11 +223,11 @@ def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: s
 def test_an_interrupt_while_arguments_are_read_leaves_with_130(step: str) -> None:
     code = (
         "import sys\n"
-        "from eivor.cli.readable_help import ReadableGroup\n"
+        "from eivor.cli.outputs import ReadableGroup\n"
         "def interrupted(*args, **more): raise KeyboardInterrupt\n"
         f"ReadableGroup.{step} = interrupted\n"
         "sys.argv = ['eivor', 'identify', '--example']\n"
-        "from eivor.cli.entry import run; run()"
+        "from eivor.__main__ import run; run()"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
@@ -245,7 +247,7 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
 
 def test_a_command_that_is_named_is_loaded_alone() -> None:
     code = (
-        "import sys\nfrom eivor.cli.entry import run\n"
+        "import sys\nfrom eivor.__main__ import run\n"
         "sys.argv = ['eivor', 'identify', '--help']\n"
         "try: run()\nexcept SystemExit as left: assert not left.code\n"
         "print('@modules', *sys.modules)"
@@ -253,7 +255,7 @@ def test_a_command_that_is_named_is_loaded_alone() -> None:
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     loaded = set(run.stdout.partition("@modules")[2].split())
     assert "eivor.cli.identify" in loaded
-    assert not {"eivor.cli.study", "eivor.cli.plan", "eivor.cli.examples"} & loaded
+    assert not {"eivor.lab.cli", "eivor.cli.tools"} & loaded
 
 
 def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
@@ -312,11 +314,11 @@ class _Terminal(io.StringIO):
 
 
 def test_a_long_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, "PATIENCE_S", 0.0)
+    monkeypatch.setattr(outputs, "PATIENCE_S", 0.0)
     monkeypatch.setenv("TERM", "xterm")
     for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
         monkeypatch.setattr(sys, "stderr", stream)
-        with terminal.step("Reading [red]\x1b[2J.ulg"):
+        with outputs.step("Reading [red]\x1b[2J.ulg"):
             end = time.monotonic() + (600.0 if announced else 0.2)  # so long only when something hangs
             while "Reading" not in stream.getvalue() and time.monotonic() < end:
                 time.sleep(0.01)
@@ -326,6 +328,6 @@ def test_a_long_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPa
 def test_a_short_step_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = _Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
-    with terminal.step("Reading"):
+    with outputs.step("Reading"):
         pass
     assert "Reading" not in stream.getvalue()

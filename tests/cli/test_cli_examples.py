@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from eivor.cli import examples
-from eivor.cli.examples import PublicLog, fetched, public_logs
+from eivor.cli import tools
+from eivor.cli.tools import PublicLog, fetched, public_logs
 from eivor.errors import CorruptLogError, InputError
 
 Caller = Callable[..., Any]
@@ -97,12 +97,12 @@ def test_fetch_prints_the_path(eivor: Caller, tmp_path: Path, monkeypatch: pytes
     origin.mkdir()
     (origin / "x.ulg").write_bytes(CONTENT)
     monkeypatch.setenv("EIVOR_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(examples, "public_logs", lambda: {"x": _log(origin.as_uri())})
+    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(origin.as_uri())})
     for name in ("x", "x.ulg"):
         run = eivor("example", "fetch", name)
         assert run.code == 0
         assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
-    monkeypatch.setattr(examples, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
+    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
     run = eivor("example", "fetch", "x")
     assert run.code == 1
     assert run.err.startswith("eivor: Expected")

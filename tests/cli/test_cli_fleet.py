@@ -9,12 +9,10 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.fleets.own_reports import write_report
-from eivor.fleets.table import read_flights
+from eivor.fleet.simulate import FleetSpec, fleet_rows
+from eivor.fleet.table import read_flights, write_report
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec
 from fleets.fleet_rows import row, write_fleet
 from fleets.fleet_tasks import rows_of, write_logs
 from report.parsed_page import parsed
@@ -47,7 +45,7 @@ def test_query_of_nothing(eivor, tmp_path):
 def logs(tmp_path, monkeypatch):
     """Logs whose rows are made here, at once."""
     rows_of(monkeypatch)
-    monkeypatch.setattr("eivor.fleets.shard.kept_process", lambda function, _limits: function)
+    monkeypatch.setattr("eivor.fleet.run.kept_process", lambda function, _limits: function)
     return write_logs(tmp_path / "logs", {"a.csv": "one", "b/c.csv": "one", "notes": "none"})
 
 

@@ -16,10 +16,22 @@ from typing import Any, get_args
 import pytest
 import typer
 
-from eivor.cli.arguments import FLEET_FILES, FLEET_PARTS, PAPER_FILES, STUDY_FILES, Reads, Writes, fleet_paths
 from eivor.cli.main import app
-from eivor.cli.outputs import declarations, deliver, figure_file, output_file, writing
-from eivor.cli.readable_help import ReadableCommand
+from eivor.cli.outputs import (
+    FLEET_FILES,
+    FLEET_PARTS,
+    PAPER_FILES,
+    STUDY_FILES,
+    ReadableCommand,
+    Reads,
+    Writes,
+    declarations,
+    deliver,
+    figure_file,
+    fleet_paths,
+    output_file,
+    writing,
+)
 from eivor.errors import InputError, UsageError
 
 Caller = Callable[..., Any]
@@ -291,12 +303,9 @@ def test_standard_input_is_a_file_too(log: Path) -> None:
 
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None:
-    from eivor.fleets.fleet_folder import IDENTITY, RUN, UNOPENED
-    from eivor.fleets.own_reports import report_place
-    from eivor.fleets.table import FLIGHTS, PART
-    from eivor.report.paper_figures import figure_files
-    from eivor.report.study_pictures import picture_files
-    from eivor.studies.trial_shards import IDENTITY_FILE, TABLE_FILE
+    from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_place
+    from eivor.lab.figures import figure_files, picture_files
+    from eivor.lab.study_run import IDENTITY_FILE, TABLE_FILE
 
     fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}"}
     fleet.add(report_place(Path(), "0").as_posix())
@@ -450,7 +459,7 @@ def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> 
 def test_outputs_of_paper_do_not_replace_each_other(
     eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("eivor.studies.paper.examples.run_paper", None)
+    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", None)
     page = tmp_path / "page.md"
     page.write_text("mine", encoding="utf-8")
     assert "different files for --json and --page" in eivor("paper", "--json", page, "--page", page).err
@@ -531,7 +540,7 @@ def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> N
     ):
         if arguments[0] == "inspect":
             from eivor.logs import write_recording
-            from eivor.logs.example import example_flight
+            from eivor.logs.read import example_flight
 
             write_recording(example_flight(), folder / "drive.parquet")
         (folder / name).symlink_to("/dev/full")

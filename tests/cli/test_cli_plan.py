@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from eivor.planning.vehicle import VehicleGuess
-from eivor.report import planned
+from eivor.report import other_results
 from planning.conftest import planned as plan_of
 
 Caller = Callable[..., Any]
@@ -25,7 +25,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
         calls.append({"vehicle": vehicle, **options})
         return plan_of(options["shape"] or "multisine")
 
-    monkeypatch.setattr(planned, "make_plan", made)
+    monkeypatch.setattr(other_results, "make_plan", made)
     return calls
 
 

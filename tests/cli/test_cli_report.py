@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from eivor.cli.identify import identify
-from eivor.cli.report import NOT_HERE, report
+from eivor.cli.identify import NOT_HERE, identify, report
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 

@@ -77,7 +77,7 @@ def test_wrong_usage_is_told(eivor, arguments, code, sentence):
 
 def test_a_missing_extra_is_a_sentence(eivor, monkeypatch):
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    monkeypatch.delitem(sys.modules, "eivor.serve.app", raising=False)
+    monkeypatch.delitem(sys.modules, "eivor.serve.jobs", raising=False)
     run = eivor("serve", "--no-browser")
     assert run.code == 2
     assert "pip install 'eivor[serve]'" in run.err

@@ -11,17 +11,13 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.vehicle_file import load_vehicle
-from eivor.signals.input_map import input_map
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.rigid_body.vehicle_text import vehicle_text
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
-from eivor.simulation.scenario_files.scenario_file import read_scenario, shipped_scenario
+from eivor.lab.records import simulate
+from eivor.lab.scenario_files import read_scenario, shipped_rigid_body_flight, shipped_scenario
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
+from eivor.signals.thrust_map import input_map
+from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
+from eivor.simulation.rigid_body_spec import vehicle_text
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 FLIGHT = """
 viscous_friction = 0.3
@@ -80,7 +76,7 @@ def test_log_reads_back_as_simulated(eivor, tmp_path):
 @pytest.mark.usefixtures("unchecked_shapes")  # hundreds of steps of the same shapes
 def test_a_whole_vehicle_flies(eivor, tmp_path):
     """All its axes are logged, on the clocks that the file says; the truth has what each axis can tell."""
-    shipped = resources.files("eivor.simulation.scenario_files").joinpath("flights", "quadrotor.toml")
+    shipped = resources.files("eivor.lab").joinpath("scenario_flights", "quadrotor.toml")
     text = shipped.read_text(encoding="utf-8").replace("duration = 40.0", "duration = 0.5")
     text = text.replace("high_hz = 0.4", "high_hz = 4.0")
     (tmp_path / "all.toml").write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from eivor.cli.plain_text import plain_text
+from eivor.tools import plain_text
 
 pytestmark = pytest.mark.thorough
 

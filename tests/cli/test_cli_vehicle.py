@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles, vehicle_template
+from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles, vehicle_template
 
 
 @pytest.fixture(autouse=True)

@@ -116,7 +116,7 @@ def _spoilt_values(rng: np.random.Generator, values: np.ndarray, kind: int) -> n
 
 def recording_of(columns: Columns, name: str = "hostile") -> Any:
     """The channels as a log that was read."""
-    from eivor.signals.canonical import canonical_channel
+    from eivor.signals.channels import canonical_channel
     from eivor.signals.recording import Recording, clean_channel
 
     channels = {}
@@ -145,8 +145,8 @@ def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
     from eivor.flights.options import FlightOptions
     from eivor.flights.track import track
     from eivor.motions import motion_by_name
+    from eivor.report.flight_page import flight_page
     from eivor.report.inspection import pooled_inspection
-    from eivor.report.page.flight_page import flight_page
 
     said = []
 

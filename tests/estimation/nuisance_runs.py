@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.regression import Parameter
 from eivor.models.separable import Nuisance
-from eivor.signals.actuator import first_order_lag
+from eivor.signals.filters import first_order_lag
 
 STEP_S = 0.02
 SAMPLES = 1500

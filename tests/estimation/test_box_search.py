@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import ConvergenceError
-from eivor.estimation.box_search import least_place
+from eivor.estimation.variable_projection import least_place
 
 
 def over(box, function):

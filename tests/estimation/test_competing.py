@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.estimation.competing import bounded_sums, least_of_competitors
-from eivor.models.equation import Parameter
+from eivor.estimation.nuisance_grids import bounded_sums, least_of_competitors
+from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance
 
 GRID = np.array([0.0, 0.01, 0.02])

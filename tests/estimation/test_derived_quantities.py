@@ -11,8 +11,8 @@ from scipy import stats
 import eivor as ev
 import shape_checks
 from eivor.errors import UsageError
-from eivor.inference.sets.fieller import fieller_set
-from eivor.inference.sets.profile import profile_interval
+from eivor.inference.confidence_set import profile_interval
+from eivor.inference.regions import fieller_set
 
 RUNS = 2000
 

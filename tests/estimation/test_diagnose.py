@@ -15,13 +15,11 @@ from vertical_flight_signals import problem as flight_problem
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation import methods
-from eivor.estimation.evidence import DIAGNOSTICS
-from eivor.estimation.products.at_estimate import record_of
-from eivor.estimation.products.long_records import FOLDED_FROM
-from eivor.inference.diagnostics.diagnostic import Diagnostic, Row
-from eivor.inference.diagnostics.endogeneity import endogeneity
-from eivor.inference.diagnostics.equation_products import equation_products
-from eivor.inference.diagnostics.strength import strength
+from eivor.estimation.diagnose import DIAGNOSTICS
+from eivor.estimation.estimate import record_of
+from eivor.estimation.products import FOLDED_FROM
+from eivor.inference.diagnostics.instruments import endogeneity, strength
+from eivor.inference.diagnostics.record import Diagnostic, Row, equation_products
 from eivor.inference.verdict import Reason, Status
 
 NOISE = 0.3

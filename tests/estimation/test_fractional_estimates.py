@@ -14,7 +14,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.estimation import methods
-from eivor.estimation.linearised import settled
+from eivor.estimation.linear import settled
 
 ORDER = ev.UnknownOrder("order", 0.3, 1.1)
 MODEL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0,))

@@ -8,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.long_grids import reaching
-from eivor.estimation.nested_grids import on_nested_grids
+from eivor.estimation.nuisance_grids import on_nested_grids, reaching
 from eivor.inference.verdict import Status
-from eivor.models.equation import Parameter
+from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance
 from eivor.motions.identify import identify_flight
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 DELAY = Nuisance(Parameter("delay"), np.array([0.0, 10.0, 20.0]), discrete=True, furthest=65.0)
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.estimation import inferred
-from eivor.estimation.products.folded_lags import lags_without_gaps
-from eivor.linalg.row_blocks import COPIED_ROWS
-from eivor.models.regression import PASSED_ROWS
+from eivor.estimation import estimate
+from eivor.estimation.products import lags_without_gaps
+from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS
 
 ROWS = 4 * PASSED_ROWS
 
@@ -28,11 +27,11 @@ def problem(*, quiet: int) -> ev.Regression:
 @pytest.mark.parametrize(("quiet", "blocks"), [(0, 1), (PASSED_ROWS + 1, 2), (2 * PASSED_ROWS, 3)])
 def test_covariances_are_those_of_all_rows(monkeypatch, quiet, blocks):
     made, used = problem(quiet=quiet), []
-    monkeypatch.setattr(inferred, "ENOUGH_ROWS", ROWS + 1)
+    monkeypatch.setattr(estimate, "ENOUGH_ROWS", ROWS + 1)
     whole = ev.identify(made, ev.methods.extended_iv()).covariance
-    condition = inferred._condition
-    monkeypatch.setattr(inferred, "ENOUGH_ROWS", 1)
-    monkeypatch.setattr(inferred, "_condition", lambda root: used.append(root) or condition(root))
+    condition = estimate._condition
+    monkeypatch.setattr(estimate, "ENOUGH_ROWS", 1)
+    monkeypatch.setattr(estimate, "_condition", lambda root: used.append(root) or condition(root))
     some = ev.identify(made, ev.methods.extended_iv()).covariance
     np.testing.assert_allclose(some, whole, rtol=1e-10)
     # as many blocks were passed as tell the directions apart, and no more

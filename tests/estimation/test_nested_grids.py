@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.estimation.nested_grids import on_nested_grids, with_values_tried
-from eivor.estimation.search import Trial, between
+from eivor.estimation.nuisance_grids import on_nested_grids, with_values_tried
+from eivor.estimation.variable_projection import Trial, between
 from eivor.linalg.system import Solution
-from eivor.models.equation import Parameter
+from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance
 
 GRID = np.array([0.0, 10.0, 20.0, 30.0])

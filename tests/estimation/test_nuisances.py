@@ -27,13 +27,13 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import InstrumentError, ParameterError, UsageError
-from eivor.estimation.assembler import Instrumental
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
-from eivor.estimation.search import PRODUCT_POINTS, product_grids
-from eivor.estimation.weighting.equations import TwoStage
+from eivor.estimation.moments import Instrumental
+from eivor.estimation.variable_projection import PRODUCT_POINTS, product_grids
+from eivor.estimation.weighting import TwoStage
 from eivor.linalg import LeastSquares
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.separable import Nuisance, Prior

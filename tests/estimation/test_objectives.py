@@ -8,9 +8,8 @@ from nuisance_runs import lag, problem, share
 
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import reference_iv
-from eivor.linalg.least_squares import AugmentedLeastSquares, LeastSquares
 from eivor.linalg.system import LinearSystem, Solver
-from eivor.linalg.total_least_squares import TotalLeastSquares
+from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares, TotalLeastSquares
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,11 @@ from nuisance_runs import LAG_S, PARAMETERS, SHARE, columns, lag, share
 
 import eivor as ev
 from eivor.errors import UsageError
+from eivor.estimation.bootstrap import Replicate, left_over, pool_flights
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.estimation.pool_replicates import Replicate, left_over, pool_flights
-from eivor.estimation.products.nodes import MOST_NODES, nodes_of
-from eivor.estimation.weighting.whitening import whitened_by_residuals
+from eivor.estimation.nuisance_grids import MOST_NODES, nodes_of
+from eivor.estimation.weighting import whitened_by_residuals
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import Nuisance, Prior
 

@@ -10,10 +10,9 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
-from eivor.estimation.recursive.change_detector import Watch
-from eivor.estimation.recursive.looks import Look, References, looks_between, newest_look, newest_reference
-from eivor.estimation.recursive.timed_rows import timed_rows
-from eivor.models.shared_noise import shared_noise_of_rows
+from eivor.estimation.exponential_forgetting import timed_rows
+from eivor.estimation.recursive import Look, References, Watch, looks_between, newest_look, newest_reference
+from eivor.models.signal_regression import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)
 INSTRUMENTS = ev.lags("input", 0, 10)

@@ -11,12 +11,10 @@ from scipy.signal import lfilter
 import eivor
 from eivor.errors import UsageError
 from eivor.estimation import methods
+from eivor.estimation.bootstrap import bootstrap
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.resampling import bootstrap
-from eivor.inference.resampling.blocks import BlockScheme, block_plan
-from eivor.inference.resampling.replicates import IntervalKind
-from eivor.models.regression import Regression, regression
-from eivor.models.rows import SampleRows
+from eivor.inference.bootstrap import BlockScheme, IntervalKind, block_plan
+from eivor.models.regression import Regression, SampleRows, regression
 
 ROWS = 1003
 METHODS = {

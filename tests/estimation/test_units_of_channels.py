@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import eivor as ev
+from eivor.lab.scenario_files import shipped_scenario
 from eivor.linalg import LeastSquares, LinearSystem
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
 
 MODEL = ev.VerticalMotion(intercept=False)
 m = ev.methods

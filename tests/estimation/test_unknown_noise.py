@@ -7,10 +7,15 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.unknown_noise.choices import BiasEliminating, FrischScheme, GeneralizedEquations
-from eivor.estimation.unknown_noise.shared_moments import SharedMoments, UnknownNoise
-from eivor.models.shared_noise import shared_noise
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.lab.unknown_noise import (
+    BiasEliminating,
+    FrischScheme,
+    GeneralizedEquations,
+    SharedMoments,
+    UnknownNoise,
+)
+from eivor.models.signal_regression import shared_noise
 
 INSTRUMENTS = ev.lags("input", 0, 10)
 MODEL = ev.VerticalMotion(intercept=False)

@@ -13,11 +13,10 @@ from vertical_flight_signals import FRICTION, GAIN, LAG_S, STEP_S, Noise, flight
 
 import shape_checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Instrumental
-from eivor.estimation.fit import identify
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.methods import least_squares, reference_iv, total_least_squares
-from eivor.estimation.weighting.equations import TwoStage
+from eivor.estimation.methods import identify, least_squares, reference_iv, total_least_squares
+from eivor.estimation.moments import Instrumental
+from eivor.estimation.weighting import TwoStage
 from eivor.linalg import LeastSquares
 
 TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())

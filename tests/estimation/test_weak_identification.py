@@ -12,13 +12,14 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import InstrumentError, ParameterError, TooFewSamplesError, UsageError
-from eivor.estimation.error_assumptions import AutocorrelatedErrors, HomoskedasticErrors
-from eivor.estimation.moment_rows import moment_rows
 from eivor.estimation.weak_identification import (
+    AutocorrelatedErrors,
+    HomoskedasticErrors,
     anderson_rubin_set,
+    moment_rows,
     sign_perturbed_set,
 )
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 
 LEVEL = 0.95
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eivor.models.instruments import LaggedReferences
 from eivor.models.lagged_runs import lag_and_delay
-from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.models.separable import LaggedReferences
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.input_map import Power
+from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.signals import Signals
-from eivor.simulation.flights.closed_loop import (
+from eivor.signals.thrust_map import Power
+from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,

@@ -18,7 +18,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.motions.vertical.curve_family import MOT_THST_EXPO, THR_MDL_FAC, AutopilotParameter
+from eivor.motions.vertical.model import MOT_THST_EXPO, THR_MDL_FAC, AutopilotParameter
 from exports.documents import refused, written
 from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
 

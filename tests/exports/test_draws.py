@@ -11,9 +11,8 @@ from scipy import stats
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
-from eivor.inference.covariances.covariance import CovariancePart, JointCovariance
-from eivor.inference.joint_draws import joint_draws
-from eivor.inference.ordered_choices import shares_in_order
+from eivor.inference.covariance import CovariancePart, JointCovariance, joint_draws
+from eivor.inference.distributions import shares_in_order
 from exports.documents import CORRELATIONS, JOINT, NUMBERS, document, written
 
 COUNT = 100_000

@@ -13,7 +13,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.motions.rigid_body.vehicle_file import load_vehicle
+from eivor.motions.rigid_body.vehicle import load_vehicle
 from exports.documents import of_rigid_body, of_speeds, refused, written
 from exports.simulated import GAIN, GRAVITY, HOVER, PRIORS, saved, vehicle_file
 from exports.test_simulators import WORSE

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.simulation.flights.trajectories import TrajectoryKind, altitude_reference
+from eivor.simulation.environment import TrajectoryKind, altitude_reference
 from exports.simulated import FRICTION, GAIN, GRAVITY, HOVER, LAG, quad_params, saved
 
 STEP_S, SECONDS = 0.01, 40.0

@@ -13,7 +13,7 @@ import pytest
 
 import eivor as ev
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
-from eivor.motions.rigid_body.vehicle_file import load_vehicle
+from eivor.motions.rigid_body.vehicle import load_vehicle
 from exports.documents import document, of_rigid_body, of_speeds, refused, written
 from exports.simulated import (
     FRICTION,

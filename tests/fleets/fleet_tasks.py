@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.flight_row import NamedRow
-from eivor.fleets.log_list import Log
-from eivor.fleets.own_reports import PAGE, PageOf
+from eivor.fleet.logs import Log
+from eivor.fleet.table import PAGE, FleetOptions, NamedRow, PageOf
 
 
 @dataclass(frozen=True)
@@ -44,4 +42,4 @@ def rows_of(monkeypatch: Any, made: Callable[..., Any] = QuickRow) -> None:
     def row_maker(options: FleetOptions, page_of: PageOf | None = None) -> Any:
         return made(options) if page_of is None else made(options, page_of)
 
-    monkeypatch.setattr("eivor.fleets.shard.FlightRow", row_maker)
+    monkeypatch.setattr("eivor.fleet.run.FlightRow", row_maker)

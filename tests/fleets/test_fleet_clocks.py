@@ -8,13 +8,11 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.reports import fleet_reports
-from eivor.fleets.run import run_fleet
-from eivor.fleets.table import read_flights
-from eivor.simulation.fleets.fleet_logs import write_fleet_logs
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.fleet.analysis import fleet_reports
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
+from eivor.fleet.simulate import FleetSpec, write_fleet_logs
+from eivor.fleet.table import FleetOptions, read_flights
 
 #: Where the clocks of logs of one vehicle begin [s since 1970].
 BEGIN = {"unset": 30.0, "autumn_of_1970": 86400.0 * 300, "set": 1.77e9, "far": 9.9e12}

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eivor.fleets.table import read_flights
-from eivor.studies.sealed_table import parquet_bytes
+from eivor.fleet.table import read_flights
+from eivor.lab.study_run import parquet_bytes
 from fleets.fleet_tasks import write_logs
 from studies.dask_cluster import SOURCES
 
@@ -22,10 +22,10 @@ SCRIPT = """
 import os, signal, sys, time
 from pathlib import Path
 import numpy as np
-from eivor.fleets import shard
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.run import run_fleet
+from eivor.fleet import run as shard
+from eivor.fleet.table import FleetOptions
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
 from fleets.fleet_tasks import QuickRow
 shard.FlightRow = QuickRow
 logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()

@@ -10,27 +10,28 @@ from rich.console import Console
 from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.errors import InputError
-from eivor.fleets.course import DRIFTS, STEADY, STEPS
-from eivor.fleets.given_covariates import given_covariates, with_covariates
-from eivor.fleets.pooled_rows import (
+from eivor.fleet.analysis import (
+    DRIFTS,
     NO_NUMBER,
     NO_REFERENCE,
     NO_RESULT,
     NOT_EXCITED,
     NOT_POSITIVE,
+    STEADY,
+    STEPS,
+    FleetReport,
     across_of,
+    fleet_report,
+    fleet_reports,
     wanted_columns,
 )
-from eivor.fleets.report import FleetReport, fleet_report
-from eivor.fleets.reports import fleet_reports
-from eivor.fleets.table import LEADING, TRAILING, read_flights
+from eivor.fleet.logs import given_covariates, with_covariates
+from eivor.fleet.report import few_told, fleet_document, interval_told, next_told
+from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
+from eivor.fleet.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.report.fleet_document import fleet_document
 from eivor.report.terminal import on_terminal
-from eivor.report.told_fleet import few_told, interval_told, next_told
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 from fleets.fleet_rows import row, write_fleet
 
 VERTICAL = motion_by_name("vertical")

@@ -10,17 +10,21 @@ from pathlib import Path
 import polars as pl
 import pytest
 
+from eivor.atomic_file import folder_lock
 from eivor.errors import InputError, UsageError
-from eivor.fleets.fleet_folder import IDENTITY, RUN
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.folder_lock import folder_lock
-from eivor.fleets.log_list import LogList
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.own_reports import report_place, reports_there
-from eivor.fleets.run import COPIES, hashed, run_fleet
-from eivor.fleets.table import part_files, read_flights
+from eivor.fleet.logs import LogList, logs_found
+from eivor.fleet.run import COPIES, hashed, run_fleet
+from eivor.fleet.table import (
+    IDENTITY,
+    RUN,
+    FleetOptions,
+    part_files,
+    read_flights,
+    report_place,
+    reports_there,
+)
+from eivor.lab.study_run import parquet_bytes
 from eivor.process_pool import Limits
-from eivor.studies.sealed_table import parquet_bytes
 from fleets.fleet_tasks import rows_of, write_logs
 
 OPTIONS = FleetOptions()
@@ -103,7 +107,7 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
         return made
 
-    from eivor.fleets import shard
+    from eivor.fleet import run as shard
 
     expected = shard.FlightRow
     rows_of(monkeypatch, stopped)
@@ -120,7 +124,7 @@ def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
     (first,) = found.logs
     many = replace(found, logs=LogList(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
     once = hashed(first)
-    monkeypatch.setattr("eivor.fleets.run.hashed", lambda log: replace(log, sha256=once.sha256))
+    monkeypatch.setattr("eivor.fleet.run.hashed", lambda log: replace(log, sha256=once.sha256))
     done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
     assert done.verdicts == {"weak": 1, "copy": 9999}
     assert len(part_files(tmp_path / "fleet")) == 1 + -(-9999 // COPIES)
@@ -196,9 +200,9 @@ def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
 
 
 def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch):
-    from eivor.fleets import fleet_folder
+    from eivor.fleet import table
 
-    folder, whole = tmp_path / "fleet", fleet_folder.write_whole
+    folder, whole = tmp_path / "fleet", table.write_whole
     run(logs, tmp_path / "expected")
 
     def full(path: Path, data: bytes | str) -> None:
@@ -206,11 +210,11 @@ def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch)
             raise OSError(errno.ENOSPC, "No space left on device")
         whole(path, data)
 
-    monkeypatch.setattr(fleet_folder, "write_whole", full)
+    monkeypatch.setattr(table, "write_whole", full)
     with pytest.raises(InputError, match=r"No space left on device.*Rows that were written are kept"):
         run(logs, folder, shard_logs=1)
     assert read_flights(folder).height == 2
-    monkeypatch.setattr(fleet_folder, "write_whole", whole)
+    monkeypatch.setattr(table, "write_whole", whole)
     assert run(logs, folder).before == 2
     assert content(folder) == content(tmp_path / "expected")
 

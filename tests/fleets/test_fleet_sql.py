@@ -8,9 +8,8 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.fleets.table import flight_frame
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.fleet.simulate import FleetSpec, fleet_rows
+from eivor.fleet.table import flight_frame
 from fleets.fleet_rows import row
 
 PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"

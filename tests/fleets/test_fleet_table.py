@@ -7,8 +7,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InputError, UsageError
-from eivor.fleets.queries import QUERIES, query
-from eivor.fleets.table import LEADING, TRAILING, flight_frame, read_flights
+from eivor.fleet.analysis import QUERIES, query
+from eivor.fleet.table import LEADING, TRAILING, flight_frame, read_flights
 from fleets.fleet_rows import row, write_fleet
 
 

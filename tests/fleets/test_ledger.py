@@ -12,10 +12,9 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError
-from eivor.fleets import private_database
-from eivor.fleets.ledger import SHARES, Ledger, Task, share_of
-from eivor.fleets.log_list import Log, LogList
-from eivor.fleets.logs_found import logs_found
+from eivor.fleet import logs
+from eivor.fleet.logs import Log, LogList, logs_found
+from eivor.fleet.table import SHARES, Ledger, Task, share_of
 
 
 def sha256(text: str) -> str:
@@ -142,6 +141,6 @@ def test_no_room_for_the_list_is_told(tmp_path, monkeypatch):
         connect = staticmethod(small)
         OperationalError = sqlite3.OperationalError
 
-    monkeypatch.setattr(private_database, "sqlite3", Small)
+    monkeypatch.setattr(logs, "sqlite3", Small)
     with pytest.raises(InputError, match=r"room for the list of the logs.*disk is full.*TMPDIR=FOLDER"):
         logs_found(str(tmp_path))

@@ -8,10 +8,9 @@ from dataclasses import replace
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.named_by_path import PathPattern
-from eivor.fleets.run import hashed
-from eivor.logs.folders import folder_sha256
+from eivor.fleet.logs import PathPattern, logs_found
+from eivor.fleet.run import hashed
+from eivor.logs.common import folder_sha256
 from fleets.fleet_tasks import write_logs
 
 CANONICAL = "time,velocity_z,input\n0,0,0\n"

@@ -11,7 +11,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Channel, Recording
-from eivor.simulation.flights.closed_loop import (
+from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,

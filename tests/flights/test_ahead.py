@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.ahead import Ahead, AheadError, Starts, all_ahead, starts_of
+from eivor.flights.motion import Ahead, AheadError, Starts, all_ahead, starts_of
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
@@ -84,7 +84,7 @@ def test_every_half_second_that_is_predicted_stands_on_data(broken):
 
 
 def test_long_flights_have_no_more_starts(broken, monkeypatch):
-    monkeypatch.setattr("eivor.flights.ahead.MOST_STARTS", 50)
+    monkeypatch.setattr("eivor.flights.motion.MOST_STARTS", 50)
     assert 25 < starts_of(broken).samples.size <= 50
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from flight_logs import changed, channel, every, flown, prepare_vertical
 
-from eivor.flights.airborne import MARGIN_S, airborne
+from eivor.flights.grid import AIRBORNE_MARGIN_S, airborne
 from eivor.flights.options import FlightOptions
 
 STEP_S = 0.01
-MARGIN = round(MARGIN_S / STEP_S)
+MARGIN = round(AIRBORNE_MARGIN_S / STEP_S)
 
 
 def profile(*stretches: tuple[float, float]) -> np.ndarray:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.flights.allowance import Allowance, Counts, reserved, widened
-from eivor.flights.quantity import NAN, Unjudged, Wording
-from eivor.flights.recipe import with_allowances
+from eivor.flights.identify import with_allowances
+from eivor.flights.quantity import NAN, Allowance, Counts, Unjudged, Wording, reserved, widened
 from eivor.inference.verdict import Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.flights.between import UNEVEN, curve_between, line_between
+from eivor.flights.grid import UNEVEN, curve_between, line_between
 
 STAMPS = np.arange(0.0, 20.0, 0.1)
 AT = np.arange(1.0, 19.0, 0.01)

@@ -9,20 +9,18 @@ import pytest
 
 import eivor
 from eivor.errors import UsageError
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import reference_iv
-from eivor.flights.bootstrap import bootstrap_flights
+from eivor.estimation.methods import identify, reference_iv
+from eivor.flights.pooling import bootstrap_flights
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
-from eivor.inference.resampling.replicates import Bootstrap, IntervalKind
+from eivor.inference.bootstrap import Bootstrap, IntervalKind
 from eivor.inference.verdict import Status, Verdict
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.motion import vertical_flight
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.vertical_flight import actual_state_recording, simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, actual_state_recording, simulate_vertical_flights
 
 pytestmark = pytest.mark.thorough
 

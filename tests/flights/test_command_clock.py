@@ -9,14 +9,19 @@ import numpy as np
 import pytest
 from flight_logs import changed, flown, prepare_vertical
 
-from eivor.flights.beating_stamps import beating_step
-from eivor.flights.command_clock import CommandClock, as_issued, command_clock, finer_step
-from eivor.flights.given_lag import GivenLag
 from eivor.flights.grid import Grid, command_on_grid
+from eivor.flights.lag_prior import GivenLag
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Unjudged
 from eivor.flights.references import jumps
-from eivor.flights.uneven_stamps import stamps_are_true
+from eivor.flights.timestamps import (
+    CommandClock,
+    as_issued,
+    beating_step,
+    command_clock,
+    finer_step,
+    stamps_are_true,
+)
 from eivor.models.separable import Bounds, Prior
 from eivor.signals.recording import Channel
 

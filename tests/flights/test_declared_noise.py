@@ -8,13 +8,12 @@ from flight_logs import FRICTION, LAG_S, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.flights.declared_noise import share_left
 from eivor.flights.grid import Grid, on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
+from eivor.flights.references import share_left
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals.data_sheet import DataSheet
-from eivor.signals.recording import Channel
+from eivor.signals.recording import Channel, DataSheet
 
 BCLS = "bias_compensated_least_squares"
 NOISE = 0.3

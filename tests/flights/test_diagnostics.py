@@ -10,9 +10,9 @@ import pytest
 from scipy import stats
 
 import eivor as ev
-from eivor.flights.diagnostics import FEWEST_RUNS, run_leverage
-from eivor.inference.diagnostics.periodicity import Swing
-from eivor.report.fit_checks import checks
+from eivor.flights.result import FEWEST_RUNS, run_leverage
+from eivor.inference.diagnostics.excitation import Swing
+from eivor.report.flight import checks
 from estimation.vertical_flight_signals import Noise, flights, problem
 
 EXAMPLE = Path(ev.__file__).parent / "data" / "example_flight.parquet"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.flights.erring_stamps import even_stamps, with_even_stamps
+from eivor.flights.timestamps import even_stamps, with_even_stamps
 from eivor.signals.recording import Channel, Frame, Recording
 
 STEP_S, ERROR_S = 0.004, 0.001

@@ -8,7 +8,7 @@ from flight_logs import GAIN, STEP_S, changed, flown, prepare_vertical
 
 from eivor.flights.options import FlightOptions
 from eivor.motions.identify import identify_flight
-from eivor.signals.fast_length import fast_length
+from eivor.signals.filters import fast_length
 from eivor.signals.recording import Recording
 
 LEVEL, TILTED = 1.0, 0.8
@@ -77,7 +77,7 @@ def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_pictures_and_predictions_leave_them_out(log):
-    from eivor.report.fit_numbers import flight_runs
+    from eivor.report.flight import flight_runs
 
     result = identify_flight(tilting(log, (4.0, 4.6), (9.0, 9.8)))
     assert result.fit is not None

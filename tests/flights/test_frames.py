@@ -10,10 +10,10 @@ from flight_logs import STEP_S, changed, channel, flown, prepare_vertical, recor
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import ShapeError
-from eivor.flights.frames import upward
+from eivor.flights.grid import upward
 from eivor.flights.options import FlightOptions
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.attitude import vertical_row
+from eivor.motions.vertical.select import vertical_row
 from eivor.signals.recording import Frame
 
 #: Turns z-up axes (world and body alike) into z-down ones.

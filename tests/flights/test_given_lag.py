@@ -11,12 +11,12 @@ from flight_logs import LAG_S, changed, flown
 
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
-from eivor.flights.given_lag import GivenLag, with_given_lag
+from eivor.flights.lag_prior import GivenLag, with_given_lag
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status
 from eivor.models.separable import Nuisance, SeparableProblem, combinations
-from eivor.motions.rigid_body.flights import searched_lag_and_delay
-from eivor.report.fit_checks import checks
+from eivor.motions.rigid_body.regression import searched_lag_and_delay
+from eivor.report.flight import checks
 from eivor.signals.recording import Recording
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from eivor.flights.grounds import unbounded_reasons
 from eivor.flights.quantity import Unjudged
+from eivor.flights.verdict import unbounded_reasons
 from eivor.inference.verdict import Reason, Status
 
 

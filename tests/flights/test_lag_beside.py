@@ -10,21 +10,21 @@ import pytest
 from flight_logs import LAG_S, changed, flown, prepare_vertical
 
 import eivor as ev
-from eivor.flights import lag_beside
-from eivor.flights.lag_beside import SENSORS_APART_S, lags_beside
+from eivor.flights import identify
+from eivor.flights.identify import SENSORS_APART_S, estimated, lags_beside
+from eivor.flights.lag_prior import ToldLag
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Unjudged
-from eivor.flights.recipe import estimated
-from eivor.flights.told_lag import ToldLag
+from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.rates.motion import Rates
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.fit_checks import checks
+from eivor.report.flight import checks
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import (
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.excitation import DrydenGust, RandomSteps
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
@@ -32,9 +32,6 @@ from eivor.simulation.rigid_body.spec import (
     TorqueDisturbance,
     Wind,
 )
-from eivor.simulation.sources.dryden import DrydenGust
-from eivor.simulation.sources.excitation import RandomSteps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 from motions.turning_logs import STEP_S, Vehicle, turned
 from simulation.rigid_body.test_rigid_flight import VEHICLE
 
@@ -153,7 +150,7 @@ def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
     def not_to_be_made(*_: object, **__: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr(lag_beside, "estimated", not_to_be_made)
+    monkeypatch.setattr(identify, "estimated", not_to_be_made)
 
 
 @pytest.mark.thorough
@@ -163,7 +160,7 @@ def test_turning_that_is_not_trusted_says_nothing(turning):
 
 @pytest.mark.thorough
 def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
-    monkeypatch.setattr("eivor.flights.together.lags_beside", lambda *_: (told(),))
+    monkeypatch.setattr("eivor.flights.identify.lags_beside", lambda *_: (told(),))
     logs = [flown(seconds=10.0, seed=seed)[0] for seed in (1, 2)]
     assert ev.identify_flight(logs[0]).fit.given_lag.by.source == "other"
     assert ev.identify_flight(logs).fit.given_lag is None

@@ -10,7 +10,7 @@ from flight_logs import FRICTION, GAIN, LAG_S, STEP_S, changed, channel, flown
 
 import eivor as ev
 from eivor.inference.verdict import Status
-from eivor.signals.actuator import actuator_state, shifted_by
+from eivor.signals.filters import actuator_state, shifted_by
 from eivor.signals.recording import Recording
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")

@@ -13,11 +13,11 @@ from flight_logs import FRICTION, LAG_S, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.estimation.parameter_sets import ParameterSets, parameter_sets
-from eivor.estimation.weighting.whitening import whitened_by_residuals
+from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.result import FlightEstimate
-from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
-from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.verdict import Status
 from eivor.signals.recording import Recording
 

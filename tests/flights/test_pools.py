@@ -10,15 +10,14 @@ import pytest
 from flight_logs import FRICTION, GAIN, LAG_S, flown
 
 import eivor as ev
-from eivor.flights.diagnostics import FitDiagnostics
-from eivor.flights.pool_verdict import agreement
-from eivor.flights.result import FlightEstimate
-from eivor.inference.diagnostics.over_identification import OverIdentification
-from eivor.inference.quantiles import t_quantile
+from eivor.flights.pooling import agreement
+from eivor.flights.result import FitDiagnostics, FlightEstimate
+from eivor.inference.diagnostics.instruments import OverIdentification
+from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import LAG_GRID_S
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.told import told_flight
+from eivor.report.flight import told_flight
 from eivor.signals.recording import Recording
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from flight_logs import FRICTION, GAIN, HOVER, LAG_S, flown, prepare_vertical
 
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import by_name
+from eivor.estimation.methods import by_name, identify
 from eivor.flights.options import FlightOptions
-from eivor.models.instruments import NoInstruments
+from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
 
 TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "actuator_lag": LAG_S, "delay": 0.0}

@@ -13,7 +13,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import SHORTEST_RUN_S
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.motions.vertical.motion import vertical_flight
-from eivor.signals.input_map import Power
+from eivor.signals.thrust_map import Power
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,7 @@ import pytest
 
 from eivor.motions.identify import identify_flight
 from eivor.signals.recording import Channel, Recording
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 SEEDS = range(50, 58)
 

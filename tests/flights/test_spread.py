@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eivor.flights.grid import Grid
-from eivor.flights.spread import triangle_mean
+from eivor.flights.prepared import triangle_mean
 
 GRID = Grid(0.0, 0.005, (range(4000),))
 

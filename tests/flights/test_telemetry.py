@@ -10,12 +10,11 @@ import pytest
 from flight_logs import LAG_S, STEP_S, changed, channel, flown, prepare_vertical
 
 import eivor as ev
+from eivor.flights.lag_prior import OWN_DELAY_S, ToldLag, telemetry_lag
 from eivor.flights.options import FlightOptions
-from eivor.flights.telemetry import OWN_DELAY_S, telemetry_lag
-from eivor.flights.told_lag import ToldLag
 from eivor.motions.vertical.select import selected
-from eivor.report.fit_checks import checks
-from eivor.signals.actuator import actuator_state
+from eivor.report.flight import checks
+from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes")]

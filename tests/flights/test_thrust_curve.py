@@ -13,10 +13,10 @@ from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.flights.circumstances import Circumstances
+from eivor.flights.motion import Circumstances
 from eivor.flights.quantity import Unjudged
 from eivor.inference.verdict import Status, verdict
-from eivor.motions.vertical.curve_family import (
+from eivor.motions.vertical.model import (
     MOT_THST_EXPO,
     THR_MDL_FAC,
     CurveFamily,
@@ -28,10 +28,10 @@ from eivor.motions.vertical.curve_family import (
     share_of,
     thrust_of,
 )
-from eivor.motions.vertical.curve_rule import curve_reasons
-from eivor.signals.canonical import CurveSide, common_side
-from eivor.signals.input_map import InputMap, Mixed, Power
+from eivor.motions.vertical.verdict import curve_reasons
+from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.recording import Recording
+from eivor.signals.thrust_map import InputMap, Mixed, Power
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 

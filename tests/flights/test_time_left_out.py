@@ -10,7 +10,7 @@ from flight_logs import STEP_S, changed, flown, prepare_vertical
 
 from eivor.flights.grid import MARGIN_S, MEMORY_S
 from eivor.flights.options import FlightOptions
-from eivor.models.instruments import LaggedInputs
+from eivor.models.separable import LaggedInputs
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording

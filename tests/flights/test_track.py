@@ -12,10 +12,9 @@ from flight_logs import GAIN, flown
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.track import Moment, Track, track
-from eivor.report.json_track import track_json
+from eivor.report.figures import track_figure
+from eivor.report.other_results import changes_told, marks, track_document, track_json, untold
 from eivor.report.terminal import on_terminal
-from eivor.report.track_document import changes_told, marks, track_document, untold
-from eivor.report.track_figure import track_figure
 
 
 def weakened(log, at_s, factor):

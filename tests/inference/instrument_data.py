@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.inference.diagnostics.equation_products import EquationProducts, equation_products
+from eivor.inference.diagnostics.record import EquationProducts, equation_products
 
 GRILICHES_EXOGENOUS = ("expr", "tenure", "rns", "smsa")
 GRILICHES_EXCLUDED = ("med", "kww", "age", "mrt")

@@ -10,14 +10,9 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, TooFewSamplesError, UsageError
-from eivor.inference.covariances.equal_weighted_cosines import cosine_averages, long_run_sum_covariance
-from eivor.inference.sets.anderson_rubin import (
-    LinearScores,
-    averages_for,
-    homoskedastic_region,
-    robust_region,
-)
-from eivor.inference.sets.confidence_region import ConfidenceRegion, scanned_shadow
+from eivor.inference.anderson_rubin import LinearScores, averages_for, homoskedastic_region, robust_region
+from eivor.inference.covariance import cosine_averages, long_run_sum_covariance
+from eivor.inference.regions import ConfidenceRegion, scanned_shadow
 
 LEVEL = 0.95
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from eivor.inference.resampling.blocks import (
+from eivor.inference.bootstrap import (
     BlockPlan,
     BlockScheme,
     autocovariance,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from eivor.inference.covariances.by_row import ByRow
-from eivor.inference.covariances.estimators import Classical
+from eivor.inference.covariance import ByRow, Classical
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from eivor.inference.sets.concentrated import Allowed, allowed, least_ratio
-from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.anderson_rubin import Allowed, allowed, least_ratio
+from eivor.inference.confidence_set import ConfidenceSet
 
 VALUES = np.linspace(-30.0, 30.0, 241)
 

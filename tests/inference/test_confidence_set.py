@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eivor.errors import ParameterError
-from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.confidence_set import ConfidenceSet
 
 COEFFICIENT = st.floats(min_value=-1e6, max_value=1e6, allow_subnormal=False)
 

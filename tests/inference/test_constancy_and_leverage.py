@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.diagnostics.constancy import GROUPS, constancy, p_value, simulated_suprema, wald_path
-from eivor.inference.diagnostics.constancy_quantiles import QUANTILES, TAILS
-from eivor.inference.diagnostics.leverage import segment_leverage
+from eivor.inference.diagnostics.residuals import (
+    GROUPS,
+    QUANTILES,
+    TAILS,
+    constancy,
+    p_value,
+    segment_leverage,
+    simulated_suprema,
+    wald_path,
+)
 
 
 def tenths(count: int) -> tuple[tuple[int, int], ...]:

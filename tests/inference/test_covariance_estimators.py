@@ -12,13 +12,11 @@ import pytest
 
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.inferred import equation_of
-from eivor.inference.covariances import TABLE
+from eivor.estimation.estimate import equation_of
+from eivor.inference.covariance import TABLE
 from eivor.inference.verdict import Status
-from eivor.models.equation import Parameter
-from eivor.models.regression import Regression
-from eivor.models.rows import SampleRows
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.models.regression import Parameter, Regression, SampleRows
 from reference import constants as truth
 
 cov = ev.covariances

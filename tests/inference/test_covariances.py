@@ -10,17 +10,18 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.covariances.bandwidth import newey_west_bandwidth
-from eivor.inference.covariances.covariance import CovariancePart, JointCovariance, sandwich
-from eivor.inference.covariances.equal_weighted_cosines import (
+from eivor.inference.covariance import (
     COSINE_AVERAGES,
+    FLIGHT_DEFAULT,
+    CovariancePart,
+    JointCovariance,
     long_run_mean_variance,
     long_run_sum_covariance,
+    sandwich,
 )
-from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
-from eivor.inference.covariances.kernel import bartlett_covariance
+from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation
-from eivor.inference.quantiles import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
+from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
 
 ONE_FLIGHT = np.zeros(400, dtype=np.int64)
 

@@ -10,9 +10,9 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import ShapeError, UsageError
-from eivor.inference.covariances.equal_weighted_cosines import COSINE_AVERAGES, long_run_sum_covariance
-from eivor.inference.quantiles import chi_square_quantile, t_quantile
-from eivor.inference.sets.ellipse import Ellipse, hotelling_quantile, joint_ellipse
+from eivor.inference.covariance import COSINE_AVERAGES, long_run_sum_covariance
+from eivor.inference.distributions import chi_square_quantile, t_quantile
+from eivor.inference.regions import Ellipse, hotelling_quantile, joint_ellipse
 
 COVARIANCE = np.array([[0.04, -0.9 * 0.2 * 30.0], [-0.9 * 0.2 * 30.0, 900.0]])
 CENTRE = np.array([0.4, 1.2e3])

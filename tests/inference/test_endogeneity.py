@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.diagnostics.endogeneity import endogeneity
-from eivor.inference.diagnostics.equation_products import EquationProducts, equation_products
+from eivor.inference.diagnostics.instruments import endogeneity
+from eivor.inference.diagnostics.record import EquationProducts, equation_products
 
 linearmodels = pytest.importorskip("linearmodels")
 

@@ -10,10 +10,18 @@ from linearmodels.shared.covariance import cov_kernel
 from scipy.signal import lfilter
 
 from eivor.errors import UsageError
-from eivor.inference.covariances.bandwidth import AndrewsRule, FixedBandwidth, NeweyWestRule, SquareRootRule
-from eivor.inference.covariances.fixed_b import fixed_b_reference
-from eivor.inference.covariances.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
-from eivor.inference.quantiles import t_quantile
+from eivor.inference.covariance import fixed_b_reference
+from eivor.inference.distributions import t_quantile
+from eivor.inference.kernel import (
+    AndrewsRule,
+    Bartlett,
+    FixedBandwidth,
+    NeweyWestRule,
+    Parzen,
+    QuadraticSpectral,
+    SquareRootRule,
+    kernel_sum_covariance,
+)
 
 KERNELS = (Bartlett(), Parzen(), QuadraticSpectral())
 PEERS = {"bartlett": "bartlett", "parzen": "parzen", "quadratic_spectral": "qs"}

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.covariances.equal_weighted_cosines import cosine_averages
-from eivor.inference.covariances.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
-from eivor.inference.diagnostics.block_cosines import (
+from eivor.inference.covariance import cosine_averages
+from eivor.inference.diagnostics.instruments import hansen_j, robust_over_identification
+from eivor.inference.diagnostics.record import (
     covariance_of_total,
+    equation_products,
     hotelling_p_value,
     joint_averages,
 )
-from eivor.inference.diagnostics.equation_products import equation_products
-from eivor.inference.diagnostics.over_identification import hansen_j, robust_over_identification
+from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
 from reference import constants as truth
 
 linearmodels = pytest.importorskip("linearmodels")

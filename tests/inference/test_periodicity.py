@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.diagnostics.diagnostic import Subject
-from eivor.inference.diagnostics.influences import influences
-from eivor.inference.diagnostics.periodicity import (
-    Periodicity,
-    block_sums,
-    blocks_of,
-    strongest_swings,
-)
+from eivor.inference.diagnostics.excitation import Periodicity, block_sums, blocks_of, strongest_swings
+from eivor.inference.diagnostics.record import Subject
+from eivor.inference.diagnostics.residuals import influences
 from eivor.inference.verdict import Status
 
 STEP = 0.05

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.inference.diagnostics.equation_products import equation_products
 from eivor.inference.diagnostics.excitation import band_power, information
-from eivor.inference.diagnostics.residual_memory import LONGEST, residual_memory
-from eivor.inference.diagnostics.residual_whiteness import residual_whiteness
-from eivor.signals.fractional import fractional_difference
+from eivor.inference.diagnostics.record import equation_products
+from eivor.inference.diagnostics.residuals import LONGEST, residual_memory, residual_whiteness
+from eivor.signals.noise import fractional_difference
 
 
 def test_whiteness_is_its_formulas():

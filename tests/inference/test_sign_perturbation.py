@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, ParameterError
-from eivor.inference.sets.sign_perturbation import excluded_sums, sign_perturbed_region
+from eivor.inference.anderson_rubin import excluded_sums, sign_perturbed_region
 
 ROWS, RUNS = 50, 1000
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from eivor.inference.diagnostics.equation_products import equation_products
-from eivor.inference.diagnostics.instrument_tests import (
+from eivor.inference.diagnostics.instruments import critical_value, strength
+from eivor.inference.diagnostics.record import (
     conditional_first_stage,
+    equation_products,
     first_stage_of_products,
     orthonormal_basis,
 )
-from eivor.inference.diagnostics.strength import critical_value, strength
 
 linearmodels = pytest.importorskip("linearmodels")
 

@@ -10,11 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from eivor.inference.diagnostics.instrument_tests import (
-    conditional_first_stage,
-    orthonormal_basis,
-    over_identification,
-)
+from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.verdict import Reason, Status, verdict
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eivor.linalg import AugmentedLeastSquares, AugmentedTotalLeastSquares, LinearSystem
-from eivor.linalg.augmented import solve_augmented
+from eivor.linalg.total_least_squares import solve_augmented
 
 ROWS, UNKNOWNS, PROBLEMS = 20, 3, 100
 RELATIVE_RESIDUAL = 1e-6

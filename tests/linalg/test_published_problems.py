@@ -16,7 +16,7 @@ from eivor.linalg import (
     LinearSystem,
     TotalLeastSquares,
 )
-from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
+from eivor.linalg.total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 

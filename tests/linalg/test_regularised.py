@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
+from eivor.lab.regularised import DECADES, POINTS, Tikhonov
 from eivor.linalg import (
     LeastSquares,
     LinearSystem,
@@ -13,8 +14,7 @@ from eivor.linalg import (
     RegularisedTotalLeastSquares,
     TotalLeastSquares,
 )
-from eivor.linalg.regularised import DECADES, POINTS, Tikhonov
-from eivor.linalg.triangular import triangular_root
+from eivor.linalg.system import triangular_root
 
 GRID = np.append(0.0, np.logspace(*DECADES, (DECADES[1] - DECADES[0]) * POINTS + 1))
 TOWARDS = np.array([0.5, -1.0, 2.0])

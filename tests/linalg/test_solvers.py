@@ -24,8 +24,8 @@ from eivor.linalg import (
     LinearSystem,
     TotalLeastSquares,
 )
-from eivor.linalg.triangular import merged_roots, triangular_root
-from eivor.linalg.weighted_total_least_squares import weighted_total_least_squares
+from eivor.linalg.system import merged_roots, triangular_root
+from eivor.linalg.total_least_squares import weighted_total_least_squares
 from reference import constants as truth
 
 LEAST = (LeastSquares(), AugmentedLeastSquares())
@@ -351,9 +351,9 @@ def test_merged_roots_have_the_products_of_all_rows(cuts, columns, seed):
 
 
 def test_roots_in_blocks_are_the_root(monkeypatch):
-    from eivor.linalg import triangular
+    from eivor.linalg import system
 
     rows = np.random.default_rng(0).standard_normal((500, 3))
     whole = triangular_root(rows)
-    monkeypatch.setattr(triangular, "COPIED_ROWS", 37)
+    monkeypatch.setattr(system, "COPIED_ROWS", 37)
     np.testing.assert_allclose(np.abs(triangular_root(rows)), np.abs(whole), rtol=1e-11)

@@ -13,8 +13,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ulog_writer import UlogWriter
 
-from eivor.logs.bags.common_types import _TEXTS
-from eivor.logs.bags.px4_types import _RELEASES
+from eivor.logs.rosbag.messages import _RELEASES, _TEXTS
 
 BOOT_US = 50_000_000
 EPOCH_S = 1_700_000_000

@@ -6,9 +6,8 @@ import struct
 import numpy as np
 
 from eivor.errors import EivorError
-from eivor.signals.input_map import Mixed
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.signals.thrust_map import Mixed
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 KINDS = {"b": "i1", "B": "u1", "M": "u1", "h": "i2", "H": "u2", "i": "i4", "I": "u4", "q": "i8", "Q": "u8"}
 KINDS |= {"f": "f4", "d": "f8", "g": "f2", "c": "i2", "C": "u2", "e": "i4", "E": "u4", "L": "i4"}

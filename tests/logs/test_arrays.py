@@ -6,7 +6,7 @@ import pytest
 
 from eivor.errors import DataError, EmptyLogError, ShapeError, UsageError
 from eivor.logs import read_log, recording_from_columns, write_recording
-from eivor.signals.canonical import held_by_default, unit_of
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 
 T = np.linspace(0.0, 2.0, 201)

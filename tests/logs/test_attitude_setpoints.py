@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.logs.ulog.attitude_setpoints import attitude_setpoints
-from eivor.logs.ulog.instances import Topic
+from eivor.logs.ulog.channels import attitude_setpoints
+from eivor.logs.ulog.topics import Topic
 
 COUNT = 8
 TIME = np.arange(COUNT, dtype=np.float64)

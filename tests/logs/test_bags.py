@@ -15,7 +15,7 @@ import eivor as ev
 from eivor.errors import InputError, MissingReaderError
 from eivor.inference.verdict import Status
 from eivor.logs.read import read_log
-from eivor.signals.canonical import CurveSide
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
 
 

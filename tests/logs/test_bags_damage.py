@@ -25,11 +25,15 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from eivor.errors import CorruptLogError, EivorError, InputError, MissingReaderError
-from eivor.logs.bags import topics
-from eivor.logs.bags.definitions import parsed_definition
-from eivor.logs.bags.layouts import UnsoundMessageError, message_layout
-from eivor.logs.bags.messages import Decoded, decoded
 from eivor.logs.read import read_log
+from eivor.logs.rosbag import topics
+from eivor.logs.rosbag.messages import (
+    Decoded,
+    UnsoundMessageError,
+    decoded,
+    message_layout,
+    parsed_definition,
+)
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")
 

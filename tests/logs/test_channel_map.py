@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError, UsageError
 from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
-from eivor.logs.channel_map import parse_channel_map
-from eivor.logs.expressions import parse_expression
-from eivor.logs.table import parquet
-from eivor.signals.canonical import CurveSide
-from eivor.signals.data_sheet import DataSheet
+from eivor.logs.channel_map import parse_channel_map, parse_expression
+from eivor.logs.table import columnar
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import DataSheet
 
 PWM = '[channels.input]\ncolumn = "pwm"\n'
 HEAD = 'name = "m"\n[time]\ncolumn = "t"\nunit = "ms"\n'
@@ -328,7 +327,7 @@ def test_expressions(text, value):
 )
 def test_numbers_are_floats_whether_they_meet_a_column_or_not(tmp_path, monkeypatch, text, value):
     """Not integers, and not decimals of some digits, whatever the type of the table's column."""
-    monkeypatch.setattr(parquet, "probe_parquet", lambda *_: None)  # the files are whole
+    monkeypatch.setattr(columnar, "probe_parquet", lambda *_: None)  # the files are whole
     whole = {"time": np.arange(3) * 0.1, "a": np.full(3, 30009)}
     for suffix in ("csv", "parquet"):
         table = tmp_path / f"t.{suffix}"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import MissingChannelError
-from eivor.logs.arrays import recording_from_columns
+from eivor.logs.mapping import recording_from_columns
 from eivor.motions.identify import identify_flight
 
 TIME_S = 0.01 * np.arange(1000)

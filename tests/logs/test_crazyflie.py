@@ -13,10 +13,10 @@ from usd_writer import UsdLog, fixed, flight, with_checksum
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError, CorruptLogError, EivorError, EmptyLogError
 from eivor.logs import log_format, logging_advice, read_log
-from eivor.logs.crazyflie import records
+from eivor.logs.crazyflie import reader
 from eivor.logs.crazyflie.channels import SOURCES
-from eivor.logs.crazyflie.format import TO_LOG
-from eivor.signals.canonical import canonical_channel
+from eivor.logs.crazyflie.reader import TO_LOG
+from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import Frame
 
 G = 9.80665
@@ -407,8 +407,8 @@ def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
     """Runs of one type are found in blocks."""
     log = fixed(2, ["stateEstimate.vz(f)"], [[1.0]] * 20_000)
     lengths = []
-    plain = records._run_length
-    monkeypatch.setattr(records, "_run_length", lambda *a: lengths.append(plain(*a)) or lengths[-1])
+    plain = reader._run_length
+    monkeypatch.setattr(reader, "_run_length", lambda *a: lengths.append(plain(*a)) or lengths[-1])
     assert read(tmp_path, log).channels["velocity_z"].values.size == 20_000
     assert sum(lengths) > 19_000
     assert len(lengths) < 10
@@ -416,16 +416,16 @@ def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
 
 def test_many_small_damages_are_given_up_too(tmp_path, monkeypatch):
     asked = []
-    plain = records._candidates
-    monkeypatch.setattr(records, "MAX_SEARCH_BYTES", 1 << 14)
-    monkeypatch.setattr(records, "_candidates", lambda *a: asked.append(1) or plain(*a))
+    plain = reader._candidates
+    monkeypatch.setattr(reader, "MAX_SEARCH_BYTES", 1 << 14)
+    monkeypatch.setattr(reader, "_candidates", lambda *a: asked.append(1) or plain(*a))
     content = flight().head() + (bytes(14) + b"\x37") * 1000
     assert read(tmp_path, content).channels
-    assert len(asked) <= records.MAX_SEARCH_BYTES / records.SEARCH_BLOCK
+    assert len(asked) <= reader.MAX_SEARCH_BYTES / reader.SEARCH_BLOCK
 
 
 def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):
-    monkeypatch.setattr(records, "MAX_SEARCH_BYTES", 2048)
+    monkeypatch.setattr(reader, "MAX_SEARCH_BYTES", 2048)
     log = flight()
     content = log.head() + bytes(log.body[:2000]) + b"\x37" * 8192 + bytes(log.body[2000:])
     r = read(tmp_path, with_checksum(content))

@@ -21,9 +21,8 @@ from usd_writer import flight as crazyflie_flight
 
 from eivor.errors import InputError
 from eivor.logs import read_log
-from eivor.logs.channel_map import parse_channel_map
-from eivor.logs.expressions import parse_expression
-from eivor.logs.table import parquet, parquet_probe
+from eivor.logs.channel_map import parse_channel_map, parse_expression
+from eivor.logs.table import columnar
 from eivor.signals.recording import Recording
 
 QUICK = settings(
@@ -221,11 +220,11 @@ def test_long_runs_of_nonsense_take_bounded_time(tmp_path, filler):
 def test_a_parquet_that_aborts_its_decoder(tmp_path, monkeypatch):
     """The child dies as a decoder does that asks for too much memory; this process goes on."""
     canonical().write_parquet(tmp_path / "t.parquet")
-    monkeypatch.setattr(parquet_probe, "_CODE", "import os; os.abort()")
+    monkeypatch.setattr(columnar, "_PARQUET_CODE", "import os; os.abort()")
     with pytest.raises(InputError, match="makes the decoder fail"):
         read_log(tmp_path / "t.parquet")
-    monkeypatch.setattr(parquet_probe, "_CODE", "import time; time.sleep(9)")
-    monkeypatch.setattr(parquet_probe, "TIMEOUT_S", 0.1)
+    monkeypatch.setattr(columnar, "_PARQUET_CODE", "import time; time.sleep(9)")
+    monkeypatch.setattr(columnar, "PARQUET_TIMEOUT_S", 0.1)
     with pytest.raises(InputError, match="not decoded within"):
         read_log(tmp_path / "t.parquet")
     monkeypatch.setattr(sys, "executable", "")  # embedded: there is no interpreter to start
@@ -234,11 +233,11 @@ def test_a_parquet_that_aborts_its_decoder(tmp_path, monkeypatch):
 
 def test_a_small_parquet_of_many_rows_is_refused(tmp_path, monkeypatch):
     canonical().write_parquet(tmp_path / "t.parquet")
-    monkeypatch.setattr(parquet, "MAX_ROWS", 50)  # instead of writing half a gigabyte
+    monkeypatch.setattr(columnar, "MAX_ROWS", 50)  # instead of writing half a gigabyte
     with pytest.raises(InputError, match="at most 50 rows"):
         read_log(tmp_path / "t.parquet")
-    monkeypatch.setattr(parquet, "MAX_ROWS", 500)
-    monkeypatch.setattr(parquet, "MAX_CELLS", 50)
+    monkeypatch.setattr(columnar, "MAX_ROWS", 500)
+    monkeypatch.setattr(columnar, "MAX_CELLS", 50)
     with pytest.raises(InputError, match="at most 50 numbers"):
         read_log(tmp_path / "t.parquet")
 
@@ -248,7 +247,7 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
     frame = pl.DataFrame({"time": np.arange(rows) // 1000, "velocity_z": np.ones(rows), "x": np.ones(rows)})
     frame.write_parquet(tmp_path / "t.parquet")
     assert (tmp_path / "t.parquet").stat().st_size < 200_000
-    monkeypatch.setattr(parquet, "probe_parquet", None)
+    monkeypatch.setattr(columnar, "probe_parquet", None)
     with pytest.raises(InputError, match=f"each byte of a Parquet.*{rows} rows of 2 needed columns in"):
         read_log(tmp_path / "t.parquet")
 
@@ -258,7 +257,7 @@ def test_the_package_s_own_file_is_decoded_at_once(tmp_path, monkeypatch):
     copy = tmp_path / own.name
     copy.write_bytes(own.read_bytes())
     probed = []
-    monkeypatch.setattr(parquet, "probe_parquet", lambda file, *_: probed.append(file))
+    monkeypatch.setattr(columnar, "probe_parquet", lambda file, *_: probed.append(file))
     assert read_log(own).channels.keys() == read_log(copy).channels.keys()
     assert probed == [copy]
 
@@ -288,8 +287,8 @@ def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
     rows = 4_000_000
     time_s = np.cumsum(np.random.default_rng(0).random(rows))
     pl.DataFrame({"time": time_s, "velocity_z": time_s}).write_parquet(tmp_path / "t.parquet")
-    monkeypatch.setattr(parquet, "DECODER_BYTES", 32 << 20)
-    monkeypatch.setattr(parquet, "ROW_BYTES", 0)
+    monkeypatch.setattr(columnar, "PARQUET_DECODER_BYTES", 32 << 20)
+    monkeypatch.setattr(columnar, "ROW_BYTES", 0)
     with pytest.raises(InputError, match=r"makes the decoder fail .*it may use 32 MiB"):
         read_log(tmp_path / "t.parquet")
 

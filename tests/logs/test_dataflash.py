@@ -6,7 +6,7 @@ from dataflash_writer import DataflashWriter, flight_log, simulated
 
 from eivor.errors import EmptyLogError
 from eivor.logs import logging_advice, read_log
-from eivor.signals.canonical import CurveSide
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
 
 

@@ -6,7 +6,7 @@ from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, survives, t
 
 from eivor.errors import EmptyLogError
 from eivor.logs import read_log
-from eivor.logs.dataflash import places
+from eivor.logs.dataflash import messages
 
 
 def writer(n=60):
@@ -43,10 +43,10 @@ def test_cut_within_a_message(read, sound):
     assert r.channels["velocity_z"].values.size == 60
 
 
-@pytest.mark.parametrize("block", [64, 1000, places.BLOCK])
+@pytest.mark.parametrize("block", [64, 1000, messages.BLOCK_BYTES])
 @pytest.mark.parametrize("extra", [b"\0" * 7, b"\xa3\x95", b"\xa3\x95\xfe" * 30, bytes(range(256)) * 4])
 def test_bytes_between_messages(read, sound, monkeypatch, block, extra):
-    monkeypatch.setattr(places, "BLOCK", block)
+    monkeypatch.setattr(messages, "BLOCK_BYTES", block)
     middle = writer()
     middle.messages.insert(200, (middle.messages[200][0], extra))
     pairs = middle.messages
@@ -171,7 +171,7 @@ def test_a_layout_is_said_again(read):
 
 
 def test_many_breaks_end_the_search(read, sound, monkeypatch):
-    monkeypatch.setattr(places, "MAX_BREAKS", 20)
+    monkeypatch.setattr(messages, "MAX_BREAKS", 20)
     r = read(sound + b"\xa3\x95\x80" * 2000)
     assert told(r, "corrupt_parts") or told(r, "truncated")
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from dataflash_writer import KINDS, DataflashWriter, flight_log, simulated
 
-from eivor.logs.dataflash.layouts import read_layouts
-from eivor.logs.dataflash.messages import Messages
-from eivor.logs.dataflash.places import find_places
+from eivor.logs.dataflash.messages import Messages, find_places, read_layouts
 
 
 def all_messages(path):

@@ -6,7 +6,7 @@ from dataflash_writer import DataflashWriter, flight_log, simulated, survives, t
 
 from eivor.errors import EmptyLogError
 from eivor.logs import read_log
-from eivor.logs.dataflash import text
+from eivor.logs.dataflash import messages
 
 
 @pytest.fixture(scope="module")
@@ -26,10 +26,16 @@ def read(tmp_path):
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("dialect", "block"), [("3.3", text.BLOCK), ("3.4", text.BLOCK), ("4.1", 3000), ("4.6", text.BLOCK)]
+    ("dialect", "block"),
+    [
+        ("3.3", messages.TEXT_BLOCK_BYTES),
+        ("3.4", messages.TEXT_BLOCK_BYTES),
+        ("4.1", 3000),
+        ("4.6", messages.TEXT_BLOCK_BYTES),
+    ],
 )
 def test_the_channels_and_numbers_of_the_binary_log(read, flight, monkeypatch, dialect, block):
-    monkeypatch.setattr(text, "BLOCK", block)
+    monkeypatch.setattr(messages, "TEXT_BLOCK_BYTES", block)
     writer = flight_log(flight, dialect)
     written, binary = read(writer.lines()), read(writer.bytes())
     assert list(written.channels) == list(binary.channels)

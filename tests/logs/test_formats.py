@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from eivor.errors import CorruptLogError, UnknownFormatError, UsageError
-from eivor.logs import formats, log_format, logging_advice, read_log, recording_from_columns
-from eivor.logs.formats import declare_format, log_formats, readable_formats
-from eivor.logs.log_format import LogFormat, begins_with
-from eivor.report.card import logging_advice_for
+from eivor.logs import log_format, logging_advice, read, read_log, recording_from_columns
+from eivor.logs.common import LogFormat, begins_with
+from eivor.logs.read import declare_format, log_formats, readable_formats
+from eivor.report.wording import logging_advice_for
 
 
 @pytest.fixture
 def table(monkeypatch):
     """The table of formats, which is as it was after the test."""
-    monkeypatch.setattr(formats, "_DECLARED", {})
+    monkeypatch.setattr(read, "_DECLARED", {})
 
 
 # A new format is one file like this part, and one line: declare_format(WHEELS).

@@ -8,17 +8,17 @@ from dataflash_writer import flight_log, simulated
 
 from eivor.errors import UsageError
 from eivor.flights import prepare
-from eivor.flights.frames import upward
+from eivor.flights.grid import upward
 from eivor.flights.options import FlightOptions
-from eivor.logs import findings, read_log
-from eivor.logs.dataflash import messages, reading, turning
-from eivor.logs.dataflash import places as places_of_messages
-from eivor.logs.kept_channels import KeptChannels
+from eivor.logs import common, read_log
+from eivor.logs.common import KeptChannels
+from eivor.logs.dataflash import channels, messages, sources
+from eivor.logs.dataflash import messages as places_of_messages
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
 from eivor.report import inspection as inspected
-from eivor.report.inspection_document import inspection_document
-from eivor.report.json_inspection import inspection_json
+from eivor.report.inspection import inspection_document
+from eivor.report.json_document import inspection_json
 from eivor.signals.recording import Channel, Frame, Recording
 
 
@@ -62,11 +62,11 @@ def test_what_is_not_kept_is_made_only_when_it_is_asked_for():
 
 
 def test_sizes_of_long_channels_are_told_of_some_of_their_values(monkeypatch):
-    monkeypatch.setattr(findings, "ENOUGH", 10)
+    monkeypatch.setattr(common, "ENOUGH", 10)
     channels = {f"specific_force_body_{axis}": channel(f"specific_force_body_{axis}") for axis in "xyz"}
-    (told,) = findings.channel_findings(channels)
+    (told,) = common.channel_findings(channels)
     assert "has a median of 1.73 m/s^2, where about 9.8 is expected" in told.message
-    assert findings.look(channels["specific_force_body_x"]).values.size == 10
+    assert common.look(channels["specific_force_body_x"]).values.size == 10
 
 
 @pytest.mark.parametrize("dialect", ["3.4", "4.6"])
@@ -184,10 +184,10 @@ def test_memory_of_a_long_log(tmp_path, monkeypatch):
     monkeypatch.setattr(KeptChannels, "__init__", limited(KeptChannels.__init__, 0))
     monkeypatch.setattr(messages, "LONG_FILE_BYTES", 0)
     monkeypatch.setattr(messages, "COPIED_ROWS", 1000)
-    monkeypatch.setattr(turning, "PASSED_ROWS", 1000)
-    monkeypatch.setattr(findings, "ENOUGH", 1000)
-    monkeypatch.setattr(reading, "LONG_BYTES", 0)
-    monkeypatch.setattr(places_of_messages, "BLOCK", 1 << 16)
+    monkeypatch.setattr(channels, "PASSED_ROWS", 1000)
+    monkeypatch.setattr(common, "ENOUGH", 1000)
+    monkeypatch.setattr(sources, "LONG_BYTES", 0)
+    monkeypatch.setattr(places_of_messages, "BLOCK_BYTES", 1 << 16)
     size = path.stat().st_size
     assert peak_of(path) < size / 3 < whole
 

@@ -11,11 +11,11 @@ import polars as pl
 import pytest
 from usd_writer import fixed
 
+from eivor.lab.experiments import page_with
 from eivor.logs import logging_advice, read_log
 from eivor.logs.channel_map import parse_channel_map
-from eivor.logs.formats import log_formats, readable_formats
-from eivor.logs.table.parquet import MAX_CELLS, MAX_CELLS_PER_BYTE
-from eivor.studies.generated_page import page_with
+from eivor.logs.read import log_formats, readable_formats
+from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "logs.md").read_text(encoding="utf-8")

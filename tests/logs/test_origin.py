@@ -11,9 +11,9 @@ import pytest
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.logs import read_log
-from eivor.logs.table.written import write_recording
-from eivor.logs.ulog.origin import _release
-from eivor.signals.log_origin import LogOrigin, utc_time
+from eivor.logs.table.columnar import write_recording
+from eivor.logs.ulog.topics import _release
+from eivor.signals.recording import LogOrigin, utc_time
 
 START = datetime(2026, 5, 1, 12, tzinfo=UTC)
 

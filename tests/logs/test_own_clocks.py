@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.logs.arrays import recording_from_columns
+from eivor.logs.mapping import recording_from_columns
 
 ROWS = 1000
 TIME_S = 0.01 * np.arange(ROWS)

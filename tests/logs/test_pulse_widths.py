@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.logs.ulog.pulse_widths import are_pulses, as_shares, motor_outputs, pulse_range
+from eivor.logs.ulog.channels import are_pulses, as_shares, motor_outputs, pulse_range
 from eivor.motions.vertical.select import INPUTS
 from logs.test_ulog import read
 from logs.ulog_writer import UlogWriter

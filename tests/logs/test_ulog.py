@@ -10,7 +10,7 @@ from ulog_writer import UlogWriter, flight, flight_log, message
 
 from eivor.errors import CorruptLogError, EmptyLogError, UsageError
 from eivor.logs import read_log
-from eivor.signals.canonical import CurveSide
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
 
 

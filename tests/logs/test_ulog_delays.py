@@ -8,8 +8,8 @@ from scipy.signal import butter, group_delay, iirnotch
 from ulog_writer import UlogWriter
 
 from eivor.logs import read_log
-from eivor.logs.ulog.delays import topic_delays
-from eivor.logs.ulog.instances import Topic
+from eivor.logs.ulog.channels import topic_delays
+from eivor.logs.ulog.topics import Topic
 
 RATE_HZ = 4000.0
 

@@ -11,7 +11,7 @@ from scipy.io import savemat
 from eivor.errors import ChannelMapError, EivorError, EmptyLogError, LogTooLargeError, MissingReaderError
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
-from eivor.logs.table import hdf5, matlab
+from eivor.logs.table import columnar
 from eivor.motions.identify import identify_flight
 
 MAP = """
@@ -37,7 +37,7 @@ column = "log.r"
 @pytest.fixture
 def whole(monkeypatch):
     """The files are whole: no child need decode them first."""
-    for module in (hdf5, matlab):
+    for module in (columnar, columnar):
         monkeypatch.setattr(module, "decode_in_child", lambda *_, **__: None)
 
 

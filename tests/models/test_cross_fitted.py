@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.models.cross_fitted import BLOCKS, cross_fitted
+from eivor.models.signal_regression import BLOCKS, cross_fitted
 
 RNG = np.random.default_rng(0)
 COUNT = 1000

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from eivor.errors import InstrumentError, MissingChannelError, TooFewSamplesError
-from eivor.models.instruments import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments
-from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
+from eivor.models.separable import DrivenSignals, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.signals.input_map import Power
+from eivor.motions.vertical.regression import VerticalFlight, VerticalFlights
 from eivor.signals.signals import Signals
+from eivor.signals.thrust_map import Power
 
 STEP_S = 0.01
 

@@ -10,11 +10,10 @@ import pytest
 import eivor as ev
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models import lagged_runs
-from eivor.models.equation import Parameter
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay
-from eivor.models.rows import AxisRows
+from eivor.models.regression import AxisRows, Parameter
 from eivor.models.separable import Nuisance
-from eivor.signals.actuator import actuator_state, first_order_lag
+from eivor.signals.filters import actuator_state, first_order_lag
 
 STEP_S = 0.02
 AT = {"actuator_lag": 0.1}

@@ -7,15 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.errors import (
-    CovarianceError,
-    MissingNoiseError,
-    NonFiniteError,
-    ShapeError,
-    TooFewSamplesError,
-)
-from eivor.models.regression import check_covariance, regression
-from eivor.models.rows import SampleRows
+from eivor.errors import CovarianceError, MissingNoiseError, NonFiniteError, ShapeError, TooFewSamplesError
+from eivor.models.regression import SampleRows, check_covariance, regression
 
 RNG = np.random.default_rng(0)
 PHI, Y = RNG.standard_normal((10, 2)), RNG.standard_normal(10)

@@ -10,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eivor.errors import MissingChannelError, MissingNoiseError, TooFewSamplesError, UsageError
-from eivor.models.column import Column, lags
-from eivor.models.equation import Equation, Parameter
+from eivor.models.regression import Column, Equation, Parameter, lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.signals.fractional import fractional_difference
-from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.noise import FractionalNoise, WhiteNoise, fractional_difference
 from eivor.signals.signals import Signals
 
 NAMES = ("velocity_z", "specific_force_z", "input", "cos_tilt")

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eivor.models.equation import Parameter
+from eivor.models.regression import Parameter
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 
 LENGTHS = st.integers(60, 900)

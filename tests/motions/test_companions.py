@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from turning_logs import turned
 
-from eivor.flights import companions
-from eivor.flights.companions import with_companions
+from eivor.flights import identify
+from eivor.flights.identify import with_companions
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status
@@ -63,7 +63,7 @@ def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monk
         asked.update(options=options, told=told)
         return SimpleNamespace(quantities={"input_gain": gain})
 
-    monkeypatch.setattr(companions, "identified", identified)
+    monkeypatch.setattr(identify, "identified", identified)
     found = with_companions(turning, MOTIONS, [logging("input", "acceleration_z")], [None])
     assert found.quantities["thrust_gain"].value == 30.0
     assert found.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
@@ -81,7 +81,7 @@ def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
         passed.append(told)
         return SimpleNamespace(quantities={"input_gain": turning.quantities["roll_effectiveness"]})
 
-    monkeypatch.setattr(companions, "identified", identified)
+    monkeypatch.setattr(identify, "identified", identified)
     rough = replace(turning.quantities["effective_lag"], verdict=Status.WEAK)
     weak = replace(turning, quantities={**turning.quantities, "effective_lag": rough})
     with_companions(weak, MOTIONS, [logging("input", "acceleration_z")], [None])

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.flights.circumstances import Circumstances, Searched, Strength
-from eivor.flights.grounds import unbounded_reasons
+from eivor.flights.motion import Circumstances, Searched, Strength
 from eivor.flights.quantity import Unjudged
+from eivor.flights.verdict import unbounded_reasons
 from eivor.inference.verdict import Status
-from eivor.motions.rates import rule as rates
-from eivor.motions.rates.axes import AXES
-from eivor.motions.rigid_body import rule as rigid_body
-from eivor.motions.vertical import rule as vertical
+from eivor.motions.rates import verdict as rates
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body import verdict as rigid_body
+from eivor.motions.vertical import verdict as vertical
 
 ENDLESS = Unjudged(1.0, "", np.inf, (0.5, np.inf))
 AT = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False, used_s=60.0)

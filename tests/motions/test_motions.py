@@ -13,8 +13,8 @@ from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.motions import loaded_motion, motion_by_name, motion_names, wording_of
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals import canonical
-from eivor.signals.canonical import CanonicalChannel
+from eivor.signals import channels
+from eivor.signals.channels import CanonicalChannel
 
 HERE = __name__
 CLIMB_RATE = CanonicalChannel("climb_rate", "m/s")
@@ -42,7 +42,7 @@ NO_MOTION = 7
 @pytest.fixture
 def table(monkeypatch: pytest.MonkeyPatch):
     """The table of channels, which is as it was after the test."""
-    monkeypatch.setattr(canonical, "_TABLE", dict(canonical.canonical_channels()))
+    monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
 
 
 @pytest.fixture
@@ -93,9 +93,9 @@ def test_a_package_brings_a_motion(added, table, recording_of_example):
 
 def test_channels_that_a_motion_adds_are_canonical_from_then_on(added, table):
     added(climb=f"{HERE}:Climb")
-    assert canonical.canonical_channel("climb_rate") is None
+    assert channels.canonical_channel("climb_rate") is None
     motion_by_name("climb")
-    assert canonical.canonical_channel("climb_rate") == CLIMB_RATE
+    assert channels.canonical_channel("climb_rate") == CLIMB_RATE
 
 
 def test_own_motions_come_first(added):
@@ -135,6 +135,6 @@ def test_a_model_is_a_name_or_a_motion(recording_of_example):
 
 @pytest.fixture(scope="module")
 def recording_of_example() -> ev.Recording:
-    from eivor.logs.example import example_flight
+    from eivor.logs.read import example_flight
 
     return example_flight()

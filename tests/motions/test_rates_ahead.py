@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import SimpleModel
 from eivor.motions.rates.motion import Rates
 from motions.turning_logs import AXES, Vehicle, turned
 

@@ -13,21 +13,18 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.models.instruments import NoInstruments
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.parameters import FORCE_Z
-from eivor.motions.rigid_body.vehicle import BodyDrag
-from eivor.report.flight_document import flight_document
+from eivor.motions.rigid_body.vehicle import FORCE_Z_EQUATION, BodyDrag, KnownNumber, KnownVehicle
+from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document
 from eivor.signals.recording import Channel, Recording
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec, Sensors
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=16.0, seed=3)
 EXACT = Sensors(*[Sensor()] * 5)
@@ -171,7 +168,7 @@ def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
     prepared = prepare(flight.recording, motion, FlightOptions())
     responses = {one.axis: one.responses for one in motion.problem((prepared,), NoInstruments()).columns}
     assert [responses[axis].shape[1] for axis in range(6)] == [1, 1, 1, 2, 2, 2]
-    by_sensor, by_velocity = responses[FORCE_Z].T
+    by_sensor, by_velocity = responses[FORCE_Z_EQUATION].T
     slow = np.fft.rfft(by_sensor - by_velocity)[2:8]  # below half a hertz, where velocity tells more
     assert np.abs(slow).max() < 0.2 * np.abs(np.fft.rfft(by_sensor)[2:8]).max()
 

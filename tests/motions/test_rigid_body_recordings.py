@@ -7,8 +7,8 @@ import pytest
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 
 #: Arm [m] and mass [kg] of that vehicle.
 ARM, MASS = 0.028, 0.027

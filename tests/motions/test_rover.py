@@ -14,12 +14,12 @@ import eivor as ev
 from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError
-from eivor.flights.circumstances import Circumstances, Strength
+from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
-from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import verdict
 from eivor.motions import loaded_motion, motion_by_name
-from eivor.signals import canonical
+from eivor.signals import channels
 
 ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
 
@@ -29,7 +29,7 @@ def simulate(monkeypatch):
     """The simulator of the example, whose package is as if it were installed."""
     monkeypatch.syspath_prepend(str(ROVER))
     monkeypatch.syspath_prepend(str(ROVER / "src"))
-    monkeypatch.setattr(canonical, "_TABLE", dict(canonical.canonical_channels()))
+    monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
     point = EntryPoint("rover", "eivor_rover:Rover", motions.GROUP)
     monkeypatch.setattr(motions, "entry_points", lambda *, group: [point] if group == motions.GROUP else [])
     loaded_motion.cache_clear()

@@ -9,10 +9,8 @@ from typing import Any
 import pytest
 
 from eivor.inference.verdict import Status
-from eivor.planning.limits import FlightLimits
 from eivor.planning.plan import FlightPlan, Predicted
-from eivor.planning.setpoints import candidates
-from eivor.planning.vehicle import VehicleGuess
+from eivor.planning.vehicle import FlightLimits, VehicleGuess, candidates
 
 LIMITS = FlightLimits(duration_s=30.0)
 

@@ -23,8 +23,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eivor.planning.plan import FlightPlan
-from eivor.planning.written.offboard import MARK, mavsdk_text
+from eivor.planning.plan import MARK, FlightPlan, mavsdk_text
 from planning.conftest import planned, written_module
 from planning.fake_autopilot import Autopilot, Received
 
@@ -159,7 +158,7 @@ def test_limits_on_the_way(program: Any, changes: dict[str, Any], code: int, wor
 
 
 def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan) -> None:
-    blank = files("eivor.planning.written").joinpath("fly_plan.txt").read_text(encoding="utf-8")
+    blank = files("eivor.planning").joinpath("fly_plan.txt").read_text(encoding="utf-8")
     assert blank.count(MARK) == 1
     before, after = blank.split(MARK)
     for plan in (multisine, steps):

@@ -12,20 +12,25 @@ import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
-from eivor.models.instruments import NoInstruments
-from eivor.motions.vertical.flown import NODES_HZ, Taken, controller_gains, residual_densities
+from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.predict import NODES_HZ, Taken, controller_gains, residual_densities
 from eivor.planning import plan as planning
-from eivor.planning.flown import fly
-from eivor.planning.limits import FlightLimits
-from eivor.planning.plan import FlightPlan
-from eivor.planning.ranking import ranked_std_errors
-from eivor.planning.setpoints import ROOM, STEP_S, Shape, candidates
-from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle, vehicle_of_result
-from eivor.report.planned import plan_document, plan_json
+from eivor.planning.plan import FlightPlan, fly, ranked_std_errors
+from eivor.planning.vehicle import (
+    ROOM,
+    STEP_S,
+    FlightLimits,
+    Shape,
+    VehicleGuess,
+    candidates,
+    read_vehicle,
+    rough_vehicle,
+    vehicle_of_result,
+)
+from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from flights.flight_logs import prepare_vertical
 
 LIMITS = FlightLimits(height_m=(2.0, 5.0), speed=1.5, acceleration=2.0, duration_s=25.0)

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import UsageError
-from eivor.planning.plan import FlightPlan
-from eivor.planning.written.mission import levels, qgc_text
-from eivor.planning.written.table import csv_text
-from eivor.planning.written.trajectory import rotorpy_text
+from eivor.planning.plan import FlightPlan, csv_text, levels, qgc_text, rotorpy_text
 from planning.conftest import written_module
 
 HOME = (47.3977, 8.5456)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from eivor.fleets.own_reports import write_report
-from eivor.report.fleet_document import linked
-from eivor.report.page.flight_links import flight_links
+from eivor.fleet.report import flight_links, linked
+from eivor.fleet.table import write_report
 
 HASH = "0123456789abcdef" * 4
 

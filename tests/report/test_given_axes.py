@@ -16,39 +16,41 @@ from matplotlib.figure import Figure
 
 import shape_checks
 from eivor.errors import EstimationError, UsageError
-from eivor.estimation.candidate import Candidate
+from eivor.estimation.bootstrap import bootstrap
+from eivor.estimation.estimate import Candidate
 from eivor.estimation.methods import least_squares
-from eivor.estimation.resampling import bootstrap
-from eivor.estimation.search import NuisanceProfile
+from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.quantity import Wording
 from eivor.flights.result import FlightEstimate
-from eivor.inference.resampling.replicates import Bootstrap
-from eivor.inference.sets.ellipse import Ellipse
-from eivor.models.equation import Parameter
-from eivor.models.regression import regression
+from eivor.inference.bootstrap import Bootstrap
+from eivor.inference.regions import Ellipse
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.figures import (
+    CoverageRow,
+    coverage_figure,
+    histogram_figure,
+    nrmse_figure,
+    signal_figure,
+    study_coverage_figure,
+    study_figure,
+)
+from eivor.lab.paper_examples import run_example
+from eivor.lab.paper_readings import EXAMPLES, named_readings
+from eivor.lab.records import Scenario
+from eivor.lab.study import MethodChoice, Study
+from eivor.lab.study_run import StudyResult
+from eivor.models.regression import Parameter, regression
 from eivor.models.separable import Nuisance
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
-from eivor.report.flight_figure import flight_figure
-from eivor.report.interval_figures import (
+from eivor.report.figure_panels import (
     ShownInterval,
     ellipse_figure,
     estimates_figure,
     interval_figure,
     pair_figure,
 )
-from eivor.report.noise_figures import noise_spectrum_figure
-from eivor.report.paper_figures import histogram_figure, signal_figure
-from eivor.report.residual_figures import residual_figure
-from eivor.report.signal_figures import signals_figure
-from eivor.report.study_figures import nrmse_figure, study_figure
+from eivor.report.figures import flight_figure, noise_spectrum_figure, residual_figure, signals_figure
 from eivor.signals.signals import Signals
-from eivor.simulation.records.scenario import Scenario
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.paper.examples import run_example
-from eivor.studies.paper.readings import EXAMPLES, named_readings
-from eivor.studies.run import StudyResult
-from eivor.studies.study import MethodChoice, Study
 
 FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}

@@ -14,20 +14,20 @@ from scipy.signal import lfilter
 import eivor as ev
 from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.inference.sets.ellipse import Ellipse
-from eivor.report.coverage_figures import CoverageRow, coverage_figure, study_coverage_figure
-from eivor.report.interval_figures import (
+from eivor.inference.regions import Ellipse
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.figures import CoverageRow, coverage_figure, study_coverage_figure
+from eivor.lab.records import Scenario
+from eivor.lab.study import MethodChoice, Study
+from eivor.lab.study_run import StudyResult
+from eivor.report.figure_panels import (
     ShownInterval,
     ellipse_figure,
     estimates_figure,
     interval_figure,
     pair_figure,
 )
-from eivor.report.residual_figures import residual_figure, robust_band
-from eivor.simulation.records.scenario import Scenario
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.run import StudyResult
-from eivor.studies.study import MethodChoice, Study
+from eivor.report.figures import residual_figure, robust_band
 
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
 

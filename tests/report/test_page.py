@@ -20,9 +20,8 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.report.document import Cell, TableColumn, TableOf
-from eivor.report.page.flight_page import flight_page
-from eivor.report.page.parts import table_html
-from eivor.report.page.vendored import own
+from eivor.report.flight_page import flight_page
+from eivor.report.html import own, table_html
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 

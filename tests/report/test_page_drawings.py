@@ -11,12 +11,24 @@ import numpy as np
 import pytest
 
 from eivor.inference.verdict import Status
-from eivor.report.page import of_fit
-from eivor.report.page.chart import LARGEST, MISSING, Chart, Line, stretches_of
-from eivor.report.page.forest import Forest, ForestRow
-from eivor.report.page.markup import element
-from eivor.report.page.plot import WIDTH, Curve, Plot
-from eivor.report.page.scale import Linear, LinearBelow, Logarithmic, margined
+from eivor.report import flight_page
+from eivor.report.html import element
+from eivor.report.svg import (
+    LARGEST,
+    MISSING,
+    WIDTH,
+    Chart,
+    Curve,
+    Forest,
+    ForestRow,
+    Line,
+    Linear,
+    LinearBelow,
+    Logarithmic,
+    Plot,
+    margined,
+    stretches_of,
+)
 from report.parsed_page import parsed
 
 
@@ -144,7 +156,7 @@ def test_text_and_attributes_are_escaped():
 
 def test_a_spectrum_of_many_bins_is_drawn_in_few_points_of_the_same_power():
     frequency = np.arange(1, 5001) / 10.0
-    banded, amplitude = of_fit._banded(frequency, np.full(5000, 3.0))
+    banded, amplitude = flight_page._banded(frequency, np.full(5000, 3.0))
     assert banded.size < 350
     assert (np.diff(banded) > 0.0).all()
     np.testing.assert_allclose(amplitude, 3.0)
@@ -154,5 +166,5 @@ def test_an_axis_that_no_input_moves_has_no_spectrum(fit, monkeypatch):
     (trace,) = fit.fit.traces(fit.motion)
     still = replace(trace, axis="side", driven=np.zeros_like(trace.driven))
     monkeypatch.setattr(type(fit.fit), "traces", lambda *_: (trace, still))
-    titles = [picture.title for picture in of_fit.pictures_of_fit(fit, fit.fit).pictures]
+    titles = [picture.title for picture in flight_page.pictures_of_fit(fit, fit.fit).pictures]
     assert [one for one in titles if "excites" in one] == [f"What excites the {trace.axis}"]

@@ -14,12 +14,9 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf
-from eivor.report.flight_document import document_of, flight_document
-from eivor.report.inspection import PooledInspection, pooled_inspection
-from eivor.report.inspection_document import inspection_document, pooled_documents
-from eivor.report.json_document import json_document, json_of, json_text
-from eivor.report.json_inspection import inspection_json
-from eivor.report.told import told_flight
+from eivor.report.flight import document_of, flight_document, told_flight
+from eivor.report.inspection import PooledInspection, inspection_document, pooled_documents, pooled_inspection
+from eivor.report.json_document import inspection_json, json_document, json_of, json_text
 from eivor.signals.recording import Finding, Recording
 
 

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
-from eivor.flights.shown import Trace
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.flight_figure import flight_figure, save_figure
+from eivor.motions.vertical.regression import VerticalFlights
+from eivor.report.figures import flight_figure, save_figure
 from eivor.signals.recording import Recording
 
 
@@ -154,7 +154,7 @@ def test_the_same_result_gives_the_same_bytes(fit: FlightEstimate, tmp_path: Pat
 
 @pytest.mark.thorough
 def test_pyplot_is_left_alone() -> None:
-    code = "import sys, eivor.report.flight_figure; assert 'matplotlib.pyplot' not in sys.modules"
+    code = "import sys, eivor.report.figures; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -11,12 +11,11 @@ from rich.console import Console
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.card import flight_card
 from eivor.report.document import TableOf
-from eivor.report.flight_document import flight_document
-from eivor.report.inspection import inspection
-from eivor.report.inspection_document import inspection_document
+from eivor.report.flight import flight_document
+from eivor.report.inspection import inspection, inspection_document
 from eivor.report.terminal import COLOURS, on_terminal
+from eivor.report.wording import flight_card
 from eivor.signals.recording import Finding, Recording
 
 HOSTILE = "[red]x[/] [link=http://a]y[/link]\x1b[2J\n$z$"

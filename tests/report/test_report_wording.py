@@ -8,7 +8,7 @@ import pytest
 from eivor.flights.quantity import Choice, Quantity, Wording
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.printable import printable
+from eivor.report.document import printable
 from eivor.report.wording import NO_NUMBER, numbers
 
 NAN, INFINITY = float("nan"), float("inf")

@@ -8,20 +8,16 @@ import pytest
 from matplotlib.figure import Figure
 
 from eivor.errors import MissingChannelError, NonFiniteError, UsageError
-from eivor.report.noise_figures import noise_spectrum_figure
-from eivor.report.paper_figures import histogram_figure, signal_figure
-from eivor.report.signal_figures import axis_label, signals_figure
-from eivor.report.study_figures import nrmse_figure, study_figure
-from eivor.signals.long_memory import LongMemory
-from eivor.signals.noise import FractionalNoise
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.figures import histogram_figure, nrmse_figure, signal_figure, study_figure
+from eivor.lab.paper_examples import run_example
+from eivor.lab.paper_readings import EXAMPLES, named_readings
+from eivor.lab.records import Scenario
+from eivor.lab.study import MethodChoice, Study
+from eivor.lab.study_run import Spread, StudyResult
+from eivor.report.figures import axis_label, noise_spectrum_figure, signals_figure
+from eivor.signals.noise import FractionalNoise, LongMemory
 from eivor.signals.signals import Signals
-from eivor.simulation.records.scenario import Scenario
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.metrics import Spread
-from eivor.studies.paper.examples import run_example
-from eivor.studies.paper.readings import EXAMPLES, named_readings
-from eivor.studies.run import StudyResult
-from eivor.studies.study import MethodChoice, Study
 
 
 def inside(figure: Figure) -> bool:

@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from eivor.process_pool import ProgressCallback
-from eivor.serve.tasks import (
+from eivor.serve.jobs import (
     REPORT,
     RESULT,
     Begin,

@@ -6,8 +6,7 @@ import json
 
 import pytest
 
-from eivor.serve.asked_json import AskedJob, asked_job
-from eivor.serve.refusals import RefusedError
+from eivor.serve.requests import AskedJob, RefusedError, asked_job
 
 LOG = "a" * 32
 

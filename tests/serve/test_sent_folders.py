@@ -8,10 +8,9 @@ from importlib import resources
 
 import pytest
 
-from eivor.serve.refusals import RefusedError
-from eivor.serve.sent_files import MOST_FILES, plain_name, sent_files
-from eivor.serve.tasks import Begin, Choices
-from eivor.serve.working import outcome_of
+from eivor.serve.jobs import Begin, Choices
+from eivor.serve.requests import MOST_FILES, RefusedError, plain_name, sent_files
+from eivor.serve.worker import outcome_of
 from serve.conftest import wait_for
 
 

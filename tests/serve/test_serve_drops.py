@@ -11,8 +11,8 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.serve import workers
-from eivor.serve.app import ServeOptions, Server
+from eivor.serve import jobs
+from eivor.serve.jobs import ServeOptions, Server
 from serve.conftest import Asking
 
 #: What memory may have grown by [bytes].
@@ -56,7 +56,7 @@ def check(monkeypatch: pytest.MonkeyPatch, seconds: float, *rounds: tuple[int, i
     """Drop logs of so many seconds: so many, so many of them at once."""
     with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as path:
         content = pl.read_parquet(path).filter(pl.col("time") < seconds).write_csv().encode()
-    monkeypatch.setattr(workers, "IDLE_S", 1.0)
+    monkeypatch.setattr(jobs, "IDLE_S", 1.0)
     server = Server(ServeOptions(workers=2))
     try:
         page = Asking(server)

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from eivor.process_pool import TRIES, Limits
-from eivor.serve import workers
-from eivor.serve.app import KEPT_S
+from eivor.serve import jobs
+from eivor.serve.jobs import KEPT_S
 from serve.conftest import Clock, closed
 
 
@@ -198,7 +198,7 @@ def test_nothing_is_left_when_it_closes_in_the_middle(opening):
 
 @pytest.mark.thorough
 def test_a_process_that_has_worked_gives_its_memory_back(opening, monkeypatch):
-    monkeypatch.setattr(workers, "IDLE_S", 0.1)
+    monkeypatch.setattr(jobs, "IDLE_S", 0.1)
     page = opening(workers=1)
     page.json("GET", "/choices")
     assert "done" in page.last(page.job(b"well"))

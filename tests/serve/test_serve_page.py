@@ -11,8 +11,8 @@ from importlib import resources
 import pytest
 
 from eivor.inference.verdict import Status
-from eivor.report.page.shell import report_sources
-from eivor.serve.page.page import PARTS, page_text
+from eivor.report.html import report_sources
+from eivor.serve.app import PARTS, page_text
 from report.parsed_page import Element, parsed
 
 #: What would make HTML or code of a string.
@@ -67,7 +67,7 @@ def test_nothing_in_it_is_fetched_or_handled_inline(page):
 
 
 def test_text_never_becomes_markup():
-    folder = resources.files("eivor.serve.page")
+    folder = resources.files("eivor.serve").joinpath("static")
     scripts = {
         one.name: one.read_text(encoding="utf-8") for one in folder.iterdir() if one.name.endswith(".js")
     }
@@ -85,7 +85,7 @@ def test_every_verdict_and_every_stage_has_a_shape_of_its_own(page):
 
 
 def test_what_the_script_looks_for_is_there(page):
-    folder = resources.files("eivor.serve.page")
+    folder = resources.files("eivor.serve").joinpath("static")
     names = {
         name
         for part in PARTS

@@ -11,8 +11,7 @@ import polars as pl
 import pytest
 
 from eivor.cli.main import application
-from eivor.serve.asked_json import asked_job
-from eivor.serve.tasks import (
+from eivor.serve.jobs import (
     Begin,
     Choices,
     Export,
@@ -27,7 +26,8 @@ from eivor.serve.tasks import (
     Supply,
     Work,
 )
-from eivor.serve.working import outcome_of
+from eivor.serve.requests import asked_job
+from eivor.serve.worker import outcome_of
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
 

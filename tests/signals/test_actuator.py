@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from eivor.signals.actuator import actuator_state, delayed_by, first_order_lag
+from eivor.signals.filters import actuator_state, delayed_by, first_order_lag
 
 STEP_S = 0.01
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from eivor.signals.attitude import roll_pitch_yaw
+from eivor.signals.channels import roll_pitch_yaw
 
 
 def test_angles_are_those_of_successive_turns_and_yaw_goes_on():

@@ -3,10 +3,10 @@ import polars as pl
 import pytest
 
 from eivor.errors import ChannelMapError, UsageError
-from eivor.flights.frames import upward
+from eivor.flights.grid import upward
 from eivor.logs import read_log, recording_from_columns
-from eivor.signals import canonical
-from eivor.signals.canonical import (
+from eivor.signals import channels
+from eivor.signals.channels import (
     CanonicalChannel,
     canonical_channel,
     canonical_channels,
@@ -25,7 +25,7 @@ CURRENT = CanonicalChannel("motor_current_*", "A")
 @pytest.fixture
 def table(monkeypatch):
     """The table of channels, which is as it was after the test."""
-    monkeypatch.setattr(canonical, "_TABLE", dict(canonical_channels()))
+    monkeypatch.setattr(channels, "_TABLE", dict(canonical_channels()))
 
 
 @pytest.fixture

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from cost import in_transforms
 
-from eivor.signals.causal_filter import filtered, in_a_row, reciprocal
-from eivor.signals.fractional import fractional_weights, order_slope
+from eivor.signals.filters import filtered, in_a_row, reciprocal
+from eivor.signals.noise import fractional_weights, order_slope
 
 
 @pytest.mark.parametrize("length", [1, 3, 40, 90])

@@ -3,7 +3,7 @@
 import pytest
 
 from eivor.errors import UsageError
-from eivor.signals.data_sheet import DataSheet
+from eivor.signals.recording import DataSheet
 
 
 def test_density_over_a_bandwidth_and_the_rounding_of_a_step_add_up():

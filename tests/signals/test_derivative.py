@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.signals.derivative import time_derivative
+from eivor.signals.filters import time_derivative
 
 STEP_S = 0.01
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.signals.families import family_members
+from eivor.signals.channels import family_members
 
 
 @pytest.mark.parametrize(

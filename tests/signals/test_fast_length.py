@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.signals.fast_length import FACTORS, fast_length
+from eivor.signals.filters import FACTORS, fast_length
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import binom
 
-from eivor.signals.fractional import fractional_difference, fractional_weights
+from eivor.signals.noise import fractional_difference, fractional_weights
 
 
 @given(order=st.floats(-2.0, 2.0), count=st.integers(1, 60), seed=st.integers(0, 1000))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eivor.errors import UsageError
-from eivor.signals.input_map import InputMap, Mixed, Power, input_map
+from eivor.signals.thrust_map import InputMap, Mixed, Power, input_map
 
 MAPS = st.one_of(
     st.floats(0.2, 5.0).map(Power),

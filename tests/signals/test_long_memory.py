@@ -9,9 +9,7 @@ import pytest
 from cost import in_transforms
 
 from eivor.errors import NonFiniteError, ParameterError, TooFewSamplesError
-from eivor.signals.fractional import fractional_difference
-from eivor.signals.long_memory import estimate_long_memory
-from eivor.signals.noise import FractionalNoise
+from eivor.signals.noise import FractionalNoise, estimate_long_memory, fractional_difference
 
 RUNS = 500
 

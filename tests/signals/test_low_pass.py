@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from eivor.signals.low_pass import low_passed
+from eivor.signals.filters import low_passed
 
 
 @pytest.mark.parametrize(("step_s", "cutoff_hz"), [(0.002, 80.0), (0.01, 80.0), (0.005, 30.0)])

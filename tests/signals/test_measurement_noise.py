@@ -9,10 +9,14 @@ from hypothesis import strategies as st
 from scipy.special import gamma
 
 from eivor.errors import NonFiniteError
-from eivor.signals import fractional_growth
-from eivor.signals.fractional import fractional_difference, fractional_weights
-from eivor.signals.fractional_growth import GrowthTable
-from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals import noise
+from eivor.signals.noise import (
+    FractionalNoise,
+    GrowthTable,
+    WhiteNoise,
+    fractional_difference,
+    fractional_weights,
+)
 
 
 def direct(order: float, lag: int, start: int, count: int) -> np.ndarray:
@@ -38,7 +42,7 @@ def test_fractional_autocovariance_is_the_double_sum(order, lag, start, count):
 @pytest.mark.parametrize("order", [-0.5, -0.4, 0.3])
 def test_growth_across_blocks_is_the_growth_without_them(monkeypatch, order, lag):
     whole = direct(order, lag, 0, 90)
-    monkeypatch.setattr(fractional_growth, "BLOCK", 7)
+    monkeypatch.setattr(noise, "BLOCK", 7)
     table = GrowthTable(order, lag)
     # The default number of weights was bound when the class was made: blocks of seven need their own.
     monkeypatch.setattr(GrowthTable._weights, "__defaults__", (8,), raising=True)
@@ -47,7 +51,7 @@ def test_growth_across_blocks_is_the_growth_without_them(monkeypatch, order, lag
 
 
 def test_growth_across_the_border_of_real_blocks():
-    border = fractional_growth.BLOCK
+    border = noise.BLOCK
     lag, order = 4, -0.4
     weights = fractional_weights(order, border + 40)
     whole = np.cumsum(weights[: border + 20] * weights[lag : border + 20 + lag])

@@ -11,13 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eivor.errors import (
-    EivorError,
-    MissingChannelError,
-    NonFiniteError,
-    ShapeError,
-    UsageError,
-)
+from eivor.errors import EivorError, MissingChannelError, NonFiniteError, ShapeError, UsageError
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Recording, clean_channel, interval_within
 from eivor.signals.signals import Signals

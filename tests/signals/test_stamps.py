@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.logs.findings import channel_findings
+from eivor.logs.common import channel_findings
+from eivor.signals.filters import evened
 from eivor.signals.recording import clean_channel
-from eivor.signals.stamps import evened
 
 
 def erring(step_s: float, error_s: float, seconds: float = 40.0):

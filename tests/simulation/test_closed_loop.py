@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.flights.closed_loop import (
+from eivor.simulation.vertical import (
     THRUST_RANGE,
     AltitudeController,
     SimulatedMotion,

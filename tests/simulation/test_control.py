@@ -11,13 +11,24 @@ from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
 from eivor.errors import ParameterError
+from eivor.lab.records import (
+    ALWAYS_MEASURED,
+    NOISY_CHANNELS,
+    SMALL,
+    AltitudeControl,
+    Control,
+    OpenLoop,
+    Route,
+    Scenario,
+    VelocityControl,
+    driven_motion,
+    misled_motion,
+    pushed_motion,
+    sampled_vehicle,
+    simulate,
+)
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.records.control import AltitudeControl, Control, OpenLoop, VelocityControl
-from eivor.simulation.records.sampled_vehicle import SMALL, sampled_vehicle
-from eivor.simulation.records.scenario import ALWAYS_MEASURED, NOISY_CHANNELS, Route, Scenario
-from eivor.simulation.records.simulate import driven_motion, misled_motion, pushed_motion, simulate
-from eivor.simulation.sources.disturbance import WhiteDisturbance
-from eivor.simulation.sources.excitation import GivenSeries, Steps, WhiteExcitation
+from eivor.simulation.excitation import GivenSeries, Steps, WhiteDisturbance, WhiteExcitation
 
 K, K_U, T = 0.293, 0.021, 0.2
 VELOCITY = VelocityControl(15.0, 4.0)

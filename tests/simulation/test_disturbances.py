@@ -7,31 +7,28 @@ import pytest
 from scipy.signal import lfilter
 
 from eivor.errors import ParameterError
-from eivor.simulation.sources.coefficient_course import CoefficientCourse, GivenCourse, SumOfCourses
-from eivor.simulation.sources.deterministic_disturbance import (
-    BoundedAdversary,
-    GivenDisturbance,
-    Sinusoids,
-    SumOfDisturbances,
-    Trend,
-    paper_disturbance,
-)
-from eivor.simulation.sources.disturbance import Disturbance, WhiteDisturbance
-from eivor.simulation.sources.dryden import DrydenGust
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
-from eivor.simulation.sources.linear_disturbance import (
+from eivor.lab.disturbances import (
     Arma,
-    RandomCoefficientMovingAverage,
-    TimeVaryingArma,
-)
-from eivor.simulation.sources.nonlinear_disturbance import (
     Bilinear,
     BilinearSum,
     BilinearTerm,
+    BoundedAdversary,
+    CoefficientCourse,
+    Garch,
+    GivenCourse,
+    GivenDisturbance,
+    OrnsteinUhlenbeck,
+    RandomCoefficientMovingAverage,
+    Sinusoids,
+    SumOfCourses,
+    SumOfDisturbances,
     ThresholdMovingAverage,
+    TimeVaryingArma,
+    Trend,
+    VarianceSwitch,
+    paper_disturbance,
 )
-from eivor.simulation.sources.recursion import settling
-from eivor.simulation.sources.volatility import Garch, VarianceSwitch
+from eivor.simulation.excitation import Disturbance, DrydenGust, WhiteDisturbance, settling
 
 STEP_S = 0.2
 #: Standard errors within which a mean must lie.

@@ -6,16 +6,19 @@ import numpy as np
 import pytest
 
 from eivor.errors import ParameterError
-from eivor.simulation.sources.band_excitation import Chirp, FilteredWhite, Multisine
-from eivor.simulation.sources.binary_excitation import PseudoRandomBinary, maximal_sequence
-from eivor.simulation.sources.excitation import (
+from eivor.simulation.excitation import (
+    Chirp,
     Excitation,
+    FilteredWhite,
     GivenSeries,
+    Multisine,
     PaperInput,
+    PseudoRandomBinary,
     RandomSteps,
     ScaledExcitation,
     Steps,
     WhiteExcitation,
+    maximal_sequence,
 )
 
 STEP_S = 0.2

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from scipy.stats import binom
 
+from eivor.lab.scenario_files import shipped_flight
 from eivor.motions.identify import identify_flight
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.scenario_files.flight_file import shipped_flight
+from eivor.simulation.vertical import simulate_vertical_flights
 
 SEEDS = 14
 #: The bounds are crossed by chance once in a thousand sets of seeds.

@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise, sensor_errors
-from eivor.simulation.flights.trajectories import OWN_HEIGHT, TrajectoryKind, altitude_reference
-from eivor.simulation.flights.wind import gusts
+from eivor.simulation.environment import (
+    OWN_HEIGHT,
+    NoiseKind,
+    SensorNoise,
+    TrajectoryKind,
+    altitude_reference,
+    gusts,
+    sensor_errors,
+)
 
 STEP_S = 0.01
 

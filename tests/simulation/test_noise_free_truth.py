@@ -18,22 +18,23 @@ from dataclasses import replace
 
 import pytest
 
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import TABLE, by_name
+from eivor.estimation.methods import TABLE, by_name, identify
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.models.lagged_runs import lag_and_delay
+from eivor.models.separable import InstrumentRule, LaggedInputs, LaggedReferences, NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.flights import VerticalFlights
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.motions.vertical.motion import Vertical, vertical_flight
-from eivor.signals.input_map import Power
-from eivor.simulation.flights.sensor_noise import SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.truth import SimulatedFlight
-from eivor.simulation.flights.vertical_flight import actual_state_recording, simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import STEP_S, VerticalFlightSpec
+from eivor.motions.vertical.regression import VerticalFlights
+from eivor.signals.thrust_map import Power
+from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.vertical import (
+    STEP_S,
+    VerticalFlightSpec,
+    actual_state_recording,
+    simulate_vertical_flights,
+)
 
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
 #: Methods that listen to the differentiated velocity too.

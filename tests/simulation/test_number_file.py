@@ -9,11 +9,11 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError, ParameterError
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.scenario_files import number_file
-from eivor.simulation.scenario_files.scenario_file import read_scenario
-from eivor.simulation.sources.excitation import GivenSeries
-from eivor.studies.study_file import read_study
+from eivor.lab import scenario_files
+from eivor.lab.records import simulate
+from eivor.lab.scenario_files import read_scenario
+from eivor.lab.study_files import read_study
+from eivor.simulation.excitation import GivenSeries
 
 SCENARIO = "viscous_friction = 0.293\ninput_gain = 0.021\nsamples = 60\n"
 SERIES = '[excitation]\nkind = "series"\nvalues = {{ file = "{file}", column = "{column}" }}\n'
@@ -147,10 +147,10 @@ def test_tables_that_are_refused(tmp_path, values, said):
 
 def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
     table().write_csv(tmp_path / "mine.csv")
-    monkeypatch.setattr(number_file, "MOST_NUMBERS", 59)
+    monkeypatch.setattr(scenario_files, "MOST_NUMBERS", 59)
     with pytest.raises(InputError, match="59 numbers or fewer"):
         read_scenario(series("mine.csv"))
-    monkeypatch.setattr(number_file, "LARGEST_BYTES", 100)
+    monkeypatch.setattr(scenario_files, "LARGEST_BYTES", 100)
     with pytest.raises(InputError, match="a file of 100 bytes or fewer"):
         read_scenario(series("mine.csv"))
 

@@ -10,18 +10,13 @@ import pytest
 from scipy.stats import binom
 
 from eivor.errors import InputError, UsageError
+from eivor.lab.scenario_files import SHIPPED, read_rigid_body_flight, shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.integrators import AdaptiveSteps
-from eivor.simulation.scenario_files.rigid_body_file import (
-    SHIPPED,
-    read_rigid_body_flight,
-    shipped_rigid_body_flight,
-)
-from eivor.simulation.sources.dryden import DrydenGust
-from eivor.simulation.sources.excitation import RandomSteps, Steps
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import DrydenGust, RandomSteps, Steps
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AdaptiveSteps
 
 VEHICLE = """
 kind = "rigid-body"

@@ -9,18 +9,26 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
+from eivor.lab.disturbances import (
+    CoefficientCourse,
+    Garch,
+    SumOfDisturbances,
+    ThresholdMovingAverage,
+    TimeVaryingArma,
+    paper_disturbance,
+)
+from eivor.lab.records import (
+    AltitudeControl,
+    Intersample,
+    OpenLoop,
+    Route,
+    Scenario,
+    VelocityControl,
+    simulate,
+)
+from eivor.lab.scenario_files import read_scenario, shipped_scenario, shipped_scenarios
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.records.control import AltitudeControl, OpenLoop, VelocityControl
-from eivor.simulation.records.scenario import Intersample, Route, Scenario
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.scenario_files.scenario_file import read_scenario, shipped_scenario, shipped_scenarios
-from eivor.simulation.sources.coefficient_course import CoefficientCourse
-from eivor.simulation.sources.deterministic_disturbance import SumOfDisturbances, paper_disturbance
-from eivor.simulation.sources.disturbance import WhiteDisturbance
-from eivor.simulation.sources.excitation import GivenSeries, PaperInput, ScaledExcitation
-from eivor.simulation.sources.linear_disturbance import TimeVaryingArma
-from eivor.simulation.sources.nonlinear_disturbance import ThresholdMovingAverage
-from eivor.simulation.sources.volatility import Garch
+from eivor.simulation.excitation import GivenSeries, PaperInput, ScaledExcitation, WhiteDisturbance
 
 TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
 
@@ -273,9 +281,9 @@ def test_unknown_shipped_scenario():
 
 
 def test_scenario_files_are_in_the_package():
-    import eivor.simulation.scenario_files
+    import eivor.lab.scenario_files
 
-    folder = Path(eivor.simulation.scenario_files.__file__).parent / "shipped"
+    folder = Path(eivor.lab.scenario_files.__file__).parent / "scenarios"
     assert sorted(path.stem for path in folder.glob("*.toml")) == list(shipped_scenarios())
 
 

@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.flight_file import read_flight
-from eivor.simulation.scenario_files.kinds import KINDS
-from eivor.simulation.scenario_files.rigid_body_file import read_rigid_body_flight
-from eivor.simulation.scenario_files.scenario_file import read_scenario
-from eivor.studies.generated_page import page_with
+from eivor.lab.experiments import page_with
+from eivor.lab.records import simulate
+from eivor.lab.scenario_files import KINDS, read_flight, read_rigid_body_flight, read_scenario
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.vertical import simulate_vertical_flights
 
 pytest.importorskip("griffe")
 

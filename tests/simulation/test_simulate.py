@@ -10,15 +10,18 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from eivor.errors import ParameterError
+from eivor.lab.disturbances import Arma
+from eivor.lab.records import ALWAYS_MEASURED, Intersample, Route, Scenario, VelocityControl, simulate
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.records.control import VelocityControl
-from eivor.simulation.records.scenario import ALWAYS_MEASURED, Intersample, Route, Scenario
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.sources.binary_excitation import PseudoRandomBinary
-from eivor.simulation.sources.disturbance import WhiteDisturbance
-from eivor.simulation.sources.excitation import GivenSeries, PaperInput, Steps, WhiteExcitation
-from eivor.simulation.sources.linear_disturbance import Arma
+from eivor.simulation.excitation import (
+    GivenSeries,
+    PaperInput,
+    PseudoRandomBinary,
+    Steps,
+    WhiteDisturbance,
+    WhiteExcitation,
+)
 
 NOISY = {
     "velocity_z": FractionalNoise(1.0, -0.4),

@@ -7,13 +7,11 @@ import polars as pl
 import pytest
 
 from eivor.errors import UsageError
-from eivor.fleets.pooled_rows import across_of, wanted_columns
+from eivor.fleet.analysis import across_of, wanted_columns
+from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
 from eivor.logs import read_log
 from eivor.motions import motion_by_name
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.fleets.fleet_logs import write_fleet_logs
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 
 
 def test_wear_breakage_and_weather_act_on_thrust():

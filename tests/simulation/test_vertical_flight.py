@@ -10,11 +10,21 @@ import pytest
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.recording import Frame
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
-from eivor.simulation.flights.vertical_flight import BATCH, actual_state_recording, simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import STEP_S, VerticalFlightSpec
+from eivor.simulation.environment import (
+    FlightTruth,
+    NoiseKind,
+    SensorNoise,
+    SimulatedFlight,
+    TrajectoryKind,
+    effective_parameters,
+)
+from eivor.simulation.vertical import (
+    BATCH,
+    STEP_S,
+    VerticalFlightSpec,
+    actual_state_recording,
+    simulate_vertical_flights,
+)
 
 QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
 LOUD = VerticalFlightSpec(

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from eivor.lab.experiments import DifferenceEquation
+from eivor.lab.study import MethodChoice, Study
+from eivor.lab.study_run import TABLE_FILE
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.sources.excitation import Excitation
-from eivor.studies.difference_equation import DifferenceEquation
-from eivor.studies.study import MethodChoice, Study
-from eivor.studies.trial_shards import TABLE_FILE
+from eivor.simulation.excitation import Excitation
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,13 @@ from scipy.linalg import toeplitz
 
 import eivor as ev
 from eivor.errors import ParameterError
-from eivor.shapes import Float
+from eivor.lab.cramer_rao import disturbance_power
+from eivor.lab.disturbances import Arma, GivenDisturbance, SumOfDisturbances, Trend
+from eivor.lab.records import Scenario
+from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.records.scenario import Scenario
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
-from eivor.simulation.sources.deterministic_disturbance import GivenDisturbance, SumOfDisturbances, Trend
-from eivor.simulation.sources.disturbance import Disturbance, WhiteDisturbance
-from eivor.simulation.sources.linear_disturbance import Arma
-from eivor.studies.bounds import disturbance_power
+from eivor.simulation.excitation import Disturbance, WhiteDisturbance
+from eivor.tools import Float
 
 #: Bounds in per cent of the parameters, 4,000 samples, worked out by an independent program.
 KNOWN = {

@@ -9,10 +9,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from eivor.cli.main import app
-from eivor.report import paper_table
-from eivor.studies.generated_page import page_with
-from eivor.studies.paper.examples import run_paper
-from eivor.studies.paper.readings import named_readings
+from eivor.lab import figures
+from eivor.lab.experiments import page_with
+from eivor.lab.paper_examples import run_paper
+from eivor.lab.paper_readings import named_readings
 
 PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
 SMALL = ("paper", "--runs", "3", "--workers", "1")
@@ -23,7 +23,7 @@ def eivor(*arguments: str) -> Result:
 
 
 @pytest.fixture(scope="module")
-def two_readings() -> list[paper_table.PaperResult]:
+def two_readings() -> list[figures.PaperResult]:
     chosen = named_readings(("ratios-of-variances", "white-input"))
     return list(run_paper(chosen, runs=3, workers=1))
 
@@ -41,7 +41,7 @@ def test_tables_have_measured_beside_printed():
 @pytest.mark.thorough
 def test_without_names_there_is_an_overview(two_readings, monkeypatch):
     """The nearest reading in full, every reading in a line; a screen or two, not hundreds of lines."""
-    monkeypatch.setattr("eivor.studies.paper.examples.run_paper", lambda *_, **__: iter(two_readings))
+    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", lambda *_, **__: iter(two_readings))
     short = eivor(*SMALL)
     assert short.exit_code == 0, short.output
     assert "187.2 ± 119.4" in short.output
@@ -79,18 +79,18 @@ def test_weak_instruments_are_told(two_readings):
     assert " ".join(run.output.split()).count(said) == 2
     assert max(map(len, run.output.splitlines())) <= 80
     assert said not in " ".join(eivor(*SMALL, "--readings", "ratios-of-variances").output.split())
-    document = paper_table.paper_document(two_readings, seconds=1.0)
+    document = figures.paper_document(two_readings, seconds=1.0)
     counts = [
         one["methods"]["extended_iv"]["weak"] for part in document["readings"] for one in part["examples"]
     ]
     assert counts == [0, 0, 3, 3]
-    page = paper_table.page_parts(two_readings)["example 1"]
+    page = figures.page_parts(two_readings)["example 1"]
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
 
 
 @pytest.mark.thorough
 def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("eivor.report.paper_figures.save_figure", lambda _, path: path.touch())
+    monkeypatch.setattr("eivor.lab.figures.save_figure", lambda _, path: path.touch())
     run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))
     assert run.exit_code == 0, run.output
     written = {path.name for path in (tmp_path / "new" / "folder").iterdir()}
@@ -104,12 +104,12 @@ def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
         + "\n".join(f"<!-- generated: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS)
         + "\nAfter.\n"
     )
-    filled = page_with(page, paper_table.page_parts(two_readings))
+    filled = page_with(page, figures.page_parts(two_readings))
     assert filled.startswith("Before.\n")
     assert filled.endswith("\nAfter.\n")
     assert "old" not in filled
     assert filled.count("| `ratios-of-variances` |") == 1 + 2 * 3
-    assert page_with(filled, paper_table.page_parts(two_readings)) == filled
+    assert page_with(filled, figures.page_parts(two_readings)) == filled
     file = tmp_path / "page.md"
     file.write_text("no marks\n", encoding="utf-8")
     run = eivor(*SMALL, "--readings", "two-lags", "--page", str(file))
@@ -118,7 +118,7 @@ def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
 
 
 def test_the_nearest_reading_is_one_that_the_text_allows(two_readings):
-    assert paper_table.nearest(two_readings) == "ratios-of-variances"
+    assert figures.nearest(two_readings) == "ratios-of-variances"
 
 
 def test_readings_are_listed():
@@ -137,7 +137,7 @@ def test_readings_are_listed():
     ],
 )
 def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatch):
-    monkeypatch.setattr("eivor.studies.paper.examples.run_paper", None)
+    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", None)
     run = eivor("paper", *arguments)
     assert run.exit_code in (1, 2)
     assert message in run.output

@@ -11,23 +11,23 @@ from scipy.special import binom
 
 from eivor.errors import UsageError
 from eivor.estimation import methods
-from eivor.estimation.fit import identify
+from eivor.estimation.methods import identify
 from eivor.inference.verdict import Status
-from eivor.models.column import lags
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.signals.signals import Signals
-from eivor.simulation.records.scenario import Intersample
-from eivor.studies.metrics import Spread
-from eivor.studies.paper import trials as paper_trials
-from eivor.studies.paper.examples import (
+from eivor.lab import paper_examples as paper_trials
+from eivor.lab.paper_examples import (
+    AlternatingNoise,
     PaperResult,
+    estimates,
+    euler_steps,
+    integrated_height,
     nearness,
+    nrmse,
+    record,
     run_example,
     run_paper,
     trial_generator,
 )
-from eivor.studies.paper.readings import (
+from eivor.lab.paper_readings import (
     EXAMPLES,
     METHODS,
     RATE_HZ,
@@ -39,14 +39,12 @@ from eivor.studies.paper.readings import (
     Reading,
     named_readings,
 )
-from eivor.studies.paper.trials import (
-    AlternatingNoise,
-    estimates,
-    euler_steps,
-    integrated_height,
-    nrmse,
-    record,
-)
+from eivor.lab.records import Intersample
+from eivor.lab.study_run import Spread
+from eivor.models.regression import lags
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.signals import Signals
 
 RUNS = 30
 PROTOTYPE_RUNS = 100

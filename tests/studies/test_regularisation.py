@@ -7,10 +7,9 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.studies.study import TARGETS, MethodChoice, Regularisation
-from eivor.studies.study_file import method_choice
-from eivor.studies.trial import trial
-from eivor.toml_table import read_toml
+from eivor.lab.study import TARGETS, MethodChoice, Regularisation, trial
+from eivor.lab.study_files import method_choice
+from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, small_study
 
 

@@ -7,9 +7,9 @@ import pytest
 
 import eivor
 from eivor.errors import ParameterError
+from eivor.lab.experiments import DifferenceEquation, recursion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.sources.disturbance import WhiteDisturbance
-from eivor.studies.difference_equation import DifferenceEquation, recursion
+from eivor.simulation.excitation import WhiteDisturbance
 from studies.study_parts import Coin
 
 

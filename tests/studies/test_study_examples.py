@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from eivor.lab.study_files import read_study
+from eivor.lab.study_run import MethodScore, run_study, scores
 from eivor.process_pool import LocalProcesses
-from eivor.studies.metrics import MethodScore, scores
-from eivor.studies.run import run_study
-from eivor.studies.study_file import read_study
 
 FOLDER = Path(__file__).parents[2] / "examples" / "studies"
 #: Published runs of the dynamic errors-in-variables example.

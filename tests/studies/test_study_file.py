@@ -7,14 +7,12 @@ from pathlib import Path
 import pytest
 
 from eivor.errors import InputError
+from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
+from eivor.lab.records import Scenario
+from eivor.lab.study import MethodChoice
+from eivor.lab.study_files import read_study
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.records.scenario import Scenario
-from eivor.simulation.sources.binary_excitation import PseudoRandomBinary
-from eivor.simulation.sources.disturbance import WhiteDisturbance
-from eivor.studies.difference_equation import DifferenceEquation
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.study import MethodChoice
-from eivor.studies.study_file import read_study
+from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance
 
 VERTICAL = """
 viscous_friction = 0.3

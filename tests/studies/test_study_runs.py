@@ -16,15 +16,20 @@ import numpy as np
 import polars as pl
 import pytest
 
+from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
+from eivor.lab.study import MethodChoice, MethodRecord, ParameterRecord, TrialRecord, trial
+from eivor.lab.study_run import (
+    SHARD_TRIALS,
+    Share,
+    StudyResult,
+    frame,
+    run_study,
+    scores,
+    shard_trials,
+    trial_nrmse,
+)
 from eivor.process_pool import Executor, InProcess, Item, Result
-from eivor.studies.metrics import scores, trial_nrmse
-from eivor.studies.run import StudyResult, run_study
-from eivor.studies.share import Share
-from eivor.studies.study import MethodChoice
-from eivor.studies.trial import MethodRecord, ParameterRecord, TrialRecord, trial
-from eivor.studies.trial_shards import SHARD_TRIALS, frame, shard_trials
-from eivor.whole_file import ABANDONED_S, PREFIX, SUFFIX
 from studies.study_parts import METHODS, content, small_study
 
 

@@ -9,15 +9,12 @@ import pytest
 
 import eivor
 from eivor.errors import UsageError
+from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
+from eivor.lab.records import Scenario
+from eivor.lab.study import DIRECT, MethodChoice, failure, trial
+from eivor.lab.study import METHODS as METHOD_NAMES
+from eivor.lab.study_run import run_study, scores
 from eivor.signals.signals import Signals
-from eivor.simulation.records.scenario import Scenario
-from eivor.studies.difference_equation import DifferenceEquation
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.metrics import scores
-from eivor.studies.run import run_study
-from eivor.studies.study import DIRECT, MethodChoice
-from eivor.studies.study import METHODS as METHOD_NAMES
-from eivor.studies.trial import failure, trial
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.scenario_files.flight_file import shipped_flight
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
+from eivor.lab.scenario_files import shipped_flight
+from eivor.simulation.vertical import simulate_vertical_flights
 from validation.choices import study
 from validation.choices.study import (
     PART,

@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.studies.generated_page import marks, page_with
-from eivor.studies.suite_file import read_suite
+from eivor.lab.experiments import marks, page_with
+from eivor.lab.study_files import read_suite
 from validation.efficiency.bounds import main as bounds
 from validation.efficiency.bounds import with_bounds
 from validation.efficiency.known_spectra import main as known_spectra

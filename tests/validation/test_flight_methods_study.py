@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from eivor.estimation.methods import TABLE
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
 from validation.flight_methods.study import GRID, PART, _judged, _line, _requirements, main, read_grid
 from validation.flight_methods.trials import LEFT_OUT, SEARCHED, Told
 

@@ -9,9 +9,9 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.studies.generated_page import marks, page_with
-from eivor.studies.share import Share
+from eivor.lab.experiments import marks, page_with
+from eivor.lab.study_run import Share
+from eivor.simulation.vertical import VerticalFlightSpec
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe.grid import FlightCase
 from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score

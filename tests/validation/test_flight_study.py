@@ -16,7 +16,7 @@ import polars as pl
 import pytest
 from scipy.stats import binom
 
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe import trials as flight_trials
 from validation.flight_recipe.grid import published_grid

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
 from validation.fractional.records import Cell, Relaxation, sharper_ways, ways
 from validation.fractional.study import PART, answers, main
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.simulation.flights.sensor_noise import NoiseKind
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import AxisExcitations, Sensors, Wind
+from eivor.simulation.environment import NoiseKind
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
 from validation.flight_recipe.grid import published_grid, read_grid
 from validation.joint import trials
 from validation.joint.flights import flight_of

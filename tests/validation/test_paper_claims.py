@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.studies.generated_page import marks, page_with
+from eivor.lab.experiments import marks, page_with
 from validation.paper.claims import COLUMNS, claims_suite, main
 from validation.paper.claims_page import PART, claims_tables
 from validation.suites import read_rows

@@ -7,8 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from eivor.studies.paper.errata import errata
-from eivor.studies.paper.errata_checks import INERTIA, roles_of_e
+from eivor.lab.paper_errata import INERTIA, errata, roles_of_e
 from validation.paper import search as paper_search
 from validation.paper.search import INSTRUMENTS, search_page, simulations, try_simulation
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.planning.limits import FlightLimits
-from eivor.planning.setpoints import candidates
-from eivor.simulation.flights.trajectories import Trajectory
+from eivor.planning.vehicle import FlightLimits, candidates
+from eivor.simulation.environment import Trajectory
 from validation.plan.flights import OTHER_CONTROLLER, OWN, VEHICLES
 from validation.plan.study import GRID, answer, requirements_of, table
 from validation.plan.trials import PLANNED_FOR, Outcome, outcomes

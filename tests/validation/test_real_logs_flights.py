@@ -9,8 +9,8 @@ import pytest
 
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
-from eivor.simulation.flights.sensor_noise import SensorNoise
+from eivor.signals.filters import actuator_state
+from eivor.simulation.environment import SensorNoise
 from validation.real_logs.course import altitude
 from validation.real_logs.estimator import estimated
 from validation.real_logs.flights import LoggedFlight, logged_flight

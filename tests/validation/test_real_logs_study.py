@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
 from validation.flight_recipe.trials import QUANTITIES
 from validation.real_logs import study
 from validation.real_logs.grid import grid_from, published_grid

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 from validation.recursion.changed_record import changed_record
 from validation.recursion.study import main
 from validation.recursion.trials import trial

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eivor.motions.rigid_body.coefficients import coefficients_of, side_by_side
-from eivor.motions.rigid_body.dynamics import state_derivative
-from eivor.simulation.rigid_body.integrators import AdaptiveSteps, HeldInputs, Integrator, RungeKutta4
+from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, state_derivative
+from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, Integrator, RungeKutta4
 from validation.flight_recipe.rotorpy_vehicles import (
     GRAVITY,
     Vehicle,

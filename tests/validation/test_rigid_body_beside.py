@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.studies.generated_page import page_text
+from eivor.lab.experiments import page_text
 from validation.rigid_body import beside
 from validation.study_folder import Row, StudyTable
 

@@ -9,8 +9,8 @@ import polars as pl
 import pytest
 
 from eivor.errors import InputError
+from eivor.lab.experiments import marks
 from eivor.signals.recording import Channel, Frame, Recording
-from eivor.studies.generated_page import marks
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 from validation.rigid_body import study
 from validation.rigid_body.flights import flight_of, jittered, known_vehicle
@@ -115,7 +115,7 @@ def test_errors_are_relative_but_of_ratios_that_are_nearly_zero():
 
 
 def _parameters():
-    from eivor.motions.rigid_body.effective import effective_parameters
+    from eivor.motions.rigid_body.dynamics import effective_parameters
     from validation.rigid_body.flights import flown_vehicle
 
     return effective_parameters(flown_vehicle(Vehicle.HUMMINGBIRD, published_grid().scenarios[0]))

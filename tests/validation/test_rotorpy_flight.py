@@ -18,9 +18,14 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import CollinearError, MissingReaderError, ShapeError, TooFewSamplesError, UsageError
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
+from eivor.simulation.environment import (
+    FlightTruth,
+    NoiseKind,
+    SensorNoise,
+    SimulatedFlight,
+    TrajectoryKind,
+    effective_parameters,
+)
 from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eivor.studies.generated_page import marks
+from eivor.lab.experiments import marks
 from validation.unknown_noise import study
 from validation.unknown_noise.study import PART, SUITE, Told, main, read_suite, requirements
 

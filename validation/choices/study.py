@@ -19,17 +19,16 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError, UsageError
 from eivor.inference.verdict import Status
+from eivor.lab.experiments import markdown, page_with
+from eivor.lab.scenario_files import shipped_flight
+from eivor.lab.study_run import Share
 from eivor.models.lagged_runs import lag_and_delay
-from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import in_order, local_executor
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.simulation.scenario_files.flight_file import shipped_flight
-from eivor.studies.generated_page import markdown, page_with
-from eivor.studies.share import Share
-from eivor.whole_file import write_whole
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
 #: Every so many samples of a log of 100 Hz are kept: 100, 50, 20 and 10 Hz.
 THINNINGS = (1, 2, 5, 10)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
-from eivor.studies.generated_page import markdown
+from eivor.lab.experiments import markdown
 from validation.coverage.requirements import JUDGED, coverage_of, requirements
 
 #: Name of the generated part of the page.

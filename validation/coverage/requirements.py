@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import polars as pl
 
-from eivor.inference.quantiles import normal_quantile
-from eivor.studies.share import Share
+from eivor.inference.distributions import normal_quantile
+from eivor.lab.study_run import Share
 from validation.requirement import Requirement
 
 #: Method whose intervals are judged: the one with default settings.

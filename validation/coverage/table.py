@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.inference.quantiles import normal_quantile
-from eivor.studies.run import StudyResult
-from eivor.studies.suite_file import SuiteStudy
-from eivor.studies.trial import FAILED
+from eivor.inference.distributions import normal_quantile
+from eivor.lab.study import FAILED
+from eivor.lab.study_files import SuiteStudy
+from eivor.lab.study_run import StudyResult
 from validation.suites import read_rows, versions
 
 #: Columns of the table.

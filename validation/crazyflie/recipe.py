@@ -27,7 +27,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-from eivor.shapes import Float
+from eivor.tools import Float
 from validation.crazyflie.stretches import Stretch, stretches
 
 MASS_KG, ARM_M = 0.027, 0.028

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.logs.crazyflie.header import parse_header
-from eivor.logs.crazyflie.records import Event, read_events
-from eivor.shapes import Float
+from eivor.logs.crazyflie.reader import Event, parse_header, read_events
+from eivor.tools import Float
 
 #: Of the one type of events that these logs have.
 STAMP_S = 1e-6

@@ -20,16 +20,14 @@ import numpy as np
 import polars as pl
 
 from eivor.errors import EivorError, EstimationError, UsageError
-from eivor.estimation.spectral.answers import start_of
-from eivor.estimation.spectral.likelihood import least_quadratic
-from eivor.estimation.spectral.pilot import consistent_estimate, first_transient
-from eivor.estimation.spectral.sampled_problem import sampled_problem
+from eivor.estimation.sampled_motion import sampled_problem
+from eivor.estimation.spectral_equations import consistent_estimate, first_transient
+from eivor.estimation.spectral_iv import least_quadratic, start_of
 from eivor.inference.verdict import Reason
-from eivor.simulation.records.scenario import Scenario
-from eivor.simulation.records.simulate import simulate
-from eivor.studies.bounds import cramer_rao, noise_of_record
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.suite_file import SuiteStudy, read_suite
+from eivor.lab.cramer_rao import cramer_rao, noise_of_record
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.records import Scenario, simulate
+from eivor.lab.study_files import SuiteStudy, read_suite
 from validation.efficiency.requirements import KNOWN
 from validation.kept_study import keep, kept_lines
 from validation.suites import WRONG, Row, versions, write_rows

@@ -6,11 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.simulation.records.control import OpenLoop
-from eivor.simulation.records.scenario import ALWAYS_MEASURED, Scenario
-from eivor.simulation.records.simulate import simulate
-from eivor.simulation.sources.deterministic_disturbance import GivenDisturbance
-from eivor.simulation.sources.excitation import GivenSeries
+from eivor.lab.disturbances import GivenDisturbance
+from eivor.lab.records import ALWAYS_MEASURED, OpenLoop, Scenario, simulate
+from eivor.simulation.excitation import GivenSeries
 
 
 def open_loop(scenario: Scenario, seed: int) -> Scenario:

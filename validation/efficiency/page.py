@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 import polars as pl
 
-from eivor.studies.generated_page import markdown
+from eivor.lab.experiments import markdown
 from validation.efficiency.requirements import requirements
 from validation.suites import Row
 

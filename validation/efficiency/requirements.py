@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from eivor.inference.quantiles import normal_quantile
+from eivor.inference.distributions import normal_quantile
 from validation.requirement import Requirement
 
 #: Scenarios whose noises the model holds.

@@ -12,11 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from eivor.errors import ParameterError
-from eivor.studies.bounds import cramer_rao
-from eivor.studies.experiment import VerticalExperiment
-from eivor.studies.metrics import scores
-from eivor.studies.run import StudyResult
-from eivor.studies.suite_file import SuiteStudy
+from eivor.lab.cramer_rao import cramer_rao
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.study_files import SuiteStudy
+from eivor.lab.study_run import StudyResult, scores
 from validation.efficiency.open_loop import open_loop
 from validation.suites import Row, versions
 

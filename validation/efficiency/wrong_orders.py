@@ -19,17 +19,13 @@ import numpy as np
 
 import eivor as ev
 from eivor.errors import EstimationError
-from eivor.estimation.spectral.answers import start_of
-from eivor.estimation.spectral.likelihood import maximum_likelihood
-from eivor.estimation.spectral.noise_fit import NoisePrior, fitted_noise
-from eivor.estimation.spectral.pilot import Pilot, consistent_estimate, pilot_at
-from eivor.estimation.spectral.sampled_motion import SampledMotion
-from eivor.estimation.spectral.sampled_problem import sampled_problem
-from eivor.estimation.spectral.spectral_equations import solved_equations
+from eivor.estimation.sampled_motion import NoisePrior, SampledMotion, fitted_noise, sampled_problem
+from eivor.estimation.spectral_equations import Pilot, consistent_estimate, pilot_at, solved_equations
+from eivor.estimation.spectral_iv import maximum_likelihood, start_of
 from eivor.inference.verdict import Reason
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.lab.experiments import markdown
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.strict_toml import read_toml
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.requirement import Requirement
 from validation.suites import versions

@@ -13,8 +13,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.lab.experiments import markdown
+from eivor.strict_toml import read_toml
 from validation.fleet_changes.trials import SEED, Cell, Told, told
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.requirement import Requirement

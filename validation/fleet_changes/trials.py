@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from eivor.fleets.course import STEADY, STEPS
-from eivor.fleets.report import fleet_report
+from eivor.fleet.analysis import STEADY, STEPS, fleet_report
+from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
 from eivor.motions import motion_by_name
-from eivor.simulation.fleets.fleet_rows import fleet_rows
-from eivor.simulation.fleets.fleet_spec import FleetSpec, fleet_truth
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.

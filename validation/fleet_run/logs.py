@@ -6,8 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from eivor.simulation.fleets.fleet_logs import write_fleet_logs
-from eivor.simulation.fleets.fleet_spec import FleetSpec
+from eivor.fleet.simulate import FleetSpec, write_fleet_logs
 
 #: Of all draws.
 SEED = 20261122

@@ -14,11 +14,11 @@ import sys
 import time
 from pathlib import Path
 
-from eivor.fleets.fleet_options import FleetOptions
-from eivor.fleets.logs_found import logs_found
-from eivor.fleets.run import run_fleet
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
+from eivor.fleet.table import FleetOptions
+from eivor.lab.dask_executor import DaskCluster
 from eivor.process_pool import Executor, InProcess, LocalThreads
-from eivor.studies.dask_executor import DaskCluster
 from validation.fleet_run.logs import VEHICLES
 
 #: Bytes of a unit of the largest resident memory.

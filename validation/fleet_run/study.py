@@ -18,12 +18,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from eivor.fleet.simulate import FleetSpec, write_fleet_logs
+from eivor.lab.experiments import markdown
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
-from eivor.simulation.fleets.fleet_logs import write_fleet_logs
-from eivor.simulation.fleets.fleet_spec import FleetSpec
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.strict_toml import read_toml
 from validation.fleet_run.logs import SEED, Size, write_logs
 from validation.fleet_run.modes import MODES, Told
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from eivor.inference.verdict import Status
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.lab.experiments import markdown
+from eivor.strict_toml import read_toml
 from validation.flight_methods.trials import LEFT_OUT, SEARCHED, SEED, Regime, Told, trial
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.requirement import Requirement

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 import eivor as ev
+from eivor.lab.known_logs import log_of_flight
 from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.known_log import log_of_flight
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.vertical import VerticalFlightSpec
 
 SEED = 20261122
 #: References in turn.

@@ -12,10 +12,9 @@ from importlib.resources import files
 from itertools import product
 from pathlib import Path
 
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
-from eivor.toml_table import TomlTable, read_toml, toml_table
+from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
+from eivor.simulation.vertical import VerticalFlightSpec
+from eivor.strict_toml import TomlTable, read_toml, toml_table
 from validation.drawn import Draw, Value, draws, lists
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import Vehicle

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
-from eivor.inference.diagnostics.strength import STRONG_FIRST_STAGE
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.verdict import Status
-from eivor.studies.generated_page import markdown
+from eivor.lab.experiments import markdown
 from validation.flight_recipe.metrics import Score, accepted, accepted_share, flown, score
 from validation.flight_recipe.requirements import error_text, requirements, share_text
 from validation.flight_recipe.trial_table import PACKAGES, TrialTable

@@ -21,11 +21,18 @@ from jaxtyping import Float
 
 from eivor.errors import UsageError
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.sensor_noise import SensorErrors, SensorNoise, sensor_errors
-from eivor.simulation.flights.simulated_log import simulated_recording
-from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind, altitude_reference
-from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight
-from eivor.simulation.flights.wind import gusts
+from eivor.simulation.environment import (
+    FlightTruth,
+    SensorErrors,
+    SensorNoise,
+    SimulatedFlight,
+    Trajectory,
+    TrajectoryKind,
+    altitude_reference,
+    gusts,
+    sensor_errors,
+    simulated_recording,
+)
 from validation.flight_recipe.rotorpy_states import flat_output, initial_state, is_lost, measured
 from validation.flight_recipe.rotorpy_vehicles import (
     GRAVITY,

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from eivor.simulation.flights.sensor_noise import SensorErrors
-from eivor.simulation.flights.trajectories import Trajectory
+from eivor.simulation.environment import SensorErrors, Trajectory
 
 
 def initial_state(

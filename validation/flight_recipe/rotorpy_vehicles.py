@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import MissingReaderError
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 
 #: Step of the controller and of the log [s].

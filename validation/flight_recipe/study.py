@@ -15,10 +15,10 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
+from eivor.lab.experiments import page_with
 from eivor.process_pool import local_executor
-from eivor.studies.generated_page import page_with
-from eivor.whole_file import write_whole
 from validation.flight_recipe.grid import FlightGrid, published_grid
 from validation.flight_recipe.page import PART, study_tables
 from validation.flight_recipe.requirements import requirements

@@ -18,8 +18,8 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
+from eivor.atomic_file import whole_file
 from eivor.errors import InputError
-from eivor.whole_file import whole_file
 from validation.flight_recipe.trials import ESTIMATORS, QUANTITIES, FlightTrial
 
 #: Packages whose versions bear on the numbers.

@@ -16,18 +16,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eivor.errors import EivorError
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import reference_iv
+from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.flights import VerticalFlights
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.flights.truth import FlightTruth, SimulatedFlight, effective_parameters
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.environment import FlightTruth, SimulatedFlight, effective_parameters
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from validation.flight_recipe.grid import FlightCase, FlightGrid
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 

@@ -12,9 +12,9 @@ import numpy as np
 
 import eivor as ev
 from eivor.estimation.method import Method
-from eivor.models.column import Column
-from eivor.shapes import Float
-from eivor.signals.causal_filter import filtered
+from eivor.models.regression import Column
+from eivor.signals.filters import filtered
+from eivor.tools import Float
 from validation.fractional.relaxation import driven, ramp_response
 
 Series = Float[np.ndarray, " n"]

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eivor.shapes import Float
-from eivor.signals.causal_filter import filtered
+from eivor.signals.filters import filtered
+from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
 

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EstimationError, WeakInstrumentsWarning
-from eivor.shapes import Float
-from eivor.studies.generated_page import markdown, page_text, page_with
-from eivor.whole_file import write_whole
+from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.tools import Float
 from validation.fractional.records import Cell, KnownEquation, Relaxation, Way, sharper_ways, ways
 
 PART, SHARPER_PART = "fractional study", "sharper orders"

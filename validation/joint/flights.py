@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.vehicle import Vehicle
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.vehicle import KnownVehicle, Vehicle
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
-from eivor.simulation.flights.sensor_noise import ACCELERATION_ORDER, VELOCITY_ORDER
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import AxisExcitations, Logged, RigidBodyFlightSpec, Sensors, Wind
-from eivor.simulation.sources.excitation import RandomSteps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import ACCELERATION_ORDER, VELOCITY_ORDER
+from eivor.simulation.excitation import RandomSteps
+from eivor.simulation.rigid_body_spec import AxisExcitations, Logged, RigidBodyFlightSpec, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import rigid_body, vehicle_parameters
 from validation.joint.noise import noise_of

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from eivor.signals.fractional import fractional_weights
-from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
-from eivor.simulation.flights.sensor_noise import STUDENT_DOF, NoiseKind
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_weights
+from eivor.simulation.environment import STUDENT_DOF, NoiseKind
 
 
 @dataclass(frozen=True, slots=True)

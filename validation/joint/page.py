@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eivor.inference.verdict import Status
-from eivor.studies.generated_page import markdown
-from eivor.studies.share import Share
+from eivor.lab.experiments import markdown
+from eivor.lab.study_run import Share
 from validation.joint.trials import ALONE, GIVEN, JOINT, LOST, TURNING, Told
 from validation.requirement import Requirement
 

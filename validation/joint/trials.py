@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import EivorError
+from eivor.flights.identify import identified
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.flights.together import identified
 from eivor.inference.verdict import Status
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.motion import Vertical
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from validation.flight_recipe.grid import FlightCase, FlightGrid
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec
 from validation.joint.flights import flight_of, known

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.simulation.flights.truth import FlightTruth, effective_parameters
-from eivor.simulation.rigid_body.flight import RigidBodyFlight
+from eivor.simulation.environment import FlightTruth, effective_parameters
+from eivor.simulation.rigid_body import RigidBodyFlight
 
 
 def vertical_truth(flight: RigidBodyFlight, vehicle: Vehicle) -> FlightTruth:

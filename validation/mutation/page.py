@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eivor.studies.generated_page import markdown, page_with
+from eivor.lab.experiments import markdown, page_with
 
 if TYPE_CHECKING:
     from validation.mutation.check import Outcome

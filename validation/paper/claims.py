@@ -16,11 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.estimation.fit import identify
-from eivor.studies.metrics import scores, trial_nrmse
-from eivor.studies.run import StudyResult
-from eivor.studies.study import MethodChoice, Study
-from eivor.studies.suite_file import Suite, SuiteStudy, read_suite
+from eivor.estimation.methods import identify
+from eivor.lab.study import MethodChoice, Study
+from eivor.lab.study_files import Suite, SuiteStudy, read_suite
+from eivor.lab.study_run import StudyResult, scores, trial_nrmse
 from validation.paper.claims_page import PART, claims_tables
 from validation.suites import Row, SuiteCommand, versions
 

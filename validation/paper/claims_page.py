@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import polars as pl
 
-from eivor.studies.generated_page import markdown
+from eivor.lab.experiments import markdown
 from validation.suites import Row
 
 #: Name of the generated part of the page.

@@ -20,11 +20,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from eivor.process_pool import in_order, local_executor
-from eivor.simulation.records.scenario import Intersample
-from eivor.studies.generated_page import markdown, page_with
-from eivor.studies.paper.examples import PaperResult, trial_generator
-from eivor.studies.paper.readings import (
+from eivor.atomic_file import write_whole
+from eivor.lab.experiments import markdown, page_with
+from eivor.lab.paper_examples import PaperResult, estimates, record, trial_generator
+from eivor.lab.paper_readings import (
     EXAMPLES,
     PRINTED_METHODS,
     SOURCES,
@@ -35,8 +34,8 @@ from eivor.studies.paper.readings import (
     Reading,
     Weights,
 )
-from eivor.studies.paper.trials import estimates, record
-from eivor.whole_file import write_whole
+from eivor.lab.records import Intersample
+from eivor.process_pool import in_order, local_executor
 
 RUNS = 10
 SHOWN = 6

@@ -13,18 +13,15 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
+from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.closed_loop import (
+from eivor.simulation.environment import SensorNoise, Trajectory, gusts, sensor_errors, simulated_recording
+from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
     VerticalVehicles,
     simulate_vertical,
 )
-from eivor.simulation.flights.sensor_noise import SensorNoise, sensor_errors
-from eivor.simulation.flights.simulated_log import simulated_recording
-from eivor.simulation.flights.trajectories import Trajectory
-from eivor.simulation.flights.wind import gusts
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import InputError
-from eivor.planning.targets import TARGETS
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.lab.experiments import markdown
+from eivor.planning.vehicle import TARGETS
+from eivor.strict_toml import read_toml
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.plan.flights import VEHICLES
 from validation.plan.trials import PLANNED_FOR, Outcome, outcomes

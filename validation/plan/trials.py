@@ -9,11 +9,10 @@ import numpy as np
 
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.planning.limits import FlightLimits
 from eivor.planning.plan import FlightPlan
-from eivor.planning.targets import TARGETS
-from eivor.report.planned import plan
-from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind, altitude_reference
+from eivor.planning.vehicle import TARGETS, FlightLimits
+from eivor.report.other_results import plan
+from eivor.simulation.environment import Trajectory, TrajectoryKind, altitude_reference
 from validation.plan.flights import OTHER_CONTROLLER, STEP_S, Flyer
 
 PLANNED_FOR = ("friction", "lag")

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from eivor.inference.quantiles import normal_quantile
-from eivor.inference.random_effects.between import moment_between, paule_mandel, q_profile
-from eivor.inference.random_effects.confidence_distribution import between_distribution
-from eivor.inference.random_effects.groups import Groups
-from eivor.inference.random_effects.mean import random_effects_means
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.random_effects import (
+    Groups,
+    between_distribution,
+    moment_between,
+    paule_mandel,
+    q_profile,
+    random_effects_means,
+)
 
 SEED = 20261122
 

@@ -10,21 +10,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import (
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import RandomSteps
+from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
     Sensors,
     TorqueDisturbance,
 )
-from eivor.simulation.sources.excitation import RandomSteps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0
 #: Of the gyroscope [rad/s], and of the gusts' angular acceleration about each axis [rad/s^2], correlated [s].

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from eivor.toml_table import TomlTable, read_toml
+from eivor.strict_toml import TomlTable, read_toml
 from validation.rates.flights import Condition
 
 GRID = Path(__file__).with_name("grid.toml")

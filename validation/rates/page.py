@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from eivor.inference.quantiles import normal_quantile
-from eivor.studies.generated_page import markdown
-from eivor.studies.share import Share
+from eivor.inference.distributions import normal_quantile
+from eivor.lab.experiments import markdown
+from eivor.lab.study_run import Share
 from validation.rates.grid import Grid
 from validation.rates.trials import EFFECTIVENESS, INSTRUMENTS, LAG, LEAST_SQUARES, Told
 from validation.requirement import Requirement

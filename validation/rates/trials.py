@@ -8,7 +8,7 @@ from pathlib import Path
 
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from validation.kept_study import keep, kept_lines
 from validation.rates.flights import VEHICLES, Condition, flight_of
 from validation.rates.grid import Grid

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.signals.canonical import held_by_default, unit_of
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.recording import Channel, clean_channel
 from validation.real_logs.spec import STEP_S, FlightSpec, Jitter
 

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.flights.closed_loop import THRUST_RANGE
+from eivor.simulation.vertical import THRUST_RANGE
 from validation.real_logs.spec import STEP_S, VehicleSpec
 
 State = TypeVar("State", float, np.ndarray)

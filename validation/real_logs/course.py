@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind, altitude_reference
+from eivor.simulation.environment import Trajectory, TrajectoryKind, altitude_reference
 from validation.real_logs.spec import STEP_S, FlightSpec, Reference
 
 #: The altitude's shape is made at this step and read between it; sines have no need of more [s].

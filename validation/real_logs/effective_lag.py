@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from eivor.signals.actuator import actuator_state
-from eivor.simulation.flights.truth import FlightTruth
+from eivor.signals.filters import actuator_state
+from eivor.simulation.environment import FlightTruth
 
 #: A rotor has one lag when its states are within this share of the hover state of those that follow with one.
 ONE_LAG = 1e-6

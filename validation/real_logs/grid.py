@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from eivor.errors import InputError
-from eivor.simulation.flights.sensor_noise import NoiseKind, SensorNoise
-from eivor.toml_table import TomlTable, toml_table
+from eivor.simulation.environment import NoiseKind, SensorNoise
+from eivor.strict_toml import TomlTable, toml_table
 from validation.drawn import Draw, Value, draws
 from validation.real_logs.named import NAMES
 from validation.real_logs.spec import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec

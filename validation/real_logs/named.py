@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from eivor.flights.result import FlightEstimate
-from eivor.motions.vertical.left_out import MISSED
+from eivor.motions.vertical.misspecification import MISSED
 
 #: What is told in sentences.
 SENTENCES: dict[str, re.Pattern[str]] = {

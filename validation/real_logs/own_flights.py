@@ -8,11 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
-from eivor.simulation.flights.trajectories import Trajectory
-from eivor.simulation.flights.truth import FlightTruth
-from eivor.simulation.flights.vertical_flight import LOST_M, TILT_CORRELATION_S, TILT_SMOOTHING_S
-from eivor.simulation.flights.wind import gusts
+from eivor.signals.filters import actuator_state
+from eivor.simulation.environment import FlightTruth, Trajectory, gusts
+from eivor.simulation.vertical import LOST_M, TILT_CORRELATION_S, TILT_SMOOTHING_S
 from validation.real_logs.closed_loop import Motion, Surroundings, Thrust, fly, supply
 from validation.real_logs.course import altitude, horizontal_velocity, pitch
 from validation.real_logs.flown import Flown

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from eivor.motions.vertical.allowances import HOVER_FLOOR
-from eivor.studies.generated_page import markdown
-from eivor.studies.share import Share
+from eivor.lab.experiments import markdown
+from eivor.lab.study_run import Share
+from eivor.motions.vertical.verdict import HOVER_FLOOR
 from validation.flight_recipe.metrics import accepted_share, flown, score
 from validation.flight_recipe.page import verdict_table
 from validation.flight_recipe.trials import QUANTITIES, RECIPE

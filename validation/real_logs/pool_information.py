@@ -21,10 +21,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from eivor.atomic_file import write_whole
+from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
-from eivor.studies.generated_page import markdown, page_text, page_with
-from eivor.whole_file import write_whole
+from eivor.signals.filters import actuator_state
 from validation.real_logs.grid import Family, published_grid
 from validation.real_logs.own_flights import fly_own
 from validation.real_logs.spec import STEP_S, FlightSpec

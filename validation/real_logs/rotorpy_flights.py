@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.simulation.flights.sensor_noise import SensorNoise
-from eivor.simulation.flights.trajectories import Trajectory, TrajectoryKind
+from eivor.simulation.environment import SensorNoise, Trajectory, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 from validation.real_logs.flown import Flown

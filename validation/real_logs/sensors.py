@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
+from eivor.signals.filters import actuator_state
 from eivor.signals.recording import Channel, Frame, Recording
-from eivor.simulation.flights.sensor_noise import SensorErrors, sensor_errors
+from eivor.simulation.environment import SensorErrors, sensor_errors
 from validation.real_logs.clocks import Clock, Writer, command_clock, topic_clock, writer
 from validation.real_logs.estimator import estimated
 from validation.real_logs.flown import Flown

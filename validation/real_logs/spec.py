@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from eivor.errors import UsageError
-from eivor.simulation.flights.closed_loop import AltitudeController
-from eivor.simulation.flights.sensor_noise import SensorNoise
+from eivor.simulation.environment import SensorNoise
+from eivor.simulation.vertical import AltitudeController
 
 #: Step of the simulation [s]; controllers and delays are whole steps.
 STEP_S = 0.002
@@ -68,7 +68,7 @@ class VehicleSpec:
     controller_hz : float
         Rate of the controller.
     quickness, position_share, integral_share : float
-        As in `eivor.simulation.flights.vertical_flight_spec`.
+        As in `eivor.simulation.vertical`.
     """
 
     viscous_friction: float = 0.4

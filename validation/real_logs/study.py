@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
-from eivor.studies.generated_page import page_with
-from eivor.whole_file import write_whole
+from eivor.lab.experiments import page_with
 from validation.real_logs.grid import Grid, published_grid
 from validation.real_logs.page import PART, study_tables
 from validation.real_logs.requirements import requirements

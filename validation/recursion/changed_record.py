@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from eivor.lab.records import Scenario, simulate
 from eivor.signals.signals import Signals
-from eivor.simulation.records.scenario import Scenario
-from eivor.simulation.records.simulate import simulate
 
 
 def changed_record(

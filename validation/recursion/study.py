@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.studies.generated_page import markdown
-from eivor.toml_table import read_toml
+from eivor.lab.experiments import markdown
+from eivor.strict_toml import read_toml
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.recursion.trials import SEED, Told, trial
 from validation.requirement import Requirement

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import eivor as ev
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 from validation.recursion.changed_record import changed_record
 
 #: Length of a record, and the samples between which its parameter changes.

@@ -10,10 +10,9 @@ import numpy as np
 
 import eivor as ev
 from eivor.errors import EivorError
-from eivor.shapes import Float
-from eivor.simulation.flights.truth import SimulatedFlight
-from eivor.simulation.flights.vertical_flight import simulate_vertical_flights
-from eivor.simulation.flights.vertical_flight_spec import VerticalFlightSpec
+from eivor.simulation.environment import SimulatedFlight
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from eivor.tools import Float
 
 #: Times after a step of the command at which the climb rate is asked [s].
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)

@@ -19,19 +19,19 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
+from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.parameters import DRAG, GAIN, THRUST
+from eivor.motions.rigid_body.vehicle import DRAG, GAIN, THRUST
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import RigidBodyFlightSpec
-from eivor.studies.generated_page import markdown, page_text, page_with
-from eivor.whole_file import write_whole
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 from validation.rigid_body.flights import NOISE, flight_of, jittered, known_vehicle
 from validation.rigid_body.grid import published_grid

@@ -11,25 +11,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
-from eivor.shapes import Float
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import (
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import FilteredWhite, RandomSteps
+from eivor.simulation.rigid_body_spec import (
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
     Sensors,
     TorqueDisturbance,
 )
-from eivor.simulation.sources.band_excitation import FilteredWhite
-from eivor.simulation.sources.excitation import RandomSteps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+from eivor.tools import Float
 from validation.flight_recipe.rotorpy_vehicles import Vehicle, rigid_body, vehicle_parameters
 from validation.rigid_body.scenario import Scenario
 

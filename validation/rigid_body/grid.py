@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from eivor.toml_table import TomlTable, toml_table
+from eivor.strict_toml import TomlTable, toml_table
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 from validation.rigid_body.quantities import GROUPS
 from validation.rigid_body.scenario import Asked, Scenario

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import polars as pl
 
-from eivor.studies.generated_page import markdown
+from eivor.lab.experiments import markdown
 from validation.rigid_body.grid import Grid
 from validation.rigid_body.quantities import GROUPS
 from validation.rigid_body.requirements import Score, parts_of, percent, requirements, scores

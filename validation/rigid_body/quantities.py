@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from eivor.motions.rigid_body.effective import EffectiveParameters
-from eivor.motions.rigid_body.parameters import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
+from eivor.motions.rigid_body.dynamics import EffectiveParameters
+from eivor.motions.rigid_body.vehicle import ALONG, COUPLING, DAMPING, DRAG, GAIN, LIFT, THRUST
 
 LAG = "effective_lag"
 GROUPS = {

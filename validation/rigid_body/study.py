@@ -16,9 +16,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
-from eivor.studies.generated_page import page_text, page_with
-from eivor.whole_file import write_whole
+from eivor.lab.experiments import page_text, page_with
 from validation.rigid_body.grid import Grid, published_grid
 from validation.rigid_body.page import PART, study_tables
 from validation.rigid_body.requirements import requirements

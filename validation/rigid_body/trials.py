@@ -11,7 +11,7 @@ from eivor.errors import EivorError
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from validation.flight_recipe.rotorpy_vehicles import Vehicle
 from validation.rigid_body.flights import flight_of, jittered, known_vehicle
 from validation.rigid_body.grid import Grid, published_grid

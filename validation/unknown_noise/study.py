@@ -17,15 +17,15 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
+from eivor.atomic_file import write_whole
 from eivor.errors import EivorError
 from eivor.estimation.method import Method
 from eivor.inference.verdict import Status
-from eivor.shapes import Float
+from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
-from eivor.studies.generated_page import markdown, page_text, page_with
-from eivor.toml_table import TomlTable, read_toml
-from eivor.whole_file import write_whole
+from eivor.strict_toml import TomlTable, read_toml
+from eivor.tools import Float
 from validation.requirement import Requirement
 from validation.suites import versions
 

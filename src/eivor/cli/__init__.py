@@ -1,1 +1,1 @@
-"""The command line: arguments to calls, results to the terminal, errors to exit codes."""
+"""Command line."""

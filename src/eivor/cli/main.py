@@ -1,4 +1,4 @@
-"""The entry point of the command line. Nothing heavy is imported here, so that help answers at once."""
+"""Command line application: commands, global options and the exit code."""
 
 from __future__ import annotations
 
@@ -6,42 +6,113 @@ import io
 import os
 import sys
 import warnings
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eivor.cli import plain_text
-from eivor.cli.arguments import Reads
-from eivor.cli.empty_options import refuse_empty_options
-from eivor.cli.exit_codes import DEBUG_VARIABLE, ExitCode
-from eivor.cli.interruptible import InterruptibleGroup
-from eivor.cli.late_modules import load_late
-from eivor.cli.readable_help import ReadableCommand
-from eivor.cli.repeated_options import FILE, read_repeated_options
-from eivor.cli.terminal import complain, printing
+from eivor import tools
+from eivor.cli.outputs import (
+    DEBUG_VARIABLE,
+    FILE,
+    ExitCode,
+    ReadableCommand,
+    ReadableGroup,
+    Reads,
+    complain,
+    printing,
+    read_repeated_options,
+    refuse_empty_options,
+)
 from eivor.errors import InputError
+
+# -- Interruptible --
+
+
+class InterruptibleGroup(ReadableGroup):
+    """Commands whose interrupt is one line, also where the arguments' reader leaves without words."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the arguments of the group."""
+        with _interrupts_told():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Read the arguments of a command, and run it."""
+        with _interrupts_told():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _interrupts_told() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        complain("interrupted")
+        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
+
+
+# -- Late modules --
+
+#: The reader of Fortran, and what tests are written with, which brings the standard library's own.
+LATE = frozenset({"numpy.f2py", "numpy.testing"})
+
+
+class _Late(MetaPathFinder):
+    """Finds the modules of `LATE` where they are, and has each loaded by the first look into it."""
+
+    def find_spec(
+        self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the specification of one of `LATE`; None of any other module, which others find.
+
+        The folders of a package that has no `__init__.py` are no `Sequence`: they can be iterated over only.
+        """
+        if fullname not in LATE:
+            return None
+        found = PathFinder.find_spec(fullname, None if path is None else [*path], target)
+        if found is not None and found.loader is not None:
+            found.loader = LazyLoader(found.loader)
+        return found
+
+
+def load_late() -> None:
+    """Have the modules of `LATE` loaded when they are first used; asked twice, it is as asked once."""
+    if not any(isinstance(finder, _Late) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Late())
+
+
+# -- Main --
 
 if TYPE_CHECKING:
     app: typer.Typer
 
-#: Each is a module beside this one, with a function of the same name and its exit codes.
-COMMANDS = (
-    "identify",
-    "report",
-    "serve",
-    "inspect",
-    "track",
-    "validate",
-    "export",
-    "plan",
-    "simulate",
-    "study",
-    "paper",
-)
-#: Groups of commands, each a module with an `app`.
-GROUPS = ("fleet", "vehicle", "example")
+#: Module of each command, which holds a function of that name and NAME_EXIT_CODES.
+COMMANDS = {
+    "identify": "eivor.cli.identify",
+    "report": "eivor.cli.identify",
+    "serve": "eivor.serve.cli",
+    "inspect": "eivor.cli.tools",
+    "track": "eivor.cli.identify",
+    "validate": "eivor.cli.identify",
+    "export": "eivor.cli.tools",
+    "plan": "eivor.cli.tools",
+    "simulate": "eivor.lab.cli",
+    "study": "eivor.lab.cli",
+    "paper": "eivor.lab.cli",
+}
+#: Module of each group of commands, and the name of its application there.
+GROUPS = {
+    "fleet": ("eivor.fleet.cli", "app"),
+    "vehicle": ("eivor.cli.tools", "vehicle_app"),
+    "example": ("eivor.cli.tools", "example_app"),
+}
 
 
 class _Commands(InterruptibleGroup):
@@ -72,13 +143,12 @@ def application(*names: str) -> typer.Typer:
     )
     made.callback()(_eivor)
     for name in names or COMMANDS:
-        module = import_module(f"eivor.cli.{name}")
-        made.command(epilog=module.EXIT_CODES, cls=ReadableCommand)(getattr(module, name))
+        module = import_module(COMMANDS[name])
+        exit_codes = getattr(module, f"{name.upper()}_EXIT_CODES")
+        made.command(epilog=exit_codes, cls=ReadableCommand)(getattr(module, name))
     if not names:
-        from eivor.cli import examples, fleet, vehicle
-
-        for group in (fleet, vehicle, examples):
-            made.add_typer(group.app)
+        for home, group in GROUPS.values():
+            made.add_typer(getattr(import_module(home), group))
     return made
 
 
@@ -94,7 +164,7 @@ def _print_version(wanted: bool) -> bool:
     if wanted:
         from importlib.metadata import version
 
-        from eivor.cli.terminal import write
+        from eivor.cli.outputs import write
 
         write(f"eivor {version('eivor')}\n")
         raise typer.Exit
@@ -128,7 +198,7 @@ def run() -> None:
         sys.stderr = io.StringIO()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors=plain_text.ERRORS)
+            stream.reconfigure(errors=tools.ERRORS)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
     load_late()

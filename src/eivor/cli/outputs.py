@@ -1,28 +1,473 @@
-"""Files that a command writes: checked before the work begins, and written whole when it is done.
-
-No output replaces a file that the command reads, and the report is printed whatever happens to the files.
-"""
+"""Options, output files, exit codes and terminal of the commands."""
 
 from __future__ import annotations
 
+import functools
 import inspect
 import os
 import stat
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
+from enum import IntEnum
 from fnmatch import fnmatchcase
 from glob import escape
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 from unicodedata import normalize
 
-from eivor.cli.arguments import STANDARD_OUTPUT, Reads, Writes
-from eivor.cli.terminal import complain, write
-from eivor.errors import EivorError, InputError, UsageError
-from eivor.whole_file import try_place, write_whole
+import typer
+from typer import Exit
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+
+from eivor.atomic_file import try_place, write_whole
+from eivor.cli.parsing import log_argument
+from eivor.errors import EivorError, InputError, UsageError, did_you_mean
+from eivor.logs.common import folder_files
+from eivor.report.document import printable
+from eivor.strict_toml import read_toml
+from eivor.tools import plain_text
+
+if TYPE_CHECKING:
+    from rich.console import Console, RenderableType
+
+    from eivor.strict_toml import TomlTable
+
+
+# -- Arguments --
+
+#: The word for standard output, and for standard input.
+STANDARD_OUTPUT = "-"
+#: Files that are written into the folders of a study and of a fleet, and with the figures of the paper. A
+#: part of a fleet's table is named by its content: it replaces no other file, and a run may find it as a log.
+STUDY_FILES = ("study.json", "trials.parquet", "shards/*", "nrmse.*", "coverage.*")
+FLEET_FILES = ("fleet.json", ".lock", ".run", "reports/*.html")
+FLEET_PARTS = "flights/*.parquet"
+PAPER_FILES = ("figure-*.svg", "figure-*.png")
+
+
+def log_paths(text: str) -> Iterable[Path]:
+    """Files of a log as typed: of standard input, of a folder, or of LOG@START:END."""
+    if text == STANDARD_OUTPUT:
+        return [Path("/dev/stdin")]
+
+    path = log_argument(text).path
+    return folder_files(path) if path.is_dir() else [path]
+
+
+def map_paths(text: str) -> Iterable[Path]:
+    """File of PATTERN=MAP."""
+    return [Path(text.rpartition("=")[2])]
+
+
+def fleet_paths(text: str) -> Iterable[Path]:
+    """Files of a fleet's folder."""
+    return [path for pattern in (*FLEET_FILES, FLEET_PARTS) for path in Path(text).glob(pattern)]
+
+
+@dataclass(frozen=True, slots=True)
+class Reads:
+    """Declares that a parameter names what the command reads: the guard of outputs protects it.
+
+    Parameters
+    ----------
+    paths : callable
+        Takes the text that was typed, gives the files that it names; those that do not exist are ignored.
+    default : callable, optional
+        Takes the values of all parameters, gives the file where none is typed.
+    """
+
+    paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
+    default: Callable[[Mapping[str, Any]], str] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Writes:
+    """Declares that a parameter names a file that the command writes, or a folder of such files.
+
+    Parameters
+    ----------
+    inside : tuple of str
+        Patterns of the files that are written into the folder; empty for a file.
+    default : callable, optional
+        Takes the values of all parameters, gives the folder where none is typed.
+    """
+
+    inside: tuple[str, ...] = ()
+    default: Callable[[Mapping[str, Any]], str] | None = None
+
+
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
+    ),
+]
+LogsArgument = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="LOG",
+        help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as flights of "
+        "one vehicle. LOG@START:END takes a window of one log.",
+        show_default=False,
+    ),
+    Reads(log_paths),
+]
+ExampleOption = Annotated[
+    bool, typer.Option("--example", help="Use the example flight that comes with Eivor.")
+]
+WindowOption = Annotated[
+    str,
+    typer.Option(
+        "--window",
+        metavar="START:END",
+        help="Use this window of each log, in seconds from its start.",
+        show_default=False,
+    ),
+]
+MaxTiltOption = Annotated[
+    float | None,
+    typer.Option(
+        "--max-tilt",
+        metavar="DEG",
+        help="Leave out what is tilted further (default: 25.8 degrees).",
+        show_default=False,
+    ),
+]
+InputOption = Annotated[
+    str,
+    typer.Option(
+        "--input",
+        metavar="CHANNEL",
+        help="Channel, or family such as rotor_command, that drives the vehicle.",
+        show_default=False,
+    ),
+]
+TermOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--term",
+        metavar="NAME",
+        help="Add an optional term of the motion to its equation, such as quadratic-drag; several times "
+        "for several.",
+        show_default=False,
+    ),
+]
+RotorRadiusOption = Annotated[
+    float | None,
+    typer.Option(
+        "--rotor-radius",
+        metavar="M",
+        help="Radius of a rotor in metres, such as 0.12: heights over the ground are told in radii.",
+        show_default=False,
+    ),
+]
+InputMapOption = Annotated[
+    str,
+    typer.Option(
+        "--input-map",
+        metavar="MAP",
+        help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
+        show_default=False,
+    ),
+]
+AccelerometerBiasOption = Annotated[
+    float | None,
+    typer.Option(
+        "--accelerometer-bias",
+        metavar="STD",
+        help="Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
+        "(default: 0.1; inf when nothing is known of it).",
+        show_default=False,
+    ),
+]
+InstrumentsOption = Annotated[
+    str,
+    typer.Option(
+        "--instruments",
+        metavar="NAMES",
+        help="references, lags, or channels with commas between them.",
+        show_default=False,
+    ),
+]
+LagOption = Annotated[
+    str,
+    typer.Option(
+        "--lag",
+        metavar="MS:STD|LOW..HIGH|none",
+        help="Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+        "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+        show_default=False,
+    ),
+]
+LagFromOption = Annotated[
+    str,
+    typer.Option(
+        "--lag-from",
+        metavar="FIT.json",
+        help="Take it from another flight of this vehicle, identified with --json.",
+        show_default=False,
+    ),
+    Reads(),
+]
+PoolFrictionOption = Annotated[
+    str,
+    typer.Option(
+        "--pool-friction",
+        metavar="WAY",
+        help="Of several flights: auto, common (one friction for all) or separate (each its own, and their "
+        "mean). auto takes them as common where they agree.",
+    ),
+]
+NoiseOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--noise",
+        metavar="NAME=STD|estimate",
+        help="Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
+        "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+        "estimate reads all of them off the log. Several times for several channels.",
+        show_default=False,
+    ),
+]
+MapOption = Annotated[
+    str,
+    typer.Option(
+        "--map",
+        metavar="FILE.toml",
+        help="Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
+        "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
+        show_default=False,
+    ),
+    Reads(),
+]
+ModelOption = Annotated[
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help="What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
+    ),
+]
+VehicleOption = Annotated[
+    str,
+    typer.Option(
+        "--vehicle",
+        metavar="FILE|NAME",
+        help="What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list). The "
+        "vertical motion takes the radius of its rotors.",
+        show_default=False,
+    ),
+    Reads(),
+]
+JsonOption = Annotated[
+    str,
+    typer.Option(
+        "--json",
+        metavar="FILE|-",
+        help="Write JSON; - prints it instead of the table.",
+        show_default=False,
+    ),
+    Writes(),
+]
+
+
+# -- Terminal --
+
+#: A step is announced when it takes longer than this [s].
+PATIENCE_S = 1.0
+
+
+def console(*, error: bool = False) -> Console:
+    """Console on standard output or error, made when it is needed: width and colours follow the stream."""
+    from rich.console import Console
+
+    return Console(stderr=error, highlight=False, markup=False, emoji=False, soft_wrap=False)
+
+
+def show(report: RenderableType) -> None:
+    """Print a report on standard output; in a pipe without the blanks that pad lines to the width.
+
+    Raises
+    ------
+    InputError
+        When the system refuses, for example because the disk is full.
+    """
+    screen = console()
+    with printing(), screen.capture() as captured:  # even a captured print touches the stream
+        screen.print(report)
+    text = captured.get()
+    if not screen.is_terminal:
+        text = "".join(f"{line.rstrip()}\n" for line in text.splitlines())
+    write(text)
+
+
+def write(text: str) -> None:
+    """Write text on standard output, in letters that it has.
+
+    Raises
+    ------
+    InputError
+        When the system refuses, for example because the disk is full.
+    """
+    with printing():
+        sys.stdout.write(plain_text(text, sys.stdout.encoding or "utf-8"))
+        sys.stdout.flush()
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Turn the system's error for standard output into one of Eivor's, and print nothing there any more.
+
+    Raises
+    ------
+    InputError
+        When standard output cannot be written to.
+    BrokenPipeError
+        When nobody reads it any more, which needs no words.
+    """
+    expected = "a standard output that can be written to"
+    if sys.stdout is None:
+        raise InputError(expected, "one that is closed", "Print to a file, a pipe or a terminal.")
+    try:
+        yield
+    except BrokenPipeError:
+        _drop_standard_output()
+        raise
+    except OSError as error:
+        _drop_standard_output()
+        raise InputError(
+            expected,
+            f"one for which the system says: {error.strerror or error}",
+            "Make room there, or print elsewhere.",
+        ) from error
+
+
+def _drop_standard_output() -> None:
+    """Point standard output to nowhere, so that the interpreter does not fail again on its way out."""
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def complain(message: str, *more: str) -> None:
+    """Print a message on standard error, with further lines below it; strings are made printable."""
+    lines = [f"eivor: {printable(message)}", *(f"  {printable(line)}" for line in more)]
+    with suppress(OSError, ValueError):
+        sys.stderr.write("\n".join(lines) + "\n")
+        sys.stderr.flush()
+
+
+@contextmanager
+def step(what: str) -> Iterator[None]:
+    """Show `what` with a spinner on standard error while it lasts over a second, on terminals only."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.text import Text
+
+    status = console(error=True).status(Text(f"{printable(what)} ..."))
+    timer = threading.Timer(PATIENCE_S, status.start)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+        timer.join()
+        status.stop()
+
+
+# -- Exit codes --
+
+P = ParamSpec("P")
+
+#: Set to 1 to see the traceback of an unexpected error.
+DEBUG_VARIABLE = "EIVOR_DEBUG"
+
+
+class ExitCode(IntEnum):
+    """What a command tells the shell."""
+
+    IDENTIFIED = 0
+    FAILED = 1
+    USAGE = 2
+    NOT_IDENTIFIED = 3
+    INTERRUPTED = 130
+
+
+def guarded(command: Callable[P, ExitCode]) -> Callable[P, None]:
+    """Make a command that returns an exit code into one that leaves with it, whatever happens inside."""
+
+    @functools.wraps(command)
+    def leaving(*args: P.args, **kwargs: P.kwargs) -> None:
+        raise typer.Exit(code=int(_outcome(command, *args, **kwargs)))
+
+    return leaving
+
+
+def _outcome(command: Callable[P, ExitCode], *args: P.args, **kwargs: P.kwargs) -> ExitCode:
+    try:
+        return command(*args, **kwargs)
+    except EivorError as error:
+        return reported(error)
+    except KeyboardInterrupt:
+        complain("interrupted")
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        return ExitCode.FAILED
+    except MemoryError:
+        complain("Not enough memory for this log.", "Cut it to the manoeuvre of interest, or use --window.")
+        return ExitCode.FAILED
+    except Exception as error:  # the last line of defence: a user never sees a traceback
+        if os.environ.get(DEBUG_VARIABLE) == "1":
+            raise
+        complain(
+            f"unexpected {type(error).__name__}: {error}",
+            "This is a mistake in Eivor. Please report it with the command and, if you can, the log;",
+            f"{DEBUG_VARIABLE}=1 shows where it happened.",
+        )
+        return ExitCode.FAILED
+
+
+def reported(error: EivorError) -> ExitCode:
+    """Print the message of an error, and return its exit code."""
+    complain(str(error))
+    return ExitCode.USAGE if isinstance(error, UsageError) else ExitCode.FAILED
+
+
+# -- Empty options --
+
+
+def refuse_empty_options(context: Any) -> None:
+    """Leave with a message where an option that is nothing by default was given as nothing.
+
+    Parameters
+    ----------
+    context : typer.Context
+        Of the command, its options read.
+
+    Raises
+    ------
+    typer.Exit
+        After the message, with the code of wrong usage.
+    """
+    for option in context.command.params:
+        nothing = option.param_type_name == "option" and context.params.get(option.name) == ""
+        source = getattr(context.get_parameter_source(option.name), "name", "DEFAULT")
+        if nothing and source != "DEFAULT" and not option.default:
+            name = option.opts[0]
+            remedy = f"Give {name} {option.metavar or 'TEXT'}, or leave it out."
+            complain(str(UsageError(f"a value for {name}", "an empty text", remedy)))
+            raise typer.Exit(int(ExitCode.USAGE))
+
+
+# -- Outputs --
 
 #: Formats of a figure, by the file's extension.
 FIGURE_FORMATS = (".png", ".svg", ".pdf")
@@ -103,7 +548,7 @@ class _Output:
 
 
 #: Existing files that the command may replace, with the option that names each.
-_replaced: ContextVar[Mapping[tuple[int, int], tuple[_Output, Path]]] = ContextVar("replaced")
+_replaced_files: ContextVar[Mapping[tuple[int, int], tuple[_Output, Path]]] = ContextVar("replaced")
 
 
 def guard_outputs(context: Any) -> None:
@@ -129,7 +574,7 @@ def guard_outputs(context: Any) -> None:
         if isinstance(place, Writes)
     ]
     existing = ((_key(path), (output, path)) for output in outputs for path in output.replaced())
-    _replaced.set({key: found for key, found in existing if key is not None})
+    _replaced_files.set({key: found for key, found in existing if key is not None})
     above = context
     while above is not None:
         for name, place, text in declared(above):
@@ -165,7 +610,7 @@ def keep_inputs(name: str, paths: Iterable[Path]) -> None:
     UsageError
         For the first one.
     """
-    replaced = _replaced.get({})
+    replaced = _replaced_files.get({})
     for source in paths if replaced else ():
         key = _key(source)
         if key is not None and key in replaced:
@@ -187,7 +632,7 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
             given = place.default(context.params)
         for text in given if isinstance(given, list | tuple) else (given,):
             if place is not None and text:
-                yield _name(parameter), place, str(text)
+                yield _parameter_name(parameter), place, str(text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
@@ -201,7 +646,7 @@ def declarations(command: Any) -> dict[str, Reads | Writes]:
     }
 
 
-def _name(parameter: Any) -> str:
+def _parameter_name(parameter: Any) -> str:
     """How messages name a parameter: an option by its long form, an argument as the help shows it."""
     if parameter.param_type_name == "argument":
         return str(parameter.metavar).strip("[]")
@@ -282,3 +727,147 @@ def deliver(*parts: Callable[[], None]) -> None:
         complain(str(later))
     if errors:
         raise errors[0]
+
+
+# -- Repeated options --
+
+#: Read from the working directory where it is.
+FILE = "eivor.toml"
+#: Under this name the reader of arguments keeps which file it was.
+_READ = "eivor.cli.outputs"
+
+
+def read_repeated_options(context: Any, file: str, commands: Iterable[str]) -> None:
+    """Give the commands of a group the defaults that a file holds, a table for each command.
+
+    Parameters
+    ----------
+    context : typer.Context
+        Of the group.
+    file : str
+        The file; empty for `FILE`, where there is one.
+    commands : iterable of str
+        Names of all commands, those that are not loaded among them, whose tables are left alone.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or names a command or an option that does not exist.
+    """
+    path = Path(file or FILE)
+    if not file and not path.is_file():
+        return
+
+    context.default_map = _of_group(context.command, read_toml(path, "options by command"), commands)
+    context.meta[_READ] = path.name
+
+
+def tell_repeated_options(context: Any) -> None:
+    """Say on standard error which options of a command come from the file."""
+    used = [
+        f"{_option_name(parameter)} {_words(context.params.get(parameter.name))}".rstrip()
+        for parameter in context.command.params
+        if getattr(context.get_parameter_source(parameter.name), "name", "") == "DEFAULT_MAP"
+    ]
+    if used:
+        complain(f"options of {context.meta[_READ]}: {', '.join(used)}")
+
+
+def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[str, Any]:
+    names = sorted({*group.commands, *known})
+    found = {}
+    for name in table.values:
+        if name not in names:
+            raise table.wrong(
+                "",
+                f"tables named as commands, {', '.join(names)},",
+                f"[{name}]",
+                did_you_mean(name, names, "Remove it."),
+            )
+        part, command = table.section(name), group.commands.get(name)
+        if command is not None:
+            found[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
+    return found
+
+
+def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
+    options = {_option_name(one): one for one in command.params if one.param_type_name == "option"}
+    found = {}
+    for name in table.values:
+        if name not in options:
+            remedy = did_you_mean(name, options, "Remove it.")
+            raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
+        option = options[name]
+        found[option.name] = (
+            table.flag(name, default=False) if option.is_flag else _value(option, name, table)
+        )
+    return found
+
+
+def _value(option: Any, name: str, table: TomlTable) -> Any:
+    """What an option takes: a text, or a list of them where it may be given more than once."""
+    value = table.values[name]
+    items = value if option.multiple and isinstance(value, list) else [value]
+    if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
+        raise table.wrong(name, f"a text or a number{', or a list of them' * option.multiple},", repr(value))
+    texts = [str(item) for item in items]
+    return texts if option.multiple else texts[0]
+
+
+def _option_name(parameter: Any) -> str:
+    """Name of an option, without the dashes."""
+    return str(parameter.opts[0]).removeprefix("--")
+
+
+def _words(value: Any) -> str:
+    """Value of an option as it is typed; nothing for a switch."""
+    if isinstance(value, bool):
+        return "" if value else "off"
+    if isinstance(value, list | tuple):
+        return " ".join(map(_words, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+# -- Readable help --
+
+
+class ReadableCommand(TyperCommand):
+    """A command whose help shows what to type, in paragraphs that are as wide as the terminal."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        if self.help:
+            paragraphs = inspect.cleandoc(self.help).split("\n\n")
+            self.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Parameters as the help shows them."""
+        return _readable(super().get_params(ctx))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command, after checks of its options and of the files that it writes."""
+        tell_repeated_options(ctx)
+        refuse_empty_options(ctx)
+        try:
+            guard_outputs(ctx)
+        except EivorError as error:
+            raise Exit(int(reported(error))) from None
+        return super().invoke(ctx)
+
+
+class ReadableGroup(TyperGroup):
+    """A group of commands whose help shows what to type."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Parameters as the help shows them."""
+        return _readable(super().get_params(ctx))
+
+
+def _readable(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if isinstance(parameter, TyperArgument):
+            # releases that print <list[str]> beside the name ask this; the others never call it
+            parameter.display_type_rich = lambda *_, **__: None  # type: ignore[method-assign]
+        elif isinstance(parameter, TyperOption) and parameter.is_flag and parameter.metavar is None:
+            parameter.metavar = ""
+    return parameters

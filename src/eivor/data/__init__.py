@@ -1,1 +1,1 @@
-"""Files that come with the package: the example flight and its truth."""
+"""Example flight and the table of public logs."""

@@ -1,43 +1,313 @@
-"""Linear methods: an assembler, a weighting of rows, a weighting of equations, and a solver.
-
-Nuisances that move columns are searched outside, the linear parameters are solved for inside.
-"""
+"""Linear estimation methods: assemble equations, weight, solve, check instrument strength."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import CollinearError, UsageError
-from eivor.estimation.assembler import Assembler, Compensated
-from eivor.estimation.candidate import Candidate
-from eivor.estimation.competing import bounded_sums
-from eivor.estimation.estimate import Estimate
-from eivor.estimation.linearised import nearly, settled
+from eivor.errors import (
+    CollinearError,
+    ConvergenceError,
+    EstimationError,
+    InstrumentError,
+    TooFewSamplesError,
+    UsageError,
+    WeakInstrumentsWarning,
+)
+from eivor.estimation.estimate import Candidate, Estimate, Solved
 from eivor.estimation.method import Method, NaturalInstruments, Problem
-from eivor.estimation.moments import Moments, ProblemMoments
-from eivor.estimation.nested_grids import on_nested_grids
-from eivor.estimation.pulled import pulled
-from eivor.estimation.refusals import check_freedom, check_instruments, check_rank
-from eivor.estimation.search import Minimum, Search
-from eivor.estimation.solved import Solved
-from eivor.estimation.strength import overstated_noise, weak_instruments
-from eivor.estimation.weighting.equations import EquationWeighting, Unweighted, UnweightedEquations
-from eivor.estimation.weighting.rows import EqualRows, RowWeighting, WeightedRows
-from eivor.inference.covariances.by_row import FEW_ROWS_DEFAULT
-from eivor.inference.covariances.estimators import FLIGHT_DEFAULT
-from eivor.inference.diagnostics.diagnostic import BEYOND_DOUBT
-from eivor.inference.verdict import Reason
-from eivor.linalg.system import Solution, Solver
-from eivor.models.equation import Parameter
-from eivor.models.linearisable import LinearisableProblem
-from eivor.models.regression import LinearProblem, Regression
-from eivor.models.separable import Nuisance, SeparableProblem, Values
+from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
+from eivor.estimation.nuisance_grids import bounded_sums, on_nested_grids
+from eivor.estimation.variable_projection import Minimum, Search
+from eivor.estimation.weighting import (
+    EqualRows,
+    EquationWeighting,
+    RowWeighting,
+    Unweighted,
+    UnweightedEquations,
+    WeightedRows,
+)
+from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, first_stage_of_products
+from eivor.inference.verdict import Reason, Status
+from eivor.linalg.system import LinearSystem, Solution, Solver
+from eivor.linalg.total_least_squares import lost_to_rounding, row_lengths
+from eivor.models.regression import LinearProblem, Parameter, Regression
+from eivor.models.separable import LinearisableProblem, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows
-from eivor.shapes import Float
+from eivor.tools import Float
+
+# -- Linearised nuisances --
+
+#: Steps after the search: they shrink by a factor each, of which the noise decides.
+MOST_STEPS = 60
+#: A change of a nuisance that is none, as a share of the span in which it is looked for.
+SETTLED = 1e-9
+
+#: A method, from a linear problem to its solution.
+Solve = Callable[[LinearProblem], Solved]
+
+
+@dataclass(frozen=True)
+class SettledSolution:
+    """Where a method's own equations ask for no change of the nuisances.
+
+    Parameters
+    ----------
+    at : dict of str to float
+        Values of the nuisances.
+    solved : Solved
+        Solution of the problem beside them: the linear parameters, and changes of the nuisances, none.
+    origin : ndarray, shape (n,)
+        What the changes are changes of: zero for each linear parameter, and the nuisances' values.
+    """
+
+    at: dict[str, float]
+    solved: Solved
+    origin: Float[np.ndarray, " n"]
+
+
+def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
+    """Values of the nuisances with the least objective of a method, to coarse tolerances.
+
+    Raises
+    ------
+    EstimationError
+        When at no value of the nuisances the linear parameters have a unique solution.
+    """
+    refused: list[EstimationError] = []
+
+    def solution(at: Values) -> Solution:
+        return solve(problem.regression(at)).solution
+
+    def objective(at: Values) -> float:
+        try:
+            return solution(at).objective
+        except (
+            EstimationError
+        ) as error:  # here the columns are those of another order, somewhere they are not
+            refused.append(error)
+            return np.inf
+
+    def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
+        values = np.array([objective(at) for at in points])
+        if not np.isfinite(values).any():
+            raise refused[0]
+        return values
+
+    return Search(problem.nuisances, {}, solution, objectives, lambda _: 0.0).minimum(coarse=True).at
+
+
+def settled(problem: LinearisableProblem, solve: Solve, start: Values) -> SettledSolution:
+    """Solution beside the values at which a method changes nothing.
+
+    Raises
+    ------
+    ConvergenceError
+        When the steps lead out of the range of a nuisance, or do not end.
+    EstimationError
+        When the equations have no unique solution.
+    """
+    low = np.array([nuisance.first for nuisance in problem.nuisances])
+    high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
+    names = [nuisance.name for nuisance in problem.nuisances]
+    values = np.array([start[name] for name in names])
+    for _ in range(MOST_STEPS):
+        at = dict(zip(names, values.tolist(), strict=True))
+        theta = solve(problem.regression(at)).solution.theta
+        solved = solve(problem.linearised(at, theta))
+        change = solved.solution.theta[theta.size :]
+        if (np.abs(change) <= SETTLED * (high - low)).all():
+            return SettledSolution(at, solved, np.concatenate([np.zeros(theta.size), values]))
+        following = np.clip(values + change, low, high)
+        if (following == values).any():
+            stuck = [name for name, same in zip(names, following == values, strict=True) if same]
+            raise ConvergenceError(
+                f"a least misfit inside the range of {', '.join(stuck)}",
+                f"one at its end, {', '.join(f'{at[name]:g}' for name in stuck)}, or beyond",
+                "Give a wider range, or leave out a term that the data do not show.",
+            )
+        values = following
+    raise ConvergenceError(
+        f"steps of {', '.join(names)} that end",
+        f"some that go on after {MOST_STEPS}",
+        "Give a narrower range, a longer record, or less noise: the data hardly tell it.",
+    )
+
+
+# -- Shrinkage bias --
+
+#: An estimate of which less than this share is left is weak.
+MOSTLY_LEFT = 0.99
+
+
+def pulled(solution: Solution, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+    """Ground that says how far the estimate was moved; none without regularisation."""
+    done = solution.shrinkage
+    if done is None:
+        return ()
+    moves = ", ".join(
+        f"{parameter.name} by {move:.3g} {parameter.unit}".rstrip()
+        for parameter, move in zip(parameters, done.shift, strict=True)
+    )
+    status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
+    return (
+        Reason(
+            status,
+            f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
+            f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}.",
+            "A pulled estimate is biased; intervals count the whole move.",
+        ),
+    )
+
+
+# -- Refusals --
+
+
+def check_freedom(rows: int | float, unknowns: int) -> None:
+    """Refuse rows that any parameters fit: their residual of zero would pass for no error at all.
+
+    Raises
+    ------
+    TooFewSamplesError
+        When no degree of freedom is left.
+    """
+    if rows <= unknowns:
+        raise TooFewSamplesError(
+            f"more rows than the {unknowns} unknowns, since the residual tells their errors",
+            f"{rows:g}",
+            "Give a longer record.",
+        )
+
+
+def check_rank(system: LinearSystem) -> None:
+    """Refuse moment equations that rounding alone keeps from being singular.
+
+    Raises
+    ------
+    InstrumentError
+        With the singular values after columns were scaled to unit length, and rows of a square system.
+    """
+    lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
+    scaled = system.matrix / np.where(lengths > 0.0, lengths, 1.0)
+    singular = np.linalg.svd(scaled / row_lengths(system.matrix)[:, None], compute_uv=False)
+    if not lengths.all() or lost_to_rounding(singular, max(system.matrix.shape)):
+        raise InstrumentError(
+            "instruments that move every regressor in a way of its own",
+            f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
+            "An input that never moves tells nothing, and a white one cannot be instrumented by strictly "
+            "delayed inputs: use generalized_iv with lag 0, other instruments, or an input with memory.",
+        )
+
+
+def check_instruments(rows: Regression, nuisances: int, method: str) -> None:
+    """Refuse fewer instruments than unknowns, the nuisances that are searched for among them.
+
+    Raises
+    ------
+    InstrumentError
+        With both numbers, and the name of the method that needs them.
+    """
+    needed, available = rows.regressors.shape[1] + nuisances, rows.instruments.shape[1]
+    if available < needed:
+        raise InstrumentError(
+            f"at least {needed} independent instruments for {needed} unknowns and the method {method}",
+            f"{available}",
+            "Name exogenous signals that vary: instruments=..., or --instruments.",
+        )
+
+
+# -- Strength --
+
+#: Columns whose squared correlation is nearer to one than this are the same.
+SAME_COLUMN = 1e-9
+
+
+def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
+    """Conditional first-stage F of each regressor; None when the moments do not tell.
+
+    Of compensated equations without the noise that instruments and regressors share, which is no strength.
+    """
+    if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
+        return None
+    cross = moments.equations[:, :-1]
+    shared = None if moments.noise is None else moments.noise[:, :-1]
+    return first_stage_of_products(moments.instruments, cross, moments.regressors, moments.rows, shared)
+
+
+def weak_instruments(
+    moments: Moments, system: LinearSystem, parameters: tuple[Parameter, ...]
+) -> tuple[Reason, ...]:
+    """Grounds for the status weak, told as a warning too; none when strength is not known.
+
+    Warns
+    -----
+    WeakInstrumentsWarning
+        When a conditional first-stage F is below ten.
+    """
+    strengths = first_stage_strengths(moments)
+    if strengths is None:
+        return ()
+    weakest = int(np.argmin(strengths))
+    if strengths[weakest] >= STRONG_FIRST_STAGE:
+        return ()
+    lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
+    singular = np.linalg.svd(system.matrix / lengths, compute_uv=False)
+    reason = Reason(
+        Status.WEAK,
+        f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
+        f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
+        f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
+        "An input that hardly moves tells nothing, and a white one is no instrument for itself once delayed: "
+        "use generalized_iv with lag 0, other instruments, or an input with memory. The sets of "
+        "eivor.anderson_rubin_set hold all the same.",
+    )
+    warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
+    return (reason,)
+
+
+def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+    """Grounds for the status weak where more noise is taken out of a column than there is of it.
+
+    Only of columns that are instruments themselves: their mean squares hold the whole of their noise.
+    """
+    if not isinstance(moments, CrossMoments) or moments.noise is None:
+        return ()
+    if moments.instruments is None or moments.regressors is None:
+        return ()
+    cross, noise = moments.equations[:, :-1], moments.noise[:, :-1]
+    powers = np.outer(np.diag(moments.instruments), np.diag(moments.regressors))
+    itself = (powers > 0.0) & (cross**2 >= (1.0 - SAME_COLUMN) * powers)
+    return tuple(
+        Reason(
+            Status.WEAK,
+            f"The noise that is declared of the regressor of {parameters[column].name} is all there is of"
+            f" it, or more: {np.sqrt(noise[row, column] / cross[row, column]):.3g}"
+            " times its root mean square.",
+            "Declare a smaller noise, or use instruments that share none of it.",
+        )
+        for row, column in np.argwhere(itself & (noise * np.sign(cross) >= np.abs(cross))).tolist()
+    )
+
+
+def user_level() -> int:
+    """Level, as `warnings.warn` of the calling function counts, of the line that called Eivor.
+
+    Chunks, moments and rows come here by ways of different depth.
+    """
+    frame, level = sys._getframe(1), 1
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "eivor":
+        frame, level = frame.f_back, level + 1
+    return level
+
+
+# -- Linear --
 
 #: Parameters with less than this share in a combination of columns that vanishes are not named.
 LEAST_SHARE = 0.1

@@ -1,9 +1,4 @@
-"""Methods: ways from a problem to an estimate.
-
-Linear methods, `eivor.estimation.linear.LinearMethod`, are one family: an assembler, a weighting of rows, a
-weighting of equations and a solver. A method that is none, a likelihood of all bins for example, implements
-`Method` itself; nothing else needs to know it.
-"""
+"""Interface of an estimation method."""
 
 from __future__ import annotations
 

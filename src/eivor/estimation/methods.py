@@ -1,23 +1,88 @@
-"""The methods by name: a table that maps a word to an assembler, weightings and a solver."""
+"""Estimation methods by name: each is an assembler, weightings and a solver."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.assembler import Assembler, Compensated, Direct, Instrumental
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import Method, NaturalInstruments
-from eivor.estimation.weighting.equations import EquationWeighting, TwoStage, TwoStepRobust, Unweighted
-from eivor.estimation.weighting.whitening import SpectralWhitening
-from eivor.late import late_names
-from eivor.linalg.least_squares import AugmentedLeastSquares, LeastSquares
+from eivor.estimation.method import Method, NaturalInstruments, Problem
+from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
+from eivor.estimation.weighting import (
+    EquationWeighting,
+    SpectralWhitening,
+    TwoStage,
+    TwoStepRobust,
+    Unweighted,
+)
+from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares
+from eivor.models.regression import LinearProblem
+from eivor.models.separable import SeparableProblem
+from eivor.tools import late_names
 
 if TYPE_CHECKING:
-    from eivor.estimation.regularised import regularised
+    from eivor.lab.regularised import regularised
     from eivor.linalg.system import Solver
+
+
+# -- Fit --
+
+
+def identify(problem: Problem, method: Method) -> Estimate:
+    """Estimate the parameters of `problem` by `method`.
+
+    Parameters
+    ----------
+    problem : Regression, SignalRegression, SeparableProblem or ProblemMoments
+        Rows; signals that rows are cut from; one set of rows for each value of nuisance parameters, such as
+        the lag and the delay of an actuator; or moments, whose estimate has no residuals and no intervals.
+    method : Method
+        One of `eivor.methods`, or your own.
+
+    Returns
+    -------
+    Estimate
+        With the continuous nuisances that were searched for, such as the lag, among its parameters. A method
+        without instruments is tested by those that a linear problem holds: weak where they contradict it.
+
+    Raises
+    ------
+    UsageError
+        When an argument is of another type, or the method cannot use the problem.
+    InstrumentError
+        When the method needs instruments that the problem does not have, or they share noise with it.
+    MissingNoiseError
+        When a compensated method needs a noise that is not declared.
+    TooFewSamplesError
+        When there are no more rows than unknowns.
+    EstimationError
+        When the equations have no unique solution.
+    """
+    if not isinstance(problem, LinearProblem | SeparableProblem | ProblemMoments):
+        raise UsageError(
+            "a problem: regression(...), a model's regression, or moments(...)",
+            f"{type(problem).__name__}",
+            "For a flight log use identify_flight.",
+        )
+    if not isinstance(method, Method):
+        raise UsageError(
+            "a method, such as eivor.methods.least_squares()",
+            repr(method) if isinstance(method, str) else type(method).__name__,
+            "Call the function of eivor.methods that is named so.",
+        )
+    estimate = method.estimate(problem)
+    if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
+        return estimate
+    from eivor.estimation.diagnose import contradiction  # late: other estimates need none of it
+
+    return replace(estimate, reasons=(*estimate.reasons, *contradiction(problem, estimate)))
+
+
+# -- Methods --
 
 __all__ = [
     "TABLE",
@@ -51,7 +116,7 @@ __all__ = [
 __getattr__ = late_names(
     __name__,
     {
-        "regularised": "eivor.estimation.regularised",
+        "regularised": "eivor.lab.regularised",
     },
 )
 
@@ -135,7 +200,7 @@ def liml() -> LinearMethod:
     """Limited information maximum likelihood: extended IV that knows the errors of its columns.
 
     Total least squares of two-stage equations with the covariance that the instruments leave of their
-    columns: (26) with errors of the right sizes, see `eivor.estimation.weighting.limited_information`.
+    columns: (26) with errors of the right sizes, see `eivor.estimation.weighting`.
     """
     from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
 
@@ -150,7 +215,7 @@ def fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         1 is nearly unbiased, 4 has a small mean square error.
     """
-    from eivor.linalg.fuller import Fuller
+    from eivor.linalg.total_least_squares import Fuller
 
     return _limited_information("fuller", Instrumental(), Fuller(strength))
 
@@ -170,7 +235,7 @@ def generalized_fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         As of `fuller`.
     """
-    from eivor.linalg.fuller import Fuller
+    from eivor.linalg.total_least_squares import Fuller
 
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
 
@@ -191,24 +256,21 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
     Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
     beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
     """
-    from eivor.estimation.unknown_noise.choices import GeneralizedEquations
-    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+    from eivor.lab.unknown_noise import GeneralizedEquations, NoiseEstimatingIV
 
     return NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(lags), tuple(orders))
 
 
 def bias_eliminating_least_squares() -> Method:
     """Least squares whose bias by white noises of unknown strength is told by instruments, and taken out."""
-    from eivor.estimation.unknown_noise.choices import BiasEliminating
-    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+    from eivor.lab.unknown_noise import BiasEliminating, NoiseEstimatingIV
 
     return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
 
 
 def frisch_scheme() -> Method:
     """The Frisch scheme with instruments: white noises of regressors and response are told."""
-    from eivor.estimation.unknown_noise.choices import FrischScheme
-    from eivor.estimation.unknown_noise.noise_estimating import NoiseEstimatingIV
+    from eivor.lab.unknown_noise import FrischScheme, NoiseEstimatingIV
 
     return NoiseEstimatingIV("frisch_scheme", FrischScheme())
 
@@ -220,27 +282,27 @@ def spectral_giv() -> Method:
     `docs/efficiency.md`. Instruments of another channel, such as lags of a reference under control, take the
     place of the input's own spectrum.
     """
-    from eivor.estimation.spectral.spectral_giv import SpectralGeneralizedIV
+    from eivor.estimation.spectral_iv import SpectralGeneralizedIV
 
     return SpectralGeneralizedIV()
 
 
 def spectral_giv_combined() -> Method:
     """The combination of `spectral_giv` and `generalized_iv` that has the least variance."""
-    from eivor.estimation.spectral.spectral_giv import CombinedSpectralIV
+    from eivor.estimation.spectral_iv import CombinedSpectralIV
 
     return CombinedSpectralIV()
 
 
 def whittle_ml() -> Method:
     """Maximum likelihood in frequency, with the noise of the input declared and all others fitted."""
-    from eivor.estimation.spectral.whittle import WhittleLikelihood
+    from eivor.estimation.spectral_iv import WhittleLikelihood
 
     return WhittleLikelihood()
 
 
 def _limited_information(name: str, assembler: Assembler, solver: Solver) -> LinearMethod:
-    from eivor.estimation.weighting.limited_information import LimitedInformation
+    from eivor.estimation.weighting import LimitedInformation
 
     return LinearMethod(name, assembler, solver, equation_weighting=LimitedInformation())
 

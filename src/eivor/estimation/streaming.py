@@ -1,18 +1,24 @@
-"""Moments of data that do not fit in memory: chunk by chunk, with the exact overlap of lags."""
+"""Moments of data that come in chunks, and identification from them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import TooFewSamplesError, UsageError
+from eivor.estimation.estimate import Estimate, estimating_equation
 from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.methods import identify
 from eivor.estimation.moments import Moments, ProblemMoments
-from eivor.models.column import Column, check_columns
+from eivor.inference.covariance import DEFAULT, CovarianceEstimator, check_covariance_estimator
+from eivor.models.regression import Column, RowBlock, check_columns
 from eivor.models.signal_regression import SignalModel, SignalRegression
 from eivor.signals.signals import Signals
+
+# -- Streaming --
 
 
 def moments(
@@ -144,3 +150,72 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
             f"one that says it begins at sample {chunk.offset}",
             "Give every chunk, in order; mark samples that are missing as not valid.",
         )
+
+
+# -- Chunked fit --
+
+
+def identify_chunks(
+    chunks: Callable[[], Iterable[Signals]],
+    *,
+    model: SignalModel,
+    method: LinearMethod,
+    instruments: tuple[Column, ...] = (),
+    covariance: CovarianceEstimator = DEFAULT,
+) -> Estimate:
+    """Estimate the parameters of a record that is given in chunks, with intervals.
+
+    Parameters
+    ----------
+    chunks : callable
+        Gives the chunks, in order, as `eivor.moments` takes them; each call starts anew, as in
+        ``lambda: read_chunks("flight.parquet")``. The first pass makes the estimate; robust covariances
+        need its residuals, hence a second one, and instrumental methods a third.
+    model, method, instruments : SignalModel, LinearMethod, tuple of Column
+        See `eivor.moments`.
+    covariance : CovarianceEstimator
+        One of `eivor.covariances`.
+
+    Returns
+    -------
+    Estimate
+        With the values and intervals of the whole record, but for rounding; residuals are not kept.
+        Memory is that of one chunk, unless the covariance is a kernel without an end.
+
+    Raises
+    ------
+    UsageError
+        When a later pass has other rows than the first, chunks differ in channels or rate, or the
+        method's weighting needs all rows at once.
+    TooFewSamplesError
+        When there is no row.
+    """
+    check_chunked(model, method, instruments)
+    check_covariance_estimator(covariance)
+    if not callable(chunks):
+        raise UsageError(
+            "a function that gives the chunks anew in every pass",
+            checks.described(chunks),
+            "Give lambda: ev.read_chunks(file, ...), for example.",
+        )
+    first = moments(chunks(), model=model, method=method, instruments=instruments)
+    estimate = identify(first, method)
+    total = first.moments
+    (candidate,) = estimate.candidates
+
+    def blocks() -> Iterator[RowBlock]:
+        found = 0
+        for problem in chunk_problems(chunks(), model=model, instruments=instruments):
+            for block in problem.blocks():
+                found += block.response.size
+                yield block
+        if found != total.rows:
+            raise UsageError(
+                f"chunks of {total.rows:.0f} rows in every pass",
+                f"{found} in a later one",
+                "Give a function that starts the same chunks anew each time it is called.",
+            )
+
+    equation = estimating_equation(candidate.solved, blocks)
+    streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
+    return replace(estimate, candidates=(streamed,))

@@ -1,19 +1,46 @@
-"""What an export takes of a result: numbers with verdicts, what drove the vehicle, and which logs."""
+"""What an export takes and returns, and the interface of a target."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 from eivor.errors import NotIdentifiedError, UsageError
-from eivor.estimation.joint_estimate import JointEstimate
 from eivor.flights.quantity import Quantity
+from eivor.inference.covariance import JointEstimate
 from eivor.inference.verdict import Status
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.signals.canonical import CurveSide
-from eivor.signals.input_map import InputMap, input_map
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
+from eivor.signals.channels import CurveSide
+from eivor.signals.thrust_map import InputMap, input_map
+
+# -- Comments --
+
+#: Longer strings are cut: some readers of parameters have lines of bounded length.
+LONGEST = 400
+
+
+def one_line(text: str) -> str:
+    """`text` in printable ASCII: control characters, line breaks and other letters as backslash escapes."""
+    shown = "".join(
+        c if " " <= c <= "~" else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text
+    )
+    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 3]}..."
+
+
+def hash_comments(lines: Iterable[str]) -> list[str]:
+    """Lines that begin with ``#``."""
+    return [f"# {one_line(line)}".rstrip() for line in lines]
+
+
+def xml_comments(lines: Iterable[str]) -> list[str]:
+    """Comments of XML, which hold no two hyphens in a row."""
+    return [f"<!-- {one_line(line).replace('--', '- -').rstrip('-')} -->" for line in lines]
+
+
+# -- Fitted --
 
 #: Name in documents of the motion that exports are made of.
 VERTICAL = "vertical_motion"
@@ -134,7 +161,7 @@ class Fitted:
     input : str
         Channel, or family of channels, that drove the vehicle.
     map_name : str
-        Input map, see `eivor.signals.input_map`.
+        Input map, see `eivor.signals.thrust_map`.
     curve_side : CurveSide
         Where the input stands to the autopilot's thrust curve.
     curve_in_force : mapping of str to float
@@ -247,3 +274,29 @@ class Exported:
 
     text: str
     left_out: tuple[str, ...] = ()
+
+
+# -- Target --
+
+
+class Target(ABC):
+    """A file format of those who use the numbers."""
+
+    name: ClassVar[str]
+    """Its word on the command line."""
+    words: ClassVar[str]
+    """What the file is."""
+    ending: ClassVar[str]
+    """How names of such files end."""
+
+    @abstractmethod
+    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
+        """The file's content.
+
+        Raises
+        ------
+        NotIdentifiedError
+            When a quantity that it cannot do without is not identified, and was not given.
+        UsageError
+            When the result is not of the kind that the target takes.
+        """

@@ -1,19 +1,46 @@
-"""The table of targets, by their words on the command line."""
+"""Export targets by name."""
 
 from __future__ import annotations
 
 from eivor.errors import UsageError, did_you_mean
-from eivor.exports.ardupilot import ArduPilotParameters
-from eivor.exports.px4 import Px4Parameters
-from eivor.exports.randomisations import RANDOMISATIONS
-from eivor.exports.simulators.drone_models import DroneModelsParameters
-from eivor.exports.simulators.gazebo import GazeboModel
-from eivor.exports.simulators.mujoco import MujocoModel
-from eivor.exports.simulators.pybullet import PybulletVehicle
-from eivor.exports.simulators.rotorpy import RotorpyVehicle
-from eivor.exports.simulators.sih import SihParameters
-from eivor.exports.state_space import StateSpaceDocument
-from eivor.exports.target import Target
+from eivor.exports.autopilots import ArduPilotParameters, Px4Parameters, StateSpaceDocument
+from eivor.exports.fitted import Target
+from eivor.exports.simulators import (
+    DroneModelsParameters,
+    GazeboModel,
+    IsaacLabDraws,
+    MujocoDraws,
+    MujocoModel,
+    PybulletVehicle,
+    RotorpyDraws,
+    RotorpyVehicle,
+    SihParameters,
+)
+from eivor.exports.vehicle import Randomisation
+
+# -- Randomisations --
+
+RANDOMISATIONS: dict[str, Randomisation] = {
+    one.name: one for one in (RotorpyDraws(), MujocoDraws(), IsaacLabDraws())
+}
+
+
+def randomisation_by_name(name: str) -> Randomisation:
+    """Randomisation of a word.
+
+    Raises
+    ------
+    UsageError
+        When there is none.
+    """
+    if name not in RANDOMISATIONS:
+        known = ", ".join(RANDOMISATIONS)
+        remedy = did_you_mean(name, RANDOMISATIONS, "Name one of them, or none for a table.")
+        raise UsageError(f"draws for {known}", f"'{name}'", remedy)
+    return RANDOMISATIONS[name]
+
+
+# -- Targets --
 
 TARGETS: dict[str, Target] = {
     target.name: target

@@ -1,1 +1,1 @@
-"""Flights: from a recording to signals, and the recipe that identifies them."""
+"""Flights: from a recording to a result with a verdict."""

@@ -1,22 +1,69 @@
-"""One grid of even steps: every channel brought to it, with a mask of where it really had something to say.
-
-A grid costs what its samples cost: hours in which nothing was logged, or of which nothing is used, have
-none.
-"""
+"""Time grid of a flight: airborne runs, resampling, frames and noise levels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, floor
 
 import numpy as np
 
 from eivor.errors import InputError
-from eivor.flights.between import Between, line_between
-from eivor.shapes import Bool, Float, Int
-from eivor.signals.recording import Channel
+from eivor.signals.channels import canonical_channel
+from eivor.signals.recording import Channel, Frame, MadeChannels, Recording
+from eivor.signals.signals import stretches
+from eivor.tools import Bool, Float, Int
+
+# -- Between --
+
+#: A piece whose neighbours are longer or shorter than it by this factor is a line: noise of two stamps that
+#: lie close would tilt the curve far.
+UNEVEN = 2.0
+
+#: Values at times `t`, of stamps that increase, their values, and `t`.
+Between = Callable[
+    [Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " n"]], Float[np.ndarray, " n"]
+]
+
+
+def line_between(
+    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Lines between stamps, beyond the ends the last value."""
+    return np.interp(t, time, values)
+
+
+def curve_between(
+    time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Cubic curves between even stamps; lines at the ends and between uneven ones.
+
+    With h the length of a piece, x the share of it that has passed, c its chord's slope and s_0, s_1 the
+    slopes at its ends, the curve is off the line by h x (1 - x) [(1 - x)(s_0 - c) - x (s_1 - c)].
+    """
+    line = line_between(time, values, t)
+    if time.size < 4:
+        return line
+    h = np.diff(time)
+    with np.errstate(over="ignore", invalid="ignore"):
+        chord = np.diff(values) / h
+        slope = (h[1:] * chord[:-1] + h[:-1] * chord[1:]) / (h[1:] + h[:-1])
+        begin, end = slope[:-1] - chord[1:-1], slope[1:] - chord[1:-1]
+        beside = np.stack([h[:-2], h[1:-1], h[2:]])
+        even = beside.max(axis=0) <= UNEVEN * beside.min(axis=0)
+        even &= np.isfinite(begin) & np.isfinite(end)
+        piece = np.searchsorted(time, t, side="right") - 2
+        inside = np.flatnonzero((piece >= 0) & (piece < even.size))
+        inside = inside[even[piece[inside]]]
+        k = piece[inside]
+        x = (t[inside] - time[k + 1]) / h[k + 1]
+        bent = h[k + 1] * x * (1.0 - x) * ((1.0 - x) * begin[k] - x * end[k])
+    line[inside] += np.where(np.isfinite(bent), bent, 0.0)
+    return line
+
+
+# -- Grid --
 
 #: Steps of the grid [s]: the fine one when command and accelerometer are logged at FINE_FROM_HZ or more.
 STEP_S = 0.010
@@ -265,3 +312,200 @@ def _averaged(
     mean = np.divide(behind - before, width, out=np.zeros(grid.count), where=width > 0.0)
     series: Float[np.ndarray, " n"] = np.where(width > 0.0, mean, np.interp(grid.time_s, time, values))
     return series
+
+
+# -- Airborne --
+
+#: Input below this share of its flying level is off; below this one motors are at idle.
+OFF_SHARE = 0.25
+IDLE_SHARE = 0.1
+#: So long must the input be off for the rule to know the ground, or at idle to end a flight [s].
+OFF_FOR_S = 0.5
+#: So high is off the ground [m].
+CLEARANCE_M = 0.1
+#: A height that is known for a smaller share of the log cannot say where the ground is.
+HEIGHT_KNOWN_SHARE = 0.5
+#: Left out after take-off and before landing [s].
+AIRBORNE_MARGIN_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Active:
+    """Where the vehicle does what a motion describes (where it flies), and how that is known.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (n,)
+        True where it does; in the air, margins left out.
+    rule : str
+        Which rule was used, in words.
+    """
+
+    mask: Bool[np.ndarray, " n"]
+    rule: str
+
+
+def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
+    """Airborne samples of a log: by its land detector, else by the input and the height it holds.
+
+    Parameters
+    ----------
+    log : Recording
+        Z up; `landed`, `ground_contact` and `position_z` count where they are logged.
+    grid : Grid
+        Samples to judge.
+    input_level : ndarray, shape (n,)
+        Mean of the actuators' commands on the grid, positive up.
+    """
+    landed = height = None
+    if "landed" in log.channels:
+        on_ground, known = on_grid(log.channels["landed"], grid)
+        if known.any():
+            landed = (on_ground > 0.5) | ~known
+            if "ground_contact" in log.channels:
+                touching, told = on_grid(log.channels["ground_contact"], grid)
+                landed |= told & (touching > 0.5)
+    if "position_z" in log.channels:
+        level, known = on_grid(log.channels["position_z"], grid)
+        height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None
+    return airborne(input_level=input_level, step_s=grid.step_s, landed=landed, height=height)
+
+
+def airborne(
+    *,
+    input_level: Float[np.ndarray, " n"],
+    step_s: float,
+    landed: Bool[np.ndarray, " n"] | None,
+    height: Float[np.ndarray, " n"] | None,
+) -> Active:
+    """Airborne samples of a flight on its grid.
+
+    Parameters
+    ----------
+    input_level : ndarray, shape (n,)
+        Mean of the actuators' commands, positive up.
+    step_s : float
+        Step of the grid [s].
+    landed : ndarray of bool, shape (n,), optional
+        The land detector.
+    height : ndarray, shape (n,), optional
+        Height, z up [m].
+    """
+    if landed is not None:
+        flying = ~landed & ~_idle(input_level, ~landed, step_s)
+        return Active(_without_margins(flying, step_s), "the log's land detector")
+    level = float(np.percentile(input_level, 95))
+    off = _for_long(input_level < OFF_SHARE * level, step_s)
+    if level <= 0.0:
+        return Active(np.zeros(off.size, dtype=np.bool_), "the input, which never rises above zero")
+    if off.sum() * step_s < OFF_FOR_S:
+        return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
+    flying = ~off
+    ground = None if height is None else _ground(height, off, step_s)
+    if height is None or ground is None:
+        missing = "no height is logged" if height is None else "it is on at both ends of the log"
+        return Active(_without_margins(flying, step_s), f"the input ({missing})")
+    flying &= height > ground + CLEARANCE_M
+    return Active(_without_margins(flying, step_s), "the input and the height above ground")
+
+
+def _ground(height: Float[np.ndarray, " n"], off: Bool[np.ndarray, " n"], step_s: float) -> float | None:
+    """Height of the ground: where the vehicle is while its input is off at the ends of the log."""
+    on = np.flatnonzero(~off)
+    ends = [height[: on[0]], height[on[-1] + 1 :]] if on.size else [height]
+    known = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
+    return min(known) if known else None
+
+
+def _idle(
+    input_level: Float[np.ndarray, " n"], airborne: Bool[np.ndarray, " n"], step_s: float
+) -> Bool[np.ndarray, " n"]:
+    """Samples of motors at idle for so long that nothing flies."""
+    level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
+    return _for_long(input_level < IDLE_SHARE * level, step_s)
+
+
+def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+    """Samples of the stretches of a mask that are half a second long or longer."""
+    held = np.zeros(mask.size, dtype=np.bool_)
+    for stretch in stretches(mask):
+        held[stretch] = (stretch.stop - stretch.start) * step_s >= OFF_FOR_S
+    return held
+
+
+def _without_margins(flying: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:
+    """`flying` shortened at each take-off and landing, but not where the log begins or ends in the air."""
+    margin = round(AIRBORNE_MARGIN_S / step_s)
+    grounded = np.concatenate([[0], np.cumsum(~flying)])
+    index = np.arange(flying.size)
+    earlier = np.maximum(index - margin, 0)
+    later = np.minimum(index + margin + 1, flying.size)
+    return np.asarray(grounded[later] - grounded[earlier] == 0)
+
+
+# -- Frames --
+
+
+def upward(recording: Recording) -> Recording:
+    """Return the same recording with z up."""
+    if recording.frame is Frame.Z_UP:
+        return recording
+    logged = recording.channels
+    channels: Mapping[str, Channel]
+    if isinstance(logged, MadeChannels):
+        channels = _TurnedChannels(logged)
+    else:
+        channels = {name: _turned(channel) for name, channel in logged.items()}
+    return replace(recording, channels=channels, frame=Frame.Z_UP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _TurnedChannels(MadeChannels):
+    """Channels that are made, and then turned."""
+
+    logged: MadeChannels
+
+    def __getitem__(self, name: str) -> Channel:
+        return _turned(self.logged[name])
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.logged
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels [s]."""
+        return self.logged.span_s
+
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log."""
+        return _TurnedChannels(self.logged.part(start_s, end_s, step_s))
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.logged)
+
+    def __len__(self) -> int:
+        return len(self.logged)
+
+
+def _turned(channel: Channel) -> Channel:
+    return replace(channel, values=-channel.values) if _flipped(channel.name) else channel
+
+
+def _flipped(name: str) -> bool:
+    channel = canonical_channel(name)
+    return channel is not None and channel.flipped
+
+
+# -- Noise level --
+
+
+def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
+    """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples.
+
+    Third differences of white noise of variance s^2 have variance 20 s^2, and those of a motion that is
+    smooth over a few samples almost none; the median makes gaps and outliers harmless.
+    """
+    if values.size < 4:
+        return 0.0
+    third = np.diff(values, n=3)
+    return float(np.median(np.abs(third)) / 0.6744897501960817 / np.sqrt(20.0))

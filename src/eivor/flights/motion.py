@@ -1,13 +1,11 @@
-"""What a motion is: everything that is true of one kind of motion only, behind one interface.
-
-The recipe, the reports and the command line know this interface and no parameter of any motion. How to
-write one is told in docs/motions.md.
-"""
+"""Interface of a motion, the inputs of its verdict and multi-step prediction."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil
 from typing import ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -15,32 +13,340 @@ import numpy as np
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method
-from eivor.flights.across import AcrossFlights
-from eivor.flights.agreement import SensorAgreement
-from eivor.flights.ahead import Ahead
-from eivor.flights.airborne import Active, airborne_by_log
-from eivor.flights.allowance import Allowance
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.companion import Companion
-from eivor.flights.drawn import Drawn
-from eivor.flights.grid import MEMORY_S, Grid
-from eivor.flights.implied import Implications
+from eivor.flights.grid import MEMORY_S, RECOVERY_S, Active, Grid, airborne_by_log
+from eivor.flights.lag_prior import GivenLag
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import Predicted, SimpleModel
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Quantity, Unjudged, Wording
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
+from eivor.flights.quantity import (
+    AcrossFlights,
+    Allowance,
+    CardSection,
+    Companion,
+    Drawn,
+    Followed,
+    Implications,
+    Panel,
+    Predicted,
+    Quantity,
+    SimpleModel,
+    Trace,
+    Unjudged,
+    Wording,
+    Words,
+)
 from eivor.flights.references import ReferenceSource
-from eivor.flights.selection import InputFamily, Selection
-from eivor.flights.shown import Panel, Trace
-from eivor.flights.tracked import Followed
-from eivor.flights.words import CardSection, Words
+from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule
-from eivor.models.separable import SeparableProblem, Values
-from eivor.shapes import Float
-from eivor.signals.canonical import CanonicalChannel
+from eivor.models.separable import InstrumentRule, SeparableProblem, Values
+from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
+from eivor.tools import Float, Int
+
+# -- Multi-step prediction --
+
+#: How far ahead predictions look [s].
+HORIZONS_S = (0.1, 0.2, 0.3, 0.4, 0.5)
+#: Starts are so far apart [s]; in longer flights further, so that there are no more than so many.
+BETWEEN_STARTS_S, MOST_STARTS = 0.05, 2000
+#: Steps of the integration are no longer than this, or one of the grid [s].
+LONGEST_STEP_S = 0.010
+#: A state that runs away, by numbers that are far off, stays at this.
+AWAY = 1e9
+#: Names among the models: the fit itself, and that everything stays as it is at the start.
+FIT, UNCHANGED = "fit", "unchanged"
+#: Right-hand side of x' = f(x, sample) for starts side by side, over the step that begins at a sample.
+Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " starts"]], np.ndarray]
+
+
+@dataclass(frozen=True)
+class AheadError:
+    """What one model leaves of one quantity after each horizon.
+
+    Parameters
+    ----------
+    model, words : str
+        The model's name, and what it is.
+    quantity, unit : str
+        What is predicted, and the unit of what is left.
+    left : ndarray, shape (starts, horizons)
+        Size of predicted less measured; NaN where nothing was measured.
+    series : ndarray, shape (starts, 2), optional
+        Measured and predicted after the last horizon, of a quantity that is a single number.
+    """
+
+    model: str
+    words: str
+    quantity: str
+    unit: str
+    left: Float[np.ndarray, "starts horizons"] = field(repr=False)
+    series: Float[np.ndarray, "starts 2"] | None = field(default=None, repr=False)
+
+    @property
+    def rms(self) -> tuple[float, ...]:
+        """Root mean square of what is left after each horizon."""
+        return tuple(float(np.sqrt(np.mean(one[np.isfinite(one)] ** 2))) for one in self.left.T)
+
+
+@dataclass(frozen=True)
+class Ahead:
+    """Predictions of flights by several models.
+
+    Parameters
+    ----------
+    errors : tuple of AheadError
+        Of every quantity: by the fit, then by each simpler model.
+    start_s : ndarray, shape (starts,)
+        Times of the starts on their log's clock [s], flight after flight.
+    left_out : tuple of str
+        Sentences that say what is not predicted, and why.
+    horizons_s : tuple of float
+        How far ahead [s].
+    """
+
+    errors: tuple[AheadError, ...]
+    start_s: Float[np.ndarray, " starts"] = field(repr=False)
+    left_out: tuple[str, ...] = ()
+    horizons_s: tuple[float, ...] = HORIZONS_S
+
+    @property
+    def by_quantity(self) -> tuple[tuple[AheadError, ...], ...]:
+        """Errors of each quantity, the fit's first."""
+        names = dict.fromkeys(one.quantity for one in self.errors)
+        return tuple(tuple(one for one in self.errors if one.quantity == name) for name in names)
+
+    @property
+    def ratios(self) -> dict[str, float]:
+        """Errors of the fit over those of each simpler model, by its words.
+
+        After the last horizon; the geometric mean over all quantities.
+        """
+        found: dict[str, list[float]] = {}
+        for own, *others in self.by_quantity:
+            for other in others:
+                found.setdefault(other.words, []).append(own.rms[-1] / max(other.rms[-1], 1e-300))
+        return {words: float(np.exp(np.mean(np.log(ratios)))) for words, ratios in found.items()}
+
+    @property
+    def predicts(self) -> bool:
+        """Whether the fit leaves less than every simpler model, see `ratios`."""
+        return bool(self.errors) and all(ratio <= 1.0 for ratio in self.ratios.values())
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in sentences."""
+        after = f"After {self.horizons_s[-1]:g} s"
+        than = [f"{ratio:.2g} of those of '{words}'" for words, ratio in self.ratios.items()]
+        if not than:
+            return f"{after} there is nothing to hold the fit's errors against."
+        return f"{after} the fit's errors are {' and '.join(than)}, in the mean.{self._beaten}"
+
+    @property
+    def _beaten(self) -> str:
+        """Sentences that say where a simpler model leaves less."""
+        less: dict[str, list[str]] = {}
+        for own, *others in self.by_quantity:
+            for other in others:
+                if other.rms[-1] < own.rms[-1]:
+                    less.setdefault(other.words, []).append(own.quantity)
+        return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
+
+
+def all_ahead(
+    by_flight: Sequence[tuple[AheadError, ...]],
+    starts: Sequence[Float[np.ndarray, " _"]],
+    left_out: tuple[str, ...],
+) -> Ahead:
+    """Predictions of several flights, one after the other; what nothing was measured of is left out."""
+    errors = []
+    for parts in zip(*(one for one in by_flight if one), strict=True):
+        left = np.concatenate([one.left for one in parts])
+        series = [one.series for one in parts if one.series is not None]
+        if np.isfinite(left).any(axis=0).all():
+            errors.append(replace(parts[0], left=left, series=np.concatenate(series) if series else None))
+    return Ahead(tuple(errors), np.concatenate([*starts, np.empty(0)]), left_out)
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Where predictions of a flight start.
+
+    Parameters
+    ----------
+    samples : ndarray of int, shape (starts,)
+        Numbers of samples, all of whose next half second stands on data.
+    steps : tuple of int
+        Samples from a start to each horizon.
+    step_s : float
+        Step of the grid [s].
+    """
+
+    samples: Int[np.ndarray, " starts"]
+    steps: tuple[int, ...]
+    step_s: float
+
+    @property
+    def ends(self) -> Int[np.ndarray, "horizons starts"]:
+        """Samples that are predicted."""
+        return self.samples + np.array(self.steps)[:, None]
+
+    def carried(
+        self, state: Float[np.ndarray, "parts starts"], derivative: Derivative
+    ) -> Float[np.ndarray, "horizons parts starts"]:
+        """States at the horizons by Heun's method, all starts side by side.
+
+        Parameters
+        ----------
+        state : ndarray, shape (parts, starts)
+            At the starts.
+        derivative : callable
+            From states, and the samples at which a step begins, to the states' rates of change, with what
+            drives them as `over_step` has it.
+        """
+        found, stride = [], self._stride
+        step_s = stride * self.step_s
+        for step in range(0, self.steps[-1], stride):
+            now = self.samples + step
+            first = derivative(state, now)
+            second = derivative(np.clip(state + step_s * first, -AWAY, AWAY), now)
+            state = np.clip(state + 0.5 * step_s * (first + second), -AWAY, AWAY)
+            if step + stride in self.steps:
+                found.append(state)
+        return np.stack(found)
+
+    def over_step(self, series: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
+        """Mean of a series, taken as a line between samples, over the step that begins at each sample."""
+        stride = self._stride
+        between = 0.5 * (series[..., :-1] + series[..., 1:])
+        area = np.concatenate([np.zeros_like(series[..., :1]), np.cumsum(between, axis=-1)], axis=-1)
+        found = series.copy()
+        found[..., :-stride] = (area[..., stride:] - area[..., :-stride]) / stride
+        return found
+
+    @property
+    def _stride(self) -> int:
+        """Samples of a step, of which every horizon has a whole number."""
+        most = max(int(LONGEST_STEP_S / self.step_s + 1e-9), 1)
+        return max(one for one in range(1, most + 1) if all(step % one == 0 for step in self.steps))
+
+
+def starts_of(flight: PreparedFlight) -> Starts:
+    """Starts at even distances in every run of a flight, as soon as its actuators' states are known."""
+    step_s = flight.signals.step_s
+    steps = tuple(max(round(horizon / step_s), 1) for horizon in HORIZONS_S)
+    broken = np.concatenate([[0], np.cumsum(~flight.usable)])
+    every = max(round(BETWEEN_STARTS_S / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
+    known = ceil(RECOVERY_S / step_s)
+    found = [np.arange(max(run.start, known), run.stop - steps[-1], every) for run in flight.runs]
+    samples = np.concatenate([*found, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    whole = broken[samples + steps[-1] + 1] == broken[samples]
+    return Starts(samples[whole], steps, step_s)
+
+
+def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Mean of what an equation leaves over each run, on the samples of that run; zero elsewhere."""
+    found = np.zeros(left.size)
+    for run, samples in zip(flight.runs, flight.samples_of_runs, strict=True):
+        found[run] = left[samples].mean()
+    return found
+
+
+# -- Inputs of a verdict --
+
+
+@dataclass(frozen=True, slots=True)
+class Searched:
+    """A nuisance parameter that was searched for on a grid.
+
+    Parameters
+    ----------
+    value : float
+        Where the search ended.
+    highest : float
+        Top of the grid.
+    """
+
+    value: float
+    highest: float
+
+
+@dataclass(frozen=True, slots=True)
+class Strength:
+    """What the instruments tell, in numbers.
+
+    Parameters
+    ----------
+    first_stage : mapping of str to float
+        Conditional first-stage F of each joint parameter; NaN without instruments.
+    p_value : float
+        Of the over-identification test.
+    searched : mapping of str to Searched
+        Nuisance parameters that were searched for.
+    robust : mapping of str to ConfidenceSet
+        Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
+        instruments are weak, or where the sets have no bounds.
+    """
+
+    first_stage: Mapping[str, float]
+    p_value: float
+    searched: Mapping[str, Searched] = field(default_factory=dict)
+    robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """What a verdict needs to know beside the numbers.
+
+    Parameters
+    ----------
+    flights : int
+        Number of flights used.
+    command_rate_hz, response_rate_hz : float
+        Slowest command, and the fastest of what was measured over the slowest flight [Hz].
+    exogenous : bool
+        The instruments do not answer the vehicle.
+    direct : bool
+        The method uses no instruments.
+    missing_reference : str
+        Why there is no instrument; empty when there is one.
+    constant_reference : bool
+        A reference is logged, and constant.
+    excitation : str
+        How much the flights moved, as a sentence; empty when it is not known.
+    single_frequency_hz : float
+        The frequency of a reference that has only one; zero for others [Hz].
+    numbers : mapping of str to float
+        What the motion adds, see `Motion.diagnostics`.
+    given_lag : GivenLag or None
+        What was known of the lag from elsewhere.
+    sensors : SensorAgreement or None
+        Whether two measurements of one response agree.
+    aligned : bool
+        The differences between them that can be taken out are.
+    used_s : float
+        Time used of all flights [s].
+    past_inputs : bool
+        The instruments are past inputs, which a controller computes.
+    """
+
+    flights: int
+    command_rate_hz: float
+    response_rate_hz: float
+    exogenous: bool
+    direct: bool
+    missing_reference: str = ""
+    constant_reference: bool = False
+    excitation: str = ""
+    single_frequency_hz: float = 0.0
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    given_lag: GivenLag | None = None
+    sensors: SensorAgreement | None = None
+    aligned: bool = False
+    used_s: float = np.inf
+    past_inputs: bool = False
+
+
+# -- Motion --
 
 P = TypeVar("P", bound=SeparableProblem)
 
@@ -299,7 +605,7 @@ class Motion(ABC, Generic[P]):
         searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
         return {**drawn.parameters, **{name: drawn.at[name] for name in searched}}
 
-    # -- predictions of another flight, see `eivor.report.validation` ---------------------------------------
+    # -- predictions of another flight, see `eivor.report.other_results` ------------------------
 
     def simple_models(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, SimpleModel]:
         """Models that an estimate is held against in another flight, by name; none without predictions."""

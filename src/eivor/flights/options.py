@@ -1,4 +1,4 @@
-"""What a user may choose about the identification of flights."""
+"""Options of a flight's identification."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
-from eivor.flights.declared_noise import Declared, check_noise
+from eivor.flights.references import Declared, check_noise
 from eivor.models.separable import Bounds, Prior
 
 #: Largest tilt that a vertical model bears: its cosine is 0.9.

@@ -1,34 +1,34 @@
-"""From a recording to a flight that can be identified: channels, grid, limits, segments, references.
-
-Which channels, and what limits them, is the motion's to say. Nothing is estimated here. What is wrong with
-a flight becomes a finding, so that it can be reported beside the numbers; only what makes numbers
-impossible raises.
-"""
+"""Preparation of recordings: overview, terms and the flights of a pool."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eivor.errors import MissingChannelError
-from eivor.flights.command_clock import CommandClock, as_issued, command_clock
-from eivor.flights.declared_noise import noise_findings, noise_levels
-from eivor.flights.frames import upward
-from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid
+from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_mean
+from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import PreparedFlight, mask_of
-from eivor.flights.references import Reference, jumps, named_reference, references
-from eivor.flights.selection import Limit, Selection
-from eivor.flights.spread import spread_alike
-from eivor.shapes import Bool, Float
-from eivor.signals.canonical import common_side
-from eivor.signals.fast_length import fast_length
+from eivor.flights.prepared import Limit, PreparedFlight, Selection, mask_of, spread_alike
+from eivor.flights.references import (
+    Reference,
+    jumps,
+    named_reference,
+    noise_findings,
+    noise_levels,
+    references,
+)
+from eivor.flights.timestamps import CommandClock, as_issued, command_clock
+from eivor.signals.channels import common_side
+from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
+from eivor.tools import Bool, Float
+
+# -- Prepare --
 
 #: Runs shorter than this are left out, and flights with less than this to use [s].
 SHORTEST_RUN_S = 1.0
@@ -242,3 +242,142 @@ def _references(
         return automatic
     clean = {reference.name: reference for reference in automatic if reference.usable and reference.exogenous}
     return tuple(clean[name] if name in clean else named_reference(log, name, grid) for name in named)
+
+
+# -- Overview --
+
+#: Distance of samples [s]: shorter than what begins or ends a flight, and than that of slow telemetry.
+OVERVIEW_STEP_S = 0.05
+
+
+def overview(
+    recording: Recording, motion: Motion[Any], options: FlightOptions
+) -> tuple[str, tuple[tuple[float, float], ...]]:
+    """How it is known when the vehicle moved, and the stretches in which it did [s].
+
+    Parameters
+    ----------
+    recording : Recording
+        Whose channels do not fit into memory together.
+    motion : Motion
+        What it is looked at for.
+    options : FlightOptions
+        Choices; the window is left aside.
+
+    Raises
+    ------
+    MissingChannelError
+        When the motion's channels, or the options', are not in the log.
+    InputError
+        When the channels share no time, or more than six hours.
+    """
+    log = upward(recording)
+    log = log.part(*log.span_s, OVERVIEW_STEP_S)
+    selected = motion.select(log, options)
+    for channel in selected.channels:
+        refuse_empty(log, channel)
+    grid = common_grid(selected.channels, selected.commands, motion.memory_s, OVERVIEW_STEP_S)
+    level = np.mean([on_grid(command, grid)[0] for command in selected.commands], axis=0)
+    active = motion.active(log, grid, level)
+    time_s = grid.time_s
+    found = tuple((float(time_s[one.start]), float(time_s[one.stop - 1])) for one in stretches(active.mask))
+    return active.rule, found
+
+
+# -- Pool --
+
+#: Hovering inputs of one vehicle, laden or not, are within this ratio of each other.
+LARGEST_INPUT_RATIO = 10.0
+
+Window = tuple[float, float] | None
+
+
+def without_duplicates(
+    logs: Sequence[Recording], windows: Sequence[Window]
+) -> tuple[list[tuple[Recording, Window]], list[Finding]]:
+    """Logs with their windows, each file's content with the same window once only.
+
+    Returns
+    -------
+    kept : list of (Recording, window)
+        In the order given.
+    dropped : list of Finding
+        One for each log that was left out.
+    """
+    kept: list[tuple[Recording, Window]] = []
+    dropped: list[Finding] = []
+    first: dict[tuple[str, Window], str] = {}
+    for log, window in zip(logs, windows, strict=True):
+        key = (log.sha256, window)
+        if log.sha256 and key in first:
+            dropped.append(
+                Finding(
+                    "duplicate_log",
+                    f"{log.name} has the same content as {first[key]}; it is used once only.",
+                )
+            )
+            continue
+        first[key] = log.name
+        kept.append((log, window))
+    return kept, dropped
+
+
+def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any]) -> None:
+    """Refuse flights of vehicles with different input maps, inputs, or parameters.
+
+    Raises
+    ------
+    PoolingError
+        With the first difference that was found.
+    """
+    first = flights[0]
+    for other in flights[1:]:
+        what = _difference(first, other, motion)
+        if what:
+            raise PoolingError(
+                f"flights of one vehicle: {first.recording.name} and {other.recording.name} alike",
+                what,
+                "Identify them one by one, or pool only those of one vehicle.",
+            )
+
+
+def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any]) -> str:
+    if first.input_map != other.input_map:
+        return f"input maps {first.input_map} and {other.input_map}"
+    if (first.input.name, first.input.measured) != (other.input.name, other.input.measured):
+        return f"inputs {first.input.name} and {other.input.name}"
+    if first.actuators != other.actuators:
+        return f"{first.actuators} and {other.actuators} rotors"
+    for name in motion.vehicle_parameters:
+        values = [flight.recording.parameters.get(name) for flight in (first, other)]
+        if values[0] != values[1]:
+            return f"{name} = {values[0]} and {values[1]}"
+    levels = [motion.input_level(flight) if flight.runs else float("nan") for flight in (first, other)]
+    if all(np.isfinite(levels)) and max(levels) > LARGEST_INPUT_RATIO * min(levels):
+        return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
+    return ""
+
+
+# -- Terms --
+
+
+def check_options(motion: Motion[Any], options: FlightOptions) -> None:
+    """Refuse options that a motion does not have, its optional terms among them.
+
+    Raises
+    ------
+    UsageError
+        With what there is.
+    """
+    unknown = [word for word in options.terms if word not in motion.terms]
+    if unknown:
+        known = ", ".join(motion.terms)
+        raise UsageError(
+            f"terms out of {known}" if known else f"no optional terms: '{motion.name}' has none",
+            ", ".join(f"'{word}'" for word in unknown),
+            did_you_mean(unknown[0], motion.terms, "Leave it out."),
+        )
+    twice = sorted({word for word in options.terms if options.terms.count(word) > 1})
+    if twice:
+        raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
+    motion.check(options)

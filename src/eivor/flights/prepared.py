@@ -1,24 +1,447 @@
-"""A flight on its grid, with everything that a motion, the recipe and the verdict need to know of it."""
+"""A prepared flight: signals, runs, selection and agreement of channels."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from eivor.flights.airborne import Active
-from eivor.flights.declared_noise import NoiseLevel
-from eivor.flights.grid import Grid, around
-from eivor.flights.references import Reference
-from eivor.flights.selection import InputFamily
+from eivor.errors import EstimationError, InstrumentError, MissingChannelError, TooFewSamplesError, UsageError
+from eivor.estimation.methods import identify, reference_iv
+from eivor.flights.grid import Active, Between, Grid, around, curve_between, line_between
+from eivor.flights.references import NoiseLevel, Reference
+from eivor.flights.timestamps import CommandClock
+from eivor.inference.covariance import Classical, EqualWeightedCosines
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT
+from eivor.inference.distributions import chi_square_tail, t_quantile, t_tail
+from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.spectral import SpectralRun
-from eivor.shapes import Bool, Float, Int
-from eivor.signals.canonical import CurveSide
-from eivor.signals.families import family_members
-from eivor.signals.recording import Finding, Recording
+from eivor.signals.channels import CurveSide, family_members
+from eivor.signals.recording import Channel, Finding, Recording
 from eivor.signals.signals import Signals
+from eivor.tools import Bool, Float, Int
+
+# -- Agreement --
+
+#: Cosine averages of the standard error, and the degrees of freedom of its t.
+AVERAGES = 16
+#: A difference is told below this p-value: four kinds together have false alarms in less than 1 % of flights.
+TOLD = 0.004
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How far two measurements differ in one way.
+
+    Parameters
+    ----------
+    value, std_error : float
+        In the unit of its parameter; the error is the larger one of white residuals and cosine averages.
+    least : float
+        A smaller difference matters to nothing.
+    """
+
+    value: float
+    std_error: float
+    least: float = 0.0
+
+    @property
+    def p_value(self) -> float:
+        """Of the test that there is none."""
+        return t_tail(self.value / self.std_error, AVERAGES) if self.std_error > 0.0 else 1.0
+
+    @property
+    def told(self) -> bool:
+        """Whether it is there, and matters."""
+        return self.p_value < TOLD and abs(self.value) >= self.least
+
+    @property
+    def half_width(self) -> float:
+        """Half the width of its 95 % interval."""
+        return t_quantile(0.95, AVERAGES) * self.std_error
+
+
+@dataclass(frozen=True, slots=True)
+class SensorAgreement:
+    """In which ways two measurements of one response differ.
+
+    Parameters
+    ----------
+    differences : mapping of str to Difference
+        By the motion's names.
+    p_value : float
+        Of the test that they differ in no other way (over-identification).
+    either : mapping of str to Difference
+        Where the flight does not tell kinds apart: each that explains all of the difference, as large as it
+        is without the others.
+    """
+
+    differences: Mapping[str, Difference]
+    p_value: float
+    either: Mapping[str, Difference] = field(default_factory=dict)
+
+    @property
+    def told(self) -> dict[str, Difference]:
+        """Differences that are there, and matter."""
+        return {name: one for name, one in self.differences.items() if one.told}
+
+    @property
+    def otherwise(self) -> bool:
+        """Whether they differ in another way beyond doubt."""
+        return self.p_value < BEYOND_DOUBT
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same by name, for diagnostics."""
+        found = {"sensors_p_value": self.p_value}
+        for name, one in self.differences.items():
+            found |= {f"sensors_{name}": one.value, f"sensors_{name}_p_value": one.p_value}
+        return found
+
+
+def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> SensorAgreement | None:
+    """Estimate in which ways two measurements differ.
+
+    Parameters
+    ----------
+    problem : LaggedRuns or None
+        Their difference, one column for each kind of disagreement, and instruments; None where the log has
+        but one measurement.
+    least : mapping of str to float
+        The smallest difference of each kind that matters.
+
+    Returns
+    -------
+    SensorAgreement or None
+        None where the instruments tell nothing of it.
+    """
+    if problem is None:
+        return None
+    try:
+        together = estimated(problem, least)
+        found = SensorAgreement(together.differences, together.p_value)
+        if found.told or together.none_p_value > BEYOND_DOUBT:
+            return found
+        return replace(found, either=_alone(problem, least))
+    except (EstimationError, InstrumentError, TooFewSamplesError):
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """Coefficients of columns with their standard errors.
+
+    Parameters
+    ----------
+    differences : dict of str to Difference
+        By parameter.
+    none_p_value, p_value : float
+        Of the tests that all of them are zero, and that no other column is missing (over-identification).
+    """
+
+    differences: dict[str, Difference]
+    none_p_value: float
+    p_value: float
+
+
+def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
+    """Coefficients of a problem without nuisances, estimated and judged as disagreements are.
+
+    Raises
+    ------
+    EstimationError
+        When nothing is left of the difference to judge them by.
+    """
+    estimate = identify(problem, reference_iv())
+    _, p_value = estimate.best.inference.over_identification
+    parts = [
+        part.matrix
+        for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
+        for part in estimate.with_covariance(estimator).best.covariance.parts
+    ]
+    errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
+    if not bool((errors > 0.0).all()):
+        raise EstimationError(
+            "sensors whose difference has an error",
+            "sensors that differ by nothing, or by exactly what is sought",
+            "Give what was measured.",
+        )
+    values = estimate.best.values
+    scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
+    wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
+    named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)
+    return Estimated(
+        {name: Difference(value, error, least.get(name, 0.0)) for name, value, error in named},
+        chi_square_tail(wald, values.size),
+        1.0 if math.isnan(p_value) else p_value,
+    )
+
+
+def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Difference]:
+    """Kinds that explain the difference by themselves: there beyond doubt, and nothing is left."""
+    found: dict[str, Difference] = {}
+    for place, parameter in enumerate(problem.parameters):
+        columns = tuple(replace(one, fixed=one.fixed[:, [place]]) for one in problem.columns)
+        alone = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
+        one = alone.differences[parameter.name]
+        if one.told and one.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+            found[parameter.name] = one
+    return found
+
+
+# -- Selection --
+
+
+@dataclass(frozen=True, slots=True)
+class InputFamily:
+    """Channels that may drive a vehicle, one for each actuator or one for all.
+
+    Parameters
+    ----------
+    name : str
+        The channel, or what stands before the actuators' numbers ("rotor_command").
+    measured : bool
+        True for the actuators' measured state, which does not lag, and may be late or early.
+    input_map : str
+        Name of the map from its values to what enters the equation.
+    numbered : bool
+        One channel for each actuator, told by numbers from 1 on.
+    least_rate_hz : float
+        Slower channels are passed over where there is another family [Hz].
+    """
+
+    name: str
+    measured: bool = False
+    input_map: str = "linear"
+    numbered: bool = False
+    least_rate_hz: float = 0.0
+
+    def holds(self, channel: str) -> bool:
+        """Return whether a channel is this one, or one of this family."""
+        stem, _, number = channel.rpartition("_")
+        return channel == self.name or (stem == self.name and number.isdecimal())
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """Samples count only where a channel is within bounds.
+
+    Parameters
+    ----------
+    channel : str
+        Name.
+    low, high : float
+        Bounds, both included, in the channel's unit.
+    """
+
+    channel: str
+    low: float = -math.inf
+    high: float = math.inf
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Channels of one log by their role.
+
+    Parameters
+    ----------
+    input : InputFamily
+        What drives the vehicle. After a gap in it the actuator's state is not known for a while.
+    commands : tuple of Channel
+        Its channels.
+    states : mapping of str to Channel
+        By role, what the equation needs beside the input ("velocity").
+    responses : mapping of str to Channel or None
+        By role, what the equation explains; None for what the log lacks and the motion can do without.
+        The grid is fine when these and the commands are fast.
+    conditions : tuple of Channel
+        Others that enter.
+    constants : mapping of str to float
+        Values in place of conditions that the log lacks.
+    limits : tuple of Limit
+        Which samples count.
+    band_hz : tuple of float
+        Band of spectral rows [Hz].
+    findings : tuple of Finding
+        What a reader of the result should know of the choice.
+    issued_within_s : float
+        The longest that the next command can be waited for [s], where the command's stamps do not tell.
+    step_s : float, optional
+        Step of the grid [s]. Default: by the rates of commands and responses.
+    spread_alike : bool
+        What was measured is a line between its stamps, and is spread over time as the line between the stamps
+        of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
+        kept whole. Else it is a curve.
+    """
+
+    input: InputFamily
+    commands: tuple[Channel, ...]
+    states: Mapping[str, Channel]
+    responses: Mapping[str, Channel | None]
+    conditions: tuple[Channel, ...] = ()
+    constants: Mapping[str, float] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
+    band_hz: tuple[float, float] = (0.04, 5.0)
+    findings: tuple[Finding, ...] = ()
+    issued_within_s: float = math.inf
+    step_s: float | None = None
+    spread_alike: bool = False
+
+    def between(self, channel: Channel) -> Between:
+        """What a channel was between its stamps."""
+        measured = any(channel is one for one in (*self.states.values(), *self.responses.values()))
+        return curve_between if measured and not self.spread_alike else line_between
+
+    @property
+    def logged_responses(self) -> tuple[Channel, ...]:
+        """Responses that are in the log."""
+        return tuple(channel for channel in self.responses.values() if channel is not None)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Every channel that is put on the grid."""
+        return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
+
+    @property
+    def command_names(self) -> frozenset[str]:
+        """Names of the channels that drive the vehicle."""
+        return frozenset(command.name for command in self.commands)
+
+    @property
+    def estimated(self) -> tuple[str, ...]:
+        """Roles of what was measured whose channel comes from an estimator."""
+        measured = {**self.states, **self.responses}
+        return tuple(role for role, channel in measured.items() if channel is not None and channel.estimated)
+
+    @property
+    def rates_hz(self) -> dict[str, float]:
+        """Mean logging rate of the slowest command, and by role of what was measured; 0 when absent [Hz]."""
+        measured = {**self.states, **self.responses}
+        slowest = min(channel.rate_hz for channel in self.commands)
+        return {"command": slowest} | {
+            role: 0.0 if channel is None else channel.rate_hz for role, channel in measured.items()
+        }
+
+
+def chosen_input(
+    log: Recording, families: tuple[InputFamily, ...], wanted: str, *, remedy: str
+) -> tuple[InputFamily, tuple[Channel, ...]]:
+    """Family and channels of the input: the one that is wanted, or the first that the log has.
+
+    Parameters
+    ----------
+    log : Recording
+        Where to look.
+    families : tuple of InputFamily
+        In order of preference.
+    wanted : str
+        Channel or family that a user named; empty for none.
+    remedy : str
+        What to log, as a beginning of a sentence: ", or name a channel with --input." follows.
+
+    Raises
+    ------
+    UsageError
+        When the log does not have the one that is wanted.
+    MissingChannelError
+        When it has none.
+    """
+    if wanted:
+        name = wanted.rstrip("*").rstrip("_")
+        channels = log.family(name)
+        if not channels:
+            raise UsageError(
+                f"an input out of the channels {', '.join(sorted(log.channels))}",
+                f"'{wanted}'",
+                f"Name a channel, or a family such as {families[0].name}.",
+            )
+        own = next((family for family in families if family.holds(name)), InputFamily(name))
+        return replace(own, name=name), tuple(channels)
+    logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
+    for family, members in logged:
+        if min(channel.rate_hz for channel in members) >= family.least_rate_hz:
+            return family, members
+    if logged:
+        return logged[0]
+    looked = sorted({source for family in families for source in log.looked_for.get(family.name, ())})
+    raise MissingChannelError(
+        f"an input in {log.name}: {_in_words(families)}",
+        f"a log without one (looked for: {', '.join(looked) or 'those names'})",
+        f"{remedy}, or name a channel with --input.",
+    )
+
+
+def _in_words(families: tuple[InputFamily, ...]) -> str:
+    names = [f"{family.name}_1.." if family.numbered else family.name for family in families]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])}, or {names[-1]}"
+
+
+# -- Matched interpolation filter --
+
+
+def spread_alike(
+    channels: dict[str, Float[np.ndarray, " n"]],
+    selected: Selection,
+    clocks: dict[str, CommandClock],
+    grid: Grid,
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Channels on a grid, commands and what was measured spread by each other's triangles.
+
+    Parameters
+    ----------
+    channels : dict of str to ndarray, shape (n,)
+        Of the selection, as lines between their stamps.
+    selected : Selection
+        Which are commands, and which were measured.
+    clocks : dict of str to CommandClock
+        Of the commands.
+    grid : Grid
+        Where they are known.
+    """
+    measured = (*selected.states.values(), *selected.logged_responses)
+    commanded_s = max((one.logged_s for one in clocks.values() if one.thinned), default=0.0)
+    measured_s = max(1.0 / one.rate_hz for one in measured)
+    spread = dict(channels)
+    for one in measured:
+        # what was measured faster than others waits for them
+        others = measured_s if 1.0 / one.rate_hz < measured_s else 0.0
+        for width_s in (commanded_s, others):
+            spread[one.name] = triangle_mean(spread[one.name], grid, width_s)
+    for command in selected.commands:
+        spread[command.name] = triangle_mean(spread[command.name], grid, measured_s)
+    return spread
+
+
+def triangle_mean(values: Float[np.ndarray, " n"], grid: Grid, width_s: float) -> Float[np.ndarray, " n"]:
+    """Mean of a series around each sample, weighted by a triangle of so long a half.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        On the grid.
+    grid : Grid
+        Its pieces are taken each by itself.
+    width_s : float
+        From the triangle's tip to its end [s]; nothing changes for one up to the grid's step.
+    """
+    reach = int(np.ceil(width_s / grid.step_s)) - 1
+    if reach < 1:
+        return values
+    distance = np.abs(np.arange(-reach, reach + 1)) * grid.step_s
+    weights = 1.0 - distance / width_s
+    spread, start = np.empty_like(values), 0
+    for piece in grid.pieces:
+        inside = slice(start, start + len(piece))
+        padded = np.pad(values[inside], reach, mode="edge")
+        spread[inside] = np.convolve(padded, weights / weights.sum(), mode="valid")
+        start = inside.stop
+    return spread
+
+
+# -- Prepared --
 
 #: An input whose standard deviation is below this share of its mean is constant.
 CONSTANT_INPUT_SHARE = 1e-6

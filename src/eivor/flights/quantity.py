@@ -1,17 +1,481 @@
-"""Quantities of a result: numbers with intervals, before and after they are judged, and how they are called.
-
-An `Unjudged` number has no verdict; a `Quantity` has one. They are two types, so that no number passes for
-identified before its grounds were looked at.
-"""
+"""Quantities of a result: words, units, allowances and what is shown of them."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from eivor.flights.allowance import Allowance, reserved, widened
+import numpy as np
+
 from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
+from eivor.models.separable import Prior, Values
+from eivor.tools import Float
+
+# -- Covariates across flights --
+
+
+@dataclass(frozen=True, slots=True)
+class Covariate:
+    """What a quantity goes with.
+
+    Parameters
+    ----------
+    name : str
+        Column of a fleet's table; its logarithm counts.
+    slope, uncertainty : float
+        The power of it that the quantity goes with, as far as that is known beforehand (one standard
+        deviation).
+    """
+
+    name: str
+    slope: float = 0.0
+    uncertainty: float = math.inf
+
+
+@dataclass(frozen=True, slots=True)
+class AcrossFlights:
+    """A quantity that flights of one vehicle share but for chance.
+
+    Parameters
+    ----------
+    name : str
+        Of the quantity.
+    logarithm : bool
+        Compared as its logarithm: what changes it multiplies it, and it is positive.
+    covariates : tuple of Covariate
+        What it goes with.
+    largest : float
+        Bound of a quantity that is a share, such as 1: means and intervals are those of its logit,
+        log(x / (largest - x)), so that they stay between zero and the bound. It needs `logarithm`. A type
+        whose flights lie above it for the most part has another unit, and no bound.
+    told_by : tuple of str
+        Parameters by whose first-stage F a flight tells it: where its excitation cannot tell them it is left
+        out, and nowhere else, since leaving out by the value itself would bias the mean.
+    """
+
+    name: str
+    logarithm: bool = False
+    largest: float = math.inf
+    covariates: tuple[Covariate, ...] = ()
+    told_by: tuple[str, ...] = ()
+
+
+# -- Allowance --
+
+Interval = tuple[float, float]
+
+
+class Counts(Enum):
+    """How a systematic part counts."""
+
+    ADDED = "added"
+    """It comes on top of what scatters: the interval is longer by it at both ends."""
+    AT_LEAST = "at least"
+    """The interval reaches at least so far to both sides: no model of the vehicle is truer than that."""
+    INDEPENDENT = "independent"
+    """It is an error of its own, of which this is the half of a 95 % interval: squares of halves add up."""
+    RESERVED = "reserved"
+    """The interval is that of the effective value and stays; the verdict keeps the part in reserve."""
+
+
+@dataclass(frozen=True, slots=True)
+class Allowance:
+    """What one systematic cause may do to a quantity.
+
+    Parameters
+    ----------
+    counts : Counts
+        How it counts.
+    below, above : float
+        How far the quantity may lie below and above what the data say, in its unit; not negative.
+    sentence : str
+        What it is for.
+    """
+
+    counts: Counts
+    below: float
+    above: float
+    sentence: str
+
+
+def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -> Interval:
+    """Interval of a quantity with every allowance in it; one whose value is no number stays as it is."""
+    low, high = interval
+    if not math.isfinite(value):
+        return interval
+    known = tuple(allowances)
+    own = [one for one in known if one.counts is Counts.INDEPENDENT]
+    if own and low <= value <= high:
+        low = value - math.hypot(value - low, *(one.below for one in own))
+        high = value + math.hypot(high - value, *(one.above for one in own))
+    for one in known:
+        if one.counts is Counts.ADDED:
+            low, high = low - one.below, high + one.above
+    for one in known:
+        if one.counts is Counts.AT_LEAST:
+            low, high = min(low, value - one.below), max(high, value + one.above)
+    return low, high
+
+
+def reserved(allowances: Iterable[Allowance]) -> float:
+    """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
+    return sum((max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED), 0.0)
+
+
+def clock_allowance(slack_s: float) -> tuple[Allowance, ...]:
+    """What commands that may have been issued between those that are logged leave open of a lag.
+
+    A command that is late throughout is a shorter lag, and moves no other parameter.
+
+    Parameters
+    ----------
+    slack_s : float
+        What the command may be late or early by [s].
+    """
+    if not slack_s:
+        return ()
+    sentence = (
+        "The log does not tell how often its command was issued: the lag may be "
+        f"{1e3 * slack_s:.2g} ms longer or shorter than the data say."
+    )
+    return (Allowance(Counts.ADDED, slack_s, slack_s, sentence),)
+
+
+# -- Coupled axis --
+
+
+@dataclass(frozen=True, slots=True)
+class Companion:
+    """A quantity of another motion of the same flight that belongs to a motion's result.
+
+    Parameters
+    ----------
+    motion, quantity : str
+        Names of that motion, and of its quantity.
+    called : str
+        Name of the quantity in this motion's results, which its wording has.
+    input : str
+        Channel, or family of channels, that drives it there.
+    input_map : str
+        Of that channel, unless a user names another.
+    needs : mapping of str to tuple of str
+        What must be logged, in words, and the channels of which one will do.
+    """
+
+    motion: str
+    quantity: str
+    called: str
+    input: str
+    input_map: str
+    needs: Mapping[str, tuple[str, ...]]
+
+
+# -- Drawn rows --
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """What a draw of flights says, before quantities are derived from it.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Linear parameters.
+    at : mapping of str to float
+        Every nuisance.
+    sums : mapping of str to float
+        Those of `Motion.flight_sums` there, over the flights drawn.
+    """
+
+    parameters: Mapping[str, float]
+    at: Values
+    sums: Mapping[str, float]
+
+
+# -- Implied quantities --
+
+
+@dataclass(frozen=True, slots=True)
+class Implied:
+    """One such number, or why it does not follow.
+
+    Parameters
+    ----------
+    name, words : str
+        For programs, and for people.
+    symbol, unit : str
+        Of the number.
+    value : float or None
+        None where it does not follow.
+    std_error : float or None
+        Of it.
+    interval : tuple of float or None
+        95 %, with the errors of what was supplied.
+    sentence : str
+        What it rests on; or what is missing, what there is in its place, and what to supply.
+    """
+
+    name: str
+    words: str
+    symbol: str
+    unit: str
+    value: float | None
+    std_error: float | None
+    interval: Interval | None
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Implications:
+    """All of them.
+
+    Parameters
+    ----------
+    numbers : tuple of Implied
+        In the order in which they are shown; none for a motion that has nothing of the kind.
+    contradictions : tuple of str
+        Sentences about what cannot be, or does not fit what was supplied.
+    """
+
+    numbers: tuple[Implied, ...] = ()
+    contradictions: tuple[str, ...] = ()
+
+
+# -- Predicted --
+
+
+class Horizon(Enum):
+    """How far ahead a prediction looks."""
+
+    ONE_STEP = "one_step"
+    """What is measured at a sample, of everything else that is measured there."""
+    OPEN_LOOP = "open_loop"
+    """The state over a whole run, of its input alone."""
+
+    @property
+    def words(self) -> str:
+        """In words."""
+        return {"one_step": "one step ahead", "open_loop": "in open loop"}[self.value]
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """A measured quantity over the samples of all runs, run after run, and what given numbers say of it.
+
+    Parameters
+    ----------
+    horizon : Horizon
+        How far ahead it looks.
+    quantity, unit : str
+        What is measured, in words, and its unit as it is shown.
+    measured, predicted : ndarray, shape (samples,)
+        In that unit. What belongs to a run alone, its trim and its start, is fitted in both alike.
+    """
+
+    horizon: Horizon
+    quantity: str
+    unit: str
+    measured: Float[np.ndarray, " samples"]
+    predicted: Float[np.ndarray, " samples"]
+
+
+@dataclass(frozen=True, slots=True)
+class SimpleModel:
+    """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate.
+
+    Parameters
+    ----------
+    words : str
+        What it is.
+    values : mapping of str to float
+        Every linear parameter and every nuisance.
+    """
+
+    words: str
+    values: Mapping[str, float]
+
+
+# -- Plot data --
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One axis over the samples of all runs, run after run: what was measured and what the model says.
+
+    Parameters
+    ----------
+    axis : str
+        What is measured, in words.
+    unit : str
+        As it is shown.
+    model, drive : str
+        The prediction, and the part of it that the input makes, in symbols.
+    measured, predicted, driven : ndarray, shape (samples,)
+        In that unit; the mean of each run may be missing from them.
+    band_hz : tuple of float, optional
+        Band that they are of, where it is another than that of the flights.
+    """
+
+    axis: str
+    unit: str
+    model: str
+    drive: str
+    measured: Float[np.ndarray, " samples"]
+    predicted: Float[np.ndarray, " samples"]
+    driven: Float[np.ndarray, " samples"]
+    band_hz: tuple[float, float] | None = None
+
+
+def joined(traces: tuple[Trace, ...]) -> Trace:
+    """Traces of one axis of several flights, one after the other."""
+    return replace(
+        traces[0],
+        measured=np.concatenate([trace.measured for trace in traces]),
+        predicted=np.concatenate([trace.predicted for trace in traces]),
+        driven=np.concatenate([trace.driven for trace in traces]),
+    )
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A series of a flight to look at, whether or not something could be estimated.
+
+    Parameters
+    ----------
+    label : str
+        With its unit.
+    values : ndarray, shape (n,)
+        On the flight's grid.
+    asked : ndarray, shape (n,), optional
+        What the vehicle was asked for, in the same unit.
+    """
+
+    label: str
+    values: Float[np.ndarray, " n"]
+    asked: Float[np.ndarray, " n"] | None = None
+
+
+# -- Tracked --
+
+
+@dataclass(frozen=True)
+class Followed:
+    """A parameter that is followed over a flight, and the rows that tell it.
+
+    Parameters
+    ----------
+    name : str
+        The parameter, one of the problem's.
+    runs : LaggedRuns
+        Columns of the flight.
+    known : mapping of str to Prior
+        What is known of other parameters.
+    intercept : Prior or None
+        What is known of the response without any input and motion; None for nothing.
+    told : tuple of str
+        The same in sentences.
+    """
+
+    name: str
+    runs: LaggedRuns
+    known: Mapping[str, Prior]
+    intercept: Prior | None
+    told: tuple[str, ...]
+
+
+# -- Quantities without a lag --
+
+#: Its name among simple models, and what it is.
+NAME, WORDS = "least_squares", "no-lag least squares"
+
+
+def least_squares_without_lag(problem: LaggedRuns, at: Values) -> SimpleModel:
+    """Least squares of all rows in frequency with neither lag nor delay.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        Of the flights.
+    at : mapping of str to float
+        Values of all nuisances, of which lag and delay count as zero.
+    """
+    without = {**at, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    bins = problem.bins(without)
+    rows = np.concatenate([bins.regressors.real, bins.regressors.imag])
+    response = np.concatenate([bins.responses[:, 0].real, bins.responses[:, 0].imag])
+    sizes = np.sqrt((rows * rows).sum(axis=0))
+    sizes[sizes == 0.0] = 1.0
+    fitted = np.linalg.lstsq(rows / sizes, response)[0] / sizes
+    names = (parameter.name for parameter in problem.parameters)
+    return SimpleModel(WORDS, {**without, **dict(zip(names, fitted.tolist(), strict=True))})
+
+
+# -- Words of a motion --
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """How reports speak of a motion.
+
+    Parameters
+    ----------
+    title : str
+        Name of the motion, as a heading.
+    meanings : mapping of Status to str
+        What each verdict means.
+    fly : str
+        What to fly when nothing else helps, one sentence.
+    limits : str
+        What samples are limited by, after "three seconds in the air in runs of a second or more,".
+    limited_by : str
+        The same as a list of nouns.
+    loosen : str
+        What to do when those limits leave nothing.
+    no_reference : str
+        What is missing when no reference is logged.
+    no_lag : str
+        Why there is no lag to find when the input is measured.
+    where : str
+        Where the vehicle is while the motion holds.
+    begins : str
+        What it does to get there.
+    another_log : str
+        What to do when it never does.
+    """
+
+    title: str
+    meanings: Mapping[Status, str]
+    fly: str
+    limits: str = "inside the window"
+    limited_by: str = "window and gaps"
+    loosen: str = "Widen the window."
+    no_reference: str = "None is logged."
+    no_lag: str = "The input was measured:\nthere is no lag to find."
+    where: str = "in the air"
+    begins: str = "takes off"
+    another_log: str = "Give a log of a flight."
+
+
+@dataclass(frozen=True, slots=True)
+class CardSection:
+    """One part of a flight card.
+
+    Parameters
+    ----------
+    title : str
+        A few words.
+    sentences : tuple of str
+        What to do.
+    """
+
+    title: str
+    sentences: tuple[str, ...]
+
+
+# -- Quantity --
 
 NAN = float("nan")
 NO_INTERVAL = (float("-inf"), float("inf"))

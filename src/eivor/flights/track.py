@@ -1,9 +1,4 @@
-"""A parameter of a flight over its time: what recursive identification says at each moment, and changes.
-
-The flight is identified as a whole first, which tells the lag. Then rows in time, at that lag, are followed
-with forgetting by the flight's own instruments and one of ones: the level of the response tells a gain even
-where the flight hardly moves, as far as the intercept is known.
-"""
+"""Tracking of a parameter over a flight."""
 
 from __future__ import annotations
 
@@ -14,12 +9,10 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.recursive.change_detector import ChangeDetector
-from eivor.estimation.recursive.forgetting import MEMORIES, Forgetting
-from eivor.estimation.recursive.timed_rows import TimedRows, counted_rows
-from eivor.estimation.recursive.tracking import Follower
+from eivor.estimation.exponential_forgetting import MEMORIES, Forgetting, TimedRows, counted_rows
+from eivor.estimation.recursive import ChangeDetector, Follower
+from eivor.flights.quantity import Followed
 from eivor.flights.result import Fit, FlightEstimate
-from eivor.flights.tracked import Followed
 from eivor.models.lagged_runs import AxisColumns
 from eivor.models.separable import Values
 

@@ -1,1 +1,1 @@
-"""Room."""
+"""Inference for estimating equations."""

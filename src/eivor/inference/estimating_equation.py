@@ -1,16 +1,4 @@
-"""Estimating equations: what inference needs to know of an estimate, whatever method made it.
-
-The estimate solves ``sum_t s_t(theta) = 0`` with scores s_t = p_t e_t + constant: test functions p_t times
-the residual e_t, and for compensated equations what the measurement noises add to the product on
-average, C theta - c. To first order theta_hat - theta = M^-1 sum_t s_t, where the sensitivity M is minus
-the derivative of the sum by theta.
-
-Any n independent combinations of n equations have the same solution and the same covariance. Rows are given
-in *orthonormal coordinates*, where the test functions of all rows have products near the identity: there
-regressors that are nearly collinear have a sensitivity of their own condition, never of its square.
-
-Rows come in blocks, in their order, so that nothing as long as the record need be kept.
-"""
+"""Estimating equations at a solution."""
 
 from __future__ import annotations
 
@@ -21,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import CollinearError
-from eivor.shapes import Float, Int
+from eivor.tools import Float, Int
 
 
 @dataclass(frozen=True)

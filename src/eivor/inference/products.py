@@ -1,12 +1,4 @@
-"""Products: sums of products of a problem's columns over successive blocks of its rows.
-
-One table serves all that follows from sums: the equations of an instrumental method and their weights, the
-tests of instruments, of constancy and of leverage, data in chunks, and replicates of a bootstrap.
-
-The columns are p instruments psi, then n regressors phi, then the response y, or, at an estimate, its
-residual e. A table holds the products of all columns with each other, or, where they are not needed, only
-those of psi with [phi y].
-"""
+"""Products of residuals and instruments at an estimate."""
 
 from __future__ import annotations
 
@@ -17,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.linalg.row_blocks import MULTIPLIED_ROWS, row_blocks
-from eivor.shapes import Float, Int
+from eivor.linalg.system import MULTIPLIED_ROWS, row_blocks
+from eivor.tools import Float, Int
 
 #: Blocks shorter than this many rows are multiplied many at once, and so many numbers are held at a time.
 SHORT_BLOCK = 64

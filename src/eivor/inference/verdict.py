@@ -1,4 +1,4 @@
-"""Verdicts: what may be concluded from an estimate, with reasons in sentences."""
+"""Status of a verdict."""
 
 from __future__ import annotations
 

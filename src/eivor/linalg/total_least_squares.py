@@ -1,11 +1,4 @@
-"""Total least squares: errors in the regressors as well as in the response.
-
-Columns without error are eliminated and the others whitened by the declared error covariance (see
-`eivor.linalg.split_problem`); what is left is solved by the SVD or through the paper's augmented system.
-
-Columns are never rescaled but by their declared errors, since every other scaling is another estimator;
-without a covariance the solution changes with the units of the columns.
-"""
+"""Least squares, total least squares and Fuller's modification."""
 
 from __future__ import annotations
 
@@ -14,11 +7,359 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from scipy.linalg.lapack import dtrtrs
 
-from eivor.linalg.augmented import solve_augmented
-from eivor.linalg.split_problem import residual_weight, split_problem
-from eivor.linalg.system import LinearSystem, ScoreCorrection, Solution, Solver
-from eivor.shapes import Float
+from eivor import checks
+from eivor.errors import (
+    CollinearError,
+    ConvergenceError,
+    CovarianceError,
+    NoUniqueSolutionError,
+    ShapeError,
+    TooFewSamplesError,
+    UsageError,
+)
+from eivor.linalg.system import LinearSystem, ScoreCorrection, Shrinkage, Solution, Solver, triangular_root
+from eivor.tools import Float, Int
+
+# -- Augmented systems --
+
+
+def solve_augmented(
+    A: Float[np.ndarray, "m n"],
+    b: Float[np.ndarray, " m"],
+    upper: float,
+    lower: float,
+    below: Float[np.ndarray, " n"] | None = None,
+) -> Float[np.ndarray, " n"]:
+    """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c.
+
+    A symmetric indefinite solve (Bunch-Kaufman), O((m + n)^3): give it a triangular A of size n.
+    Performs no checks.
+    """
+    rows, unknowns = A.shape
+    matrix = np.zeros((rows + unknowns, rows + unknowns))
+    matrix[:rows, :rows] = upper * np.eye(rows)
+    matrix[:rows, rows:] = A
+    matrix[rows:, :rows] = A.T
+    matrix[rows:, rows:] = lower * np.eye(unknowns)
+    right = np.concatenate([b, np.zeros(unknowns) if below is None else below])
+    with np.errstate(all="ignore"):
+        solution: Float[np.ndarray, " size"] = scipy.linalg.lapack.dsysv(matrix, right)[2].ravel()
+    return solution[rows:]
+
+
+def balanced(R: Float[np.ndarray, "n n"], shift: float) -> float:
+    """Value of s in [[s I, R], [R', (shift/s) I]] that keeps it as well conditioned as R."""
+    smallest = float(np.linalg.svd(R, compute_uv=False)[-1])
+    return max(float(np.sqrt(abs(shift))), smallest / float(np.sqrt(2.0)))
+
+
+# -- Least squares --
+
+#: Share of a solution, and of its standard errors, that rounding may take. A condition number times the
+#: rounding of a number is about what it does take.
+LARGEST_ROUNDING = 1e-3
+
+
+class UnweightedScore(Solver):
+    """What solvers that put all of the residual into the response have in common."""
+
+    def score_correction(
+        self,
+        residual: Float[np.ndarray, " rows"],
+        theta: Float[np.ndarray, " n"],
+        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
+    ) -> ScoreCorrection:
+        """Zeros: least squares puts all of the residual into the response."""
+        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
+
+
+class UnweightedLeastSquares(UnweightedScore):
+    """What the ways to solve a least squares problem have in common: all but the last step."""
+
+    @abstractmethod
+    def triangular_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float, /
+    ) -> Float[np.ndarray, " n"]:
+        """Solution of R theta = right, given R's smallest singular value."""
+
+    def solve(self, system: LinearSystem) -> Solution:
+        """Least squares solution, see `Solver.solve`."""
+        unknowns = system.matrix.shape[1]
+        scale = column_lengths(system.matrix)
+        scaled = np.column_stack([system.matrix / scale, system.right])
+        root = triangular_root(scaled / row_lengths(system.matrix)[:, None])
+        R = root[:unknowns, :unknowns]
+        smallest, condition = smallest_singular_value(R)
+        theta = self.triangular_solution(R, root[:unknowns, -1], smallest) / scale
+        residual = system.right - system.matrix @ theta
+        return Solution(theta, residual, float(residual @ residual), condition)
+
+    def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
+        """Squares of what is left of b, by one QR of all, see `Solver.objectives`."""
+        if systems.shape[1] < systems.shape[2]:
+            return np.zeros(systems.shape[0])  # as many equations as unknowns are met exactly
+        roots = np.asarray(np.linalg.qr(systems, mode="r"))
+        return np.asarray(roots[:, -1, -1] ** 2)
+
+
+@dataclass(frozen=True, slots=True)
+class LeastSquares(UnweightedLeastSquares):
+    """Minimise ||b - A theta||_2 by QR. O(m n^2); never squares the condition number."""
+
+    def triangular_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
+    ) -> Float[np.ndarray, " n"]:
+        """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
+        solution: Float[np.ndarray, " n"] = dtrtrs(R, right)[0]
+        return solution
+
+
+@dataclass(frozen=True, slots=True)
+class AugmentedLeastSquares(UnweightedLeastSquares):
+    """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31).
+
+    [[s I, A], [A', 0]] [r/s; theta] = [b; 0] with s = sigma_min(A)/sqrt(2). An orthogonal reduction of
+    [A b] leaves solution and conditioning as they are and shrinks the system from m + n to 2 n.
+    """
+
+    def triangular_solution(
+        self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
+    ) -> Float[np.ndarray, " n"]:
+        """Solution of the reduced augmented system."""
+        return solve_augmented(R, right, smallest / np.sqrt(2.0), 0.0)
+
+
+def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+    """Euclidean length of each column.
+
+    Raises
+    ------
+    CollinearError
+        When a column is zero.
+    """
+    lengths: Float[np.ndarray, " n"] = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
+    if not lengths.all():
+        raise CollinearError(
+            "regressors that vary",
+            f"column {int(np.argmin(lengths))} is zero",
+            "Leave that column out, or give rows in which it moves.",
+        )
+    return lengths
+
+
+def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
+    """Euclidean lengths of the rows of a square matrix whose columns are given unit length.
+
+    Ones where there are more rows than columns: their units are their weights. Ones for zero rows too.
+    """
+    if matrix.shape[0] != matrix.shape[1]:
+        return np.ones(matrix.shape[0])
+    columns = np.einsum("ij,ij->j", matrix, matrix)
+    rows = (matrix * matrix) @ (1.0 / np.where(columns > 0.0, columns, 1.0))
+    return np.asarray(np.sqrt(np.where(rows > 0.0, rows, 1.0)))
+
+
+def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
+    """Smallest singular value and condition number of the triangular factor of unit-length columns.
+
+    Raises
+    ------
+    CollinearError
+        When the condition exceeds .001/(n eps), 2e12 for two columns: one of them is a combination of the
+        others but for rounding, which three digits of the solution do not survive.
+    """
+    singular = np.linalg.svd(R, compute_uv=False)
+    if lost_to_rounding(singular, R.shape[0]):
+        raise CollinearError(
+            "linearly independent regressors",
+            f"columns of which one is a combination of the others (singular values {singular})",
+            "Remove a column, or give data in which they move independently.",
+        )
+    return float(singular[-1]), float(singular[0] / singular[-1])
+
+
+def lost_to_rounding(singular: Float[np.ndarray, " n"], size: int) -> bool:
+    """Whether rounding takes more than its share of what a matrix of these singular values is solved for.
+
+    Parameters
+    ----------
+    singular : ndarray, shape (n,)
+        Of the matrix with columns of unit length, in descending order.
+    size : int
+        Its larger dimension.
+    """
+    return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * np.finfo(np.float64).eps)
+
+
+# -- Split problem --
+
+#: sigma_min([A b]) must lie below sigma_min(A) by this share.
+SEPARATION = 1e-12
+
+
+@dataclass(frozen=True)
+class SplitProblem:
+    """Whitened columns with errors, and the way back.
+
+    Notation: with S = L L' the covariance of the noisy columns' errors and the response's, the rows
+    [A b] L^-T have errors of covariance I, and [theta; -1] becomes L' [theta; -1] up to a factor.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        The problem.
+    covariance : ndarray, shape (n + 1, n + 1)
+        S, of all columns.
+    exact, noisy : ndarray of int
+        Columns without and with errors.
+    root : ndarray, shape (k, n + 1)
+        Triangular root of [A b], exact columns first.
+    factor : ndarray, shape (q + 1, q + 1)
+        L of the noisy columns and the response.
+    R : ndarray, shape (q, q)
+        Triangular factor of the whitened regressors.
+    right : ndarray, shape (q,)
+        Right-hand side in its coordinates.
+    outside : float
+        Square of the whitened right-hand side that no regressor reaches.
+    smallest : float
+        Smallest singular value of the whitened [A b].
+    condition : float
+        Condition number of A, columns scaled to unit length.
+    """
+
+    system: LinearSystem
+    covariance: Float[np.ndarray, "n_plus_1 n_plus_1"]
+    exact: Int[np.ndarray, " k"]
+    noisy: Int[np.ndarray, " q"]
+    root: Float[np.ndarray, "rows n_plus_1"]
+    factor: Float[np.ndarray, "q_plus_1 q_plus_1"]
+    R: Float[np.ndarray, "q q"]
+    right: Float[np.ndarray, " q"]
+    outside: float
+    smallest: float
+    condition: float
+
+    def theta(self, whitened: Float[np.ndarray, " q"]) -> Float[np.ndarray, " n"]:
+        """All unknowns, from those of the whitened columns."""
+        known, unknowns = self.exact.size, self.exact.size + self.noisy.size
+        found = np.empty(unknowns)
+        if self.noisy.size:
+            direction = scipy.linalg.solve_triangular(
+                self.factor, np.append(whitened, -1.0), lower=True, trans="T"
+            )
+            found[self.noisy] = -direction[:-1] / direction[-1]
+        if known:
+            right = self.root[:known, -1] - self.root[:known, known:unknowns] @ found[self.noisy]
+            found[self.exact] = scipy.linalg.solve_triangular(self.root[:known, :known], right)
+        return found
+
+    def whitened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " q"]:
+        """Unknowns of the whitened columns, from all unknowns."""
+        direction = self.factor.T @ np.append(theta[self.noisy], -1.0)
+        return np.asarray(-direction[:-1] / direction[-1])
+
+    def solution(self, theta: Float[np.ndarray, " n"], shrinkage: Shrinkage | None = None) -> Solution:
+        """Solution with these unknowns."""
+        residual = self.system.right - self.system.matrix @ theta
+        power = float(residual @ residual) / residual_weight(theta, self.covariance)
+        return Solution(theta, residual, power, self.condition, shrinkage)
+
+
+def split_problem(system: LinearSystem) -> SplitProblem:
+    """Split and whiten a problem.
+
+    Raises
+    ------
+    TooFewSamplesError
+        With fewer than n + 1 equations.
+    NoUniqueSolutionError
+        When sigma_min([A b]) is not below sigma_min(A).
+    CovarianceError
+        When the errors of the noisy columns have a singular covariance.
+    """
+    rows, unknowns = system.matrix.shape
+    if rows < unknowns + 1:
+        raise TooFewSamplesError(
+            f"at least {unknowns + 1} equations for total least squares with {unknowns} unknowns",
+            f"{rows}",
+            "Give more equations, or use least squares.",
+        )
+    S = np.eye(unknowns + 1) if system.error_covariance is None else system.error_covariance
+    if not (np.diag(S) >= 0.0).all():
+        raise CovarianceError(
+            "variances of zero or more", f"{np.diag(S)}", "Check the covariance of the columns' errors."
+        )
+    exact = np.flatnonzero(np.diag(S)[:-1] == 0.0)
+    noisy = np.flatnonzero(np.diag(S)[:-1] > 0.0)
+    order = np.concatenate([exact, noisy])
+    lengths = column_lengths(system.matrix)
+    root = triangular_root(np.column_stack([system.matrix[:, order], system.right]))
+    _, condition = smallest_singular_value(root[:unknowns, :unknowns] / lengths[order])
+    if not noisy.size:
+        none = np.empty((0, 0))
+        return SplitProblem(system, S, exact, noisy, root, none, none, np.empty(0), 0.0, 0.0, condition)
+    both = np.append(noisy, unknowns)
+    L = _cholesky(S[np.ix_(both, both)])
+    left = _whitened_root(root[exact.size :, exact.size :], L)
+    q = noisy.size
+    smallest = _smallest(left, q)
+    outside = float(left[q, q] ** 2) if left.shape[0] > q else 0.0
+    return SplitProblem(
+        system, S, exact, noisy, root, L, left[:q, :q], left[:q, -1], outside, smallest, condition
+    )
+
+
+def residual_weight(theta: Float[np.ndarray, " n"], S: Float[np.ndarray, "n_plus_1 n_plus_1"]) -> float:
+    """[theta; -1]' S [theta; -1]: variance of a row's residual; one when every column is exact."""
+    direction = np.append(theta, -1.0)
+    return float(direction @ S @ direction) or 1.0
+
+
+def _whitened_root(
+    stacked: Float[np.ndarray, "m q_plus_1"], L: Float[np.ndarray, "q_plus_1 q_plus_1"]
+) -> Float[np.ndarray, "k q_plus_1"]:
+    whitened = scipy.linalg.solve_triangular(L, stacked.T, lower=True).T
+    return triangular_root(whitened)
+
+
+def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:
+    """sigma_min([A b]), which must lie below sigma_min(A)."""
+    singular = np.linalg.svd(root, compute_uv=False)
+    regressors_only = np.linalg.svd(root[:unknowns, :unknowns], compute_uv=False)
+    smallest = float(singular[-1]) if singular.size > unknowns else 0.0
+    if smallest >= float(regressors_only[-1]) * (1.0 - SEPARATION):
+        raise NoUniqueSolutionError(
+            "sigma_min([A b]) below sigma_min(A)",
+            f"{smallest:.6g} and {regressors_only[-1]:.6g}",
+            "Total least squares has no unique solution here: the regressors alone explain the "
+            "smallest direction. Use least squares, or more and better excited data.",
+        )
+    return smallest
+
+
+def _cholesky(S: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    scale = np.sqrt(np.diag(S))
+    if not scale.all():
+        raise NoUniqueSolutionError(
+            "a response with noise",
+            "an exact response beside noisy regressors",
+            "Declare the response's noise, or exchange response and regressor.",
+        )
+    try:
+        return np.asarray(scale[:, None] * np.linalg.cholesky(S / np.outer(scale, scale)))
+    except np.linalg.LinAlgError as error:
+        raise CovarianceError(
+            "a positive definite covariance of the noisy columns' errors",
+            "one that is singular or indefinite",
+            "Errors of two columns must not be exact multiples of each other; check signs and sizes.",
+        ) from error
+
+
+# -- Total least squares --
 
 
 class ErrorsInColumns(Solver):
@@ -101,3 +442,133 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
         if smallest == 0.0:
             return np.asarray(scipy.linalg.solve_triangular(R, right))
         return solve_augmented(R, right, smallest, smallest)
+
+
+# -- Fuller --
+
+
+@dataclass(frozen=True, slots=True)
+class Fuller(ErrorsInColumns):
+    """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977).
+
+    Of two-stage equations whose columns' errors have the covariance that the instruments leave (see
+    `eivor.estimation.weighting`) total least squares is limited information maximum
+    likelihood, and this is Fuller's modification of it, the k-class with k = k_LIML - a/nu. Unlike LIML it
+    has moments: a = 1 is nearly unbiased, a = 4 has a small mean square error.
+
+    Parameters
+    ----------
+    strength : float
+        a, zero for LIML.
+
+    Raises
+    ------
+    UsageError
+        When it is no number of zero or more.
+    """
+
+    strength: float = 1.0
+
+    def __post_init__(self) -> None:
+        checks.within(self, {"strength": (0.0, 1e6)}, "Use 1, or 4.")
+
+    def solve(self, system: LinearSystem) -> Solution:
+        """Solution, see `Solver.solve`.
+
+        Raises
+        ------
+        UsageError
+            When the errors' covariance is no estimate, which has degrees of freedom.
+        """
+        if system.error_degrees is None:
+            raise UsageError(
+                "equations whose errors' covariance was estimated, on so many degrees of freedom",
+                "ones without",
+                "Use the method that goes with it: eivor.methods.fuller().",
+            )
+        split = split_problem(system)
+        if not split.noisy.size:
+            return split.solution(split.theta(np.empty(0)))
+        shift = split.smallest**2 - self.strength / system.error_degrees
+        upper = balanced(split.R, shift)
+        return split.solution(split.theta(solve_augmented(split.R, split.right, upper, shift / upper)))
+
+
+# -- Weighted total least squares --
+
+#: Relative change of theta at which the iteration stops, and its longest run.
+TOLERANCE = 1e-14
+ITERATIONS = 500
+
+
+def weighted_total_least_squares(
+    system: LinearSystem, row_covariances: Float[np.ndarray, "m n_plus_1 n_plus_1"]
+) -> Solution:
+    """Minimise sum_t e_t^2 / w_t, w_t = [theta; -1]' S_t [theta; -1], e = b - A theta.
+
+    At the minimum sum_t (e_t / w_t) x_t = 0 with x_t the regressors adjusted for their estimated errors,
+    x_t = a_t + e_t (W_t theta - v_t) / w_t (W_t, v_t the blocks of S_t; York 1966 for a straight line).
+    The iteration solves that equation for theta with x_t and w_t from the theta before.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        A and b; its own error covariance is not used.
+    row_covariances : ndarray, shape (m, n + 1, n + 1)
+        Covariance S_t of the errors in each row of [A b].
+
+    Raises
+    ------
+    ShapeError, CovarianceError
+        When the covariances do not fit, or a row's residual has no variance.
+    ConvergenceError
+        When the iteration does not settle.
+    """
+    checks.kind("system", system, LinearSystem, "a LinearSystem", "Make one: LinearSystem(A, b).")
+    A, b, S = system.matrix, system.right, checks.real_array("row_covariances", row_covariances)
+    if S.shape != (*A.shape[:1], A.shape[1] + 1, A.shape[1] + 1):
+        raise ShapeError(
+            f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}", f"{S.shape}", "One a row."
+        )
+    start = LeastSquares().solve(system)
+    # Rows [A b] in units in which every column has length one: neither the stopping rule nor the solve
+    # then depends on the user's.
+    lengths = np.append(column_lengths(A), 1.0)
+    A, S = A / lengths[:-1], S / np.outer(lengths, lengths)
+    theta = start.theta * lengths[:-1]
+    for _ in range(ITERATIONS):
+        weight, adjusted = _adjusted(A, b, S, theta)
+        projected = adjusted / weight[:, None]
+        renewed = np.linalg.solve(projected.T @ A, projected.T @ b)
+        change = float(np.max(np.abs(renewed - theta)))
+        theta = renewed
+        if change <= TOLERANCE * float(np.max(np.abs(theta))):
+            break
+    else:
+        raise ConvergenceError(
+            f"a settled weighted total least squares iteration within {ITERATIONS} steps",
+            f"a last relative change of {change / float(np.max(np.abs(theta))):.2g}",
+            "The data hardly determine a parameter, or the weights are extreme: check the covariances.",
+        )
+    residual = b - A @ theta
+    weight, _ = _adjusted(A, b, S, theta)
+    return Solution(theta / lengths[:-1], residual, float(np.sum(residual**2 / weight)), start.condition)
+
+
+def _adjusted(
+    A: Float[np.ndarray, "m n"],
+    b: Float[np.ndarray, " m"],
+    S: Float[np.ndarray, "m n_plus_1 n_plus_1"],
+    theta: Float[np.ndarray, " n"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m n"]]:
+    """Variance of each row's residual, and its regressors adjusted for their estimated errors."""
+    pull = S @ np.append(theta, -1.0)
+    weight = pull @ np.append(theta, -1.0)
+    if not (weight > 0.0).all():
+        raise CovarianceError(
+            "a positive variance of every row's residual",
+            f"{float(weight.min()):.3g} in row {int(np.argmin(weight))}",
+            "Give every row an error in the response or in a regressor.",
+        )
+    residual = b - A @ theta
+    return weight, A + (residual / weight)[:, None] * pull[:, :-1]

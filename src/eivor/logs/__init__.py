@@ -1,29 +1,26 @@
-"""Readers of flight logs: a table of formats, each makes a `Recording`.
-
-What concerns tables is loaded when it is first used: most logs are none.
-"""
+"""Readers of flight logs."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from eivor.logs.formats import declare_format, log_format, logging_advice
-from eivor.logs.log_format import LogFormat, ReadOptions
-from eivor.logs.read import DEFAULT_MAX_BYTES, read_log
+from eivor.logs.common import LogFormat, ReadOptions
+from eivor.logs.read import DEFAULT_MAX_BYTES, declare_format, log_format, logging_advice, read_log
 
 if TYPE_CHECKING:
-    from eivor.logs.arrays import recording_from_columns
     from eivor.logs.channel_map import ChannelMap, load_channel_map, shipped_maps
-    from eivor.logs.table.written import write_recording
+    from eivor.logs.mapping import recording_from_columns
+    from eivor.logs.table.columnar import write_recording
+
 
 #: Where each name of tables lives.
 _HOMES = {
     "ChannelMap": "eivor.logs.channel_map",
     "load_channel_map": "eivor.logs.channel_map",
-    "recording_from_columns": "eivor.logs.arrays",
+    "recording_from_columns": "eivor.logs.mapping",
     "shipped_maps": "eivor.logs.channel_map",
-    "write_recording": "eivor.logs.table.written",
+    "write_recording": "eivor.logs.table.columnar",
 }
 
 __all__ = [

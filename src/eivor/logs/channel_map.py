@@ -1,66 +1,229 @@
-"""Channel maps: which column of a table is which canonical channel, in TOML.
-
-A map states::
-
-    name = "mycopter"               # required
-    description = "..."             # optional
-    frame = "z_up"                  # or "ned"; z_up by default
-    input_map = "square"            # optional: linear, square, power:EXPONENT, mixed:SHARE
-    source = "sensor"               # or "estimator": where the channels come from; "sensor" by default
-
-    [time]
-    column = "t"
-    unit = "s"                      # s, ms, us, ns
-
-    [columns.motor_1]               # optional: the range that a column's values can have
-    valid = [0, 65535]              # outside: overflow, becomes missing
-    saturates = "upper"             # bounds that mean saturation: "lower", "upper", "both", "none";
-                                    # by default both, but "upper" where low is 0
-
-    [channels.velocity_z]
-    column = "vz"                   # or expression = "vz_raw / 100"
-    index = 2                       # optional: which element, where the cells of the column are lists
-    unit = "m/s"                    # as logged; SI by default
-    sign = -1                       # optional
-    scale = 1.0                     # optional
-    held = false                    # optional; commands and setpoints are held by default
-    optional = false                # optional: true when some tables lack the column
-    source = "estimator"            # optional: where this channel comes from; the map's by default
-    delay_ms = 8                    # optional: the sensor tells what was so long before its stamp
-    noise = 0.02                    # optional: standard deviation of its measurement noise, in `unit`; or,
-                                    # of a data sheet, noise_density (in `unit` per root hertz),
-                                    # noise_bandwidth_hz and quantisation (the step, in `unit`)
-
-    [channels.rotor_command_1]
-    column = "motor1"
-    curve_side = "behind"           # optional, of commands: "before" or "behind" the thrust curve that the
-                                    # autopilot inverts (THR_MDL_FAC, MOT_THST_EXPO); unknown by default
-
-    [channels.cos_tilt]
-    quaternion = ["qw", "qx", "qy", "qz"]      # or roll_pitch = ["roll", "pitch"], with unit = "deg"
-
-Axes are as the table has them, `frame` says which way they point; `input` is positive up in either frame.
-Every key is checked. A shipped map is used by itself when a table has all columns of its channels that
-are not optional.
-"""
+"""Channel maps: files that name columns, units and expressions."""
 
 from __future__ import annotations
 
+import ast
 import os
+import re
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
+
 from eivor.errors import ChannelMapError, UsageError, did_you_mean
-from eivor.logs.elements import element_name
-from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles, tilt_of_quaternion
-from eivor.logs.units import TIME_UNITS, UNITS, unit_fits
-from eivor.signals.canonical import CurveSide, canonical_channel, canonical_channels
-from eivor.signals.data_sheet import DataSheet
-from eivor.signals.input_map import input_map
-from eivor.signals.recording import Frame
-from eivor.toml_table import TomlTable, read_toml, toml_table
+from eivor.logs.common import TIME_UNITS, UNITS, element_name, unit_fits
+from eivor.signals.channels import CurveSide, canonical_channel, canonical_channels
+from eivor.signals.recording import DataSheet, Frame
+from eivor.signals.thrust_map import input_map
+from eivor.strict_toml import TomlTable, read_toml, toml_table
+from eivor.tools import Float
+
+# -- Expressions --
+
+#: Elementwise functions; how many arguments one has is the ufunc's `nin`.
+FUNCTIONS: Mapping[str, np.ufunc] = {
+    "abs": np.absolute,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "ln": np.log,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "pow": np.power,
+    "greatest": np.maximum,
+    "least": np.minimum,
+}
+_OPERATORS: Mapping[type[ast.AST], np.ufunc] = {
+    ast.Add: np.add,
+    ast.Sub: np.subtract,
+    ast.Mult: np.multiply,
+    ast.Div: np.divide,
+}
+MAX_LENGTH = 1000
+MAX_NESTING = 32
+_QUOTED = re.compile(r'"([^"\x00]+)"')
+
+
+#: One step of a computation on a stack: put a number or a column (by name) on it, or apply a function.
+Step = float | str | np.ufunc
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A checked expression.
+
+    Parameters
+    ----------
+    text : str
+        As it stands in the channel map.
+    steps : tuple of float, str or ufunc
+        Numbers, names of columns and functions, each function after its arguments.
+    columns : tuple of str
+        Columns that it uses, at least one.
+    """
+
+    text: str
+    steps: tuple[Step, ...]
+    columns: tuple[str, ...]
+
+    @classmethod
+    def of_column(cls, name: str) -> Expression:
+        """Return the expression that is a column as it stands."""
+        return cls(name, (name,), (name,))
+
+    def evaluate(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> Float[np.ndarray, " n"]:
+        """Return the value for each row [the unit of the expression]; not finite where it is not defined."""
+        stack: list[np.ndarray | np.float64] = []
+        with np.errstate(all="ignore"):
+            for step in self.steps:
+                if isinstance(step, np.ufunc):
+                    arguments = stack[-step.nin :]
+                    del stack[-step.nin :]
+                    stack.append(step(*arguments))
+                else:
+                    stack.append(columns[step] if isinstance(step, str) else np.float64(step))
+        return np.asarray(stack.pop(), dtype=np.float64)
+
+
+def parse_expression(text: str, where: str) -> Expression:
+    """Check an expression and name its columns.
+
+    Parameters
+    ----------
+    text : str
+        The expression.
+    where : str
+        File and key, for messages.
+
+    Raises
+    ------
+    ChannelMapError
+        When the text is anything but elementwise arithmetic over columns.
+    """
+    if len(text) > MAX_LENGTH:
+        raise _refused(where, f"{len(text)} characters")
+    compiler = _Compiler(text, where)
+    compiler.compile()
+    if not compiler.columns:
+        raise _refused(where, f"{text!r}, which names no column")
+    return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
+
+
+def tilt_of_quaternion(w: str, x: str, y: str, z: str) -> Expression:
+    """Cosine of the tilt from the columns of a quaternion of any norm, from body to world."""
+    return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", {"w": w, "x": x, "y": y, "z": z})
+
+
+def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
+    """Cosine of the tilt from the columns of roll and pitch, whose unit is so many radians."""
+    return _formula(f"cos({radians!r} * roll) * cos({radians!r} * pitch)", {"roll": roll, "pitch": pitch})
+
+
+def _formula(text: str, columns: Mapping[str, str]) -> Expression:
+    """Return an expression in which other columns, of any name, stand for those of the text."""
+    parsed = parse_expression(text, "formula")
+    shown = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
+    steps = tuple(columns.get(step, step) if isinstance(step, str) else step for step in parsed.steps)
+    return Expression(shown, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
+
+
+def _refused(where: str, received: str) -> ChannelMapError:
+    names = ", ".join(FUNCTIONS)
+    return ChannelMapError(
+        f"arithmetic over columns, at most {MAX_LENGTH} characters, at {where}",
+        received,
+        f"Use column names (in double quotes where they are words of Python or hold other characters than "
+        f"letters, digits and _), numbers, + - * /, parentheses and {names}.",
+    )
+
+
+class _Compiler:
+    """Turns the syntax tree of a text into steps; only the nodes of the white list pass."""
+
+    def __init__(self, text: str, where: str) -> None:
+        self.text = text
+        self.where = where
+        self.source = re.sub(r"\s", " ", text).strip()
+        self.steps: list[Step] = []
+        self.columns: dict[str, None] = {}
+
+    def compile(self) -> None:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                tree = ast.parse(self.source, mode="eval")
+        except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+            place = getattr(error, "offset", None) or 1
+            start = self.source[max(place - 1, 0) :][:20] or self.source[-20:]
+            raise self._refuse(f"not understood at {start!r}") from None
+        if "#" in _QUOTED.sub("", self.source):
+            raise self._refuse("with a comment")
+        self._add(tree.body, 0)
+
+    def _refuse(self, why: str) -> ChannelMapError:
+        return _refused(self.where, f"{self.text!r}, {why}")
+
+    def _add(self, node: ast.expr, depth: int) -> None:
+        """Add the steps of a node; chains of one precedence do not count as depth."""
+        if depth > MAX_NESTING:
+            raise self._refuse(f"nested deeper than {MAX_NESTING}")
+        chain: list[tuple[np.ufunc, ast.expr]] = []
+        while isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+            chain.append((_OPERATORS[type(node.op)], node.right))
+            node = node.left
+        negative = False
+        while isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+            negative ^= isinstance(node.op, ast.USub)
+            node = node.operand
+        if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
+            self._add(node, depth + 1)
+        else:
+            self._atom(node, depth)
+        if negative:
+            self.steps.append(np.negative)
+        for operator, right in reversed(chain):
+            self._add(right, depth + 1)
+            self.steps.append(operator)
+
+    def _atom(self, node: ast.expr, depth: int) -> None:
+        written = ast.get_source_segment(self.source, node) or ""
+        value = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            try:
+                number = float(value)
+            except OverflowError:
+                number = np.inf
+            if not np.isfinite(number):
+                raise self._refuse(f"where {written} is too large for a number")
+            self.steps.append(number)
+        elif isinstance(node, ast.Name) or (isinstance(node, ast.Constant) and _QUOTED.fullmatch(written)):
+            name = written.strip('"')
+            self.columns[name] = None
+            self.steps.append(name)
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
+            self._call(node, node.func.id, depth)
+        else:
+            raise self._refuse(f"with {written!r} where a column or a number belongs")
+
+    def _call(self, node: ast.Call, word: str, depth: int) -> None:
+        function = FUNCTIONS.get(word.lower())
+        if function is None:
+            raise self._refuse(f"with the function {word!r}")
+        if len(node.args) != function.nin:
+            raise self._refuse(f"where {word.lower()} has {len(node.args)} arguments, not {function.nin}")
+        for argument in node.args:
+            self._add(argument, depth + 1)
+        self.steps.append(function)
+
+
+# -- Channel map --
 
 ESTIMATOR = "estimator"
 SOURCES = ("sensor", ESTIMATOR)

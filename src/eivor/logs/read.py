@@ -1,19 +1,319 @@
-"""`read_log`: any supported log to a `Recording`."""
+"""Reading of a log in any format, and the example flight."""
 
 from __future__ import annotations
 
+import codecs
 import hashlib
 import os
 import stat
+from importlib import resources
 from pathlib import Path
+from typing import Never
 
 from eivor import checks
-from eivor.errors import EmptyLogError, InputError, LogTooLargeError, UsageError
-from eivor.logs.folders import folder_sha256, folder_size
-from eivor.logs.formats import format_of, readable_formats
-from eivor.logs.log_format import HEAD_BYTES, ReadOptions
-from eivor.logs.streams import is_stream, kept
+from eivor.errors import (
+    EmptyLogError,
+    InputError,
+    LogTooLargeError,
+    MissingReaderError,
+    UnknownFormatError,
+    UsageError,
+)
+from eivor.logs.common import (
+    HEAD_BYTES,
+    FolderParts,
+    LogFormat,
+    ReadOptions,
+    begins_with,
+    folder_sha256,
+    folder_size,
+    is_stream,
+    kept,
+)
+from eivor.logs.crazyflie.reader import CRAZYFLIE
+from eivor.logs.dataflash.reader import DATAFLASH
+from eivor.logs.rosbag.reader import BAGS
+from eivor.logs.table.delimited import CSV, HDF5, MATLAB, PARQUET, is_delimited
+from eivor.logs.ulog.reader import ULOG, ULOG_CSV
 from eivor.signals.recording import Recording
+
+# -- Logs that cannot be read --
+
+
+def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
+    """Row of a format without a reader: how its files begin, and what to do with one."""
+
+    def refuse(file: Path, _options: ReadOptions) -> Never:
+        raise MissingReaderError("a log that this release reads", f"{label}, '{file.name}'", remedy)
+
+    return LogFormat(name, label, begins_with(magic), refuse, is_read=False)
+
+
+_UNPACK = "Unpack it and give the log that is inside."
+_TABLE = "Write the table as Parquet or CSV."
+
+#: First bytes of MAVLink messages, 1 and 2, and how much longer than its content one is [bytes].
+_MAVLINK_2 = 0xFD
+_MAVLINK = {0xFE: 8, _MAVLINK_2: 12}
+#: Stamps of telemetry: from 2001 to 2096 [us].
+_STAMPS_US = (10**15, 4 * 10**15)
+#: Versions of DJI's records, and how long the details at their end are [bytes].
+_DJI_VERSIONS = 20
+_DJI_DETAILS = (200, 2000)
+
+#: Recognised formats without a reader in this release.
+RECOGNISED: tuple[LogFormat, ...] = (
+    _recognised(
+        "blackbox",
+        "a Betaflight or INAV blackbox log",
+        b"H Product:Blackbox",
+        "Convert it with `blackbox_decode` to CSV, for which maps are shipped (betaflight_csv, inav_csv).",
+    ),
+    _recognised("arrow", "an Arrow IPC file", b"ARROW1", _TABLE),
+    _recognised("gzip", "a gzip archive", b"\x1f\x8b", _UNPACK),
+    _recognised("zip", "a zip archive", b"PK\x03\x04", _UNPACK),
+    _recognised("zstd", "a zstd archive", b"\x28\xb5\x2f\xfd", _UNPACK),
+    _recognised("xz", "an xz archive", b"\xfd7zXZ\x00", _UNPACK),
+    _recognised("bzip2", "a bzip2 archive", b"BZh", _UNPACK),
+    _recognised("7z", "a 7z archive", b"7z\xbc\xaf\x27\x1c", _UNPACK),
+)
+
+
+def _is_telemetry(head: bytes, _file: Path) -> bool:
+    """Whether it is a telemetry log: a stamp [us] before each MAVLink message, at least three of them."""
+    place = found = 0
+    while place + 11 <= len(head):
+        stamp = int.from_bytes(head[place : place + 8], "big")
+        first, length = head[place + 8], head[place + 9]
+        if not _STAMPS_US[0] < stamp < _STAMPS_US[1] or first not in _MAVLINK:
+            break
+        signed = 13 * (first == _MAVLINK_2 and head[place + 10] & 1)
+        place += 8 + length + _MAVLINK[first] + signed
+        found += 1
+    return found >= 3
+
+
+def _is_dji(head: bytes, file: Path) -> bool:
+    """Whether it is a record of DJI: of the vehicle (DAT), or of the remote control's application (text)."""
+    if head[16:21] == b"BUILD" or b"DJI_LOG_V3" in head[:512]:
+        return True
+    end, details = int.from_bytes(head[:8], "little"), int.from_bytes(head[8:10], "little")
+    if len(head) < 100 or not 0 < head[10] <= _DJI_VERSIONS:
+        return False
+    return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
+
+
+def _refuse_telemetry(file: Path, _options: ReadOptions) -> Never:
+    raise MissingReaderError(
+        "a log of the vehicle",
+        f"'{file.name}', a telemetry log (.tlog), which holds a few messages a second",
+        "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
+        "of ArduPilot, .ulg of PX4.",
+    )
+
+
+def _refuse_dji(file: Path, _options: ReadOptions) -> Never:
+    raise MissingReaderError(
+        "a log with the commands of the motors",
+        f"'{file.name}', a flight record of DJI",
+        "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
+        "identified from them.",
+    )
+
+
+#: Formats of others that are told by more than their first bytes.
+TELEMETRY = LogFormat("tlog", "a telemetry log", _is_telemetry, _refuse_telemetry, is_read=False)
+DJI = LogFormat("dji", "a flight record of DJI", _is_dji, _refuse_dji, is_read=False)
+
+_CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
+
+
+def _is_utf16(head: bytes, _file: Path) -> bool:
+    """Whether it is delimited text with a mark of UTF-16, or with zeros for every second byte."""
+    for codec, mark, zeros in (
+        ("utf-16-le", codecs.BOM_UTF16_LE, head[1:100:2]),
+        ("utf-16-be", codecs.BOM_UTF16_BE, head[0:100:2]),
+    ):
+        if head.startswith(mark) or (len(zeros) > 1 and not any(zeros)):
+            text = codecs.getincrementaldecoder(codec)("replace").decode(head)
+            return is_delimited(text) and "\x00" not in text
+    return False
+
+
+def _is_eight_bit(head: bytes, _file: Path) -> bool:
+    """Whether it is delimited text without control characters; asked after UTF-8."""
+    return not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1"))
+
+
+def _refuse_utf16(file: Path, _options: ReadOptions) -> Never:
+    raise _other_encoding(file, "in UTF-16", "UTF-16")
+
+
+def _refuse_eight_bit(file: Path, _options: ReadOptions) -> Never:
+    letters = "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)"
+    raise _other_encoding(file, letters, "WINDOWS-1252")
+
+
+def _other_encoding(file: Path, received: str, codec: str) -> UnknownFormatError:
+    """Error for a table that would be unreadable or, worse, misread."""
+    return UnknownFormatError(
+        "a table in UTF-8",
+        f"'{file.name}', a table {received}",
+        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
+    )
+
+
+UTF_16 = LogFormat("utf-16", "a table in UTF-16", _is_utf16, _refuse_utf16, is_read=False)
+EIGHT_BIT = LogFormat(
+    "8-bit", "a table in an 8-bit encoding", _is_eight_bit, _refuse_eight_bit, is_read=False
+)
+
+
+# -- Table of formats --
+
+#: Formats that are told by their first bytes.
+FORMATS: tuple[LogFormat, ...] = (
+    ULOG,
+    ULOG_CSV,
+    PARQUET,
+    CRAZYFLIE,
+    DATAFLASH,
+    *BAGS,
+    MATLAB,
+    HDF5,
+    *RECOGNISED,
+    TELEMETRY,
+    DJI,
+)
+#: Formats of text, which has no first bytes of its own: asked last.
+TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)
+
+#: What other packages have declared, by name; asked after `FORMATS` and before `TEXTS`.
+_DECLARED: dict[str, LogFormat] = {}
+
+
+def log_formats() -> tuple[LogFormat, ...]:
+    """Return all formats, in the order in which a file is compared with them."""
+    return (*FORMATS, *_DECLARED.values(), *TEXTS)
+
+
+def readable_formats() -> tuple[LogFormat, ...]:
+    """Return the formats that are read."""
+    return tuple(row for row in log_formats() if row.is_read)
+
+
+def declare_format(added: LogFormat) -> None:
+    """Add a format to the table, for this process. Declaring the same format again changes nothing.
+
+    Raises
+    ------
+    UsageError
+        When its name is that of another format.
+    """
+    known = log_format(added.name)
+    if known is not None and known != added:
+        raise UsageError(
+            "a format with a name of its own", f"'{added.name}', which is known already", "Rename it."
+        )
+    if known is None:
+        _DECLARED[added.name] = added
+
+
+def log_format(name: str) -> LogFormat | None:
+    """Return the format of a name, as in `Recording.format`; None for recordings that are of no file."""
+    return next((row for row in log_formats() if row.name == name), None)
+
+
+def advising_format(name: str) -> LogFormat:
+    """Return the format whose advice serves logs of a format: itself, or tables where it has none."""
+    known = log_format(name)
+    return known if known is not None and known.advice("") and known.setpoints else CSV
+
+
+def format_of(head: bytes, file: Path) -> LogFormat:
+    """Return the format of a file.
+
+    Parameters
+    ----------
+    head : bytes
+        The first `HEAD_BYTES` of the file, or all of it.
+    file : Path
+        The file.
+
+    Raises
+    ------
+    UnknownFormatError
+        When the content is that of no known format.
+    """
+    for row in log_formats():
+        if row.sniff(head, file):
+            return row
+    labels = ", ".join(row.label for row in readable_formats())
+    raise UnknownFormatError(
+        f"a log of a format that is read ({labels})",
+        f"'{file.name}', whose content is that of none of them",
+        "Check that this is the file you meant; a table needs a line of column names and delimited text.",
+    )
+
+
+def format_at(path: Path) -> LogFormat:
+    """Return the format of a file, or of a folder that is a log, by what is in it.
+
+    Raises
+    ------
+    UnknownFormatError
+        When the content is that of no known format.
+    OSError
+        When it cannot be opened.
+    """
+    if path.is_dir():
+        return format_of(b"", path)
+    with path.open("rb") as stream:
+        return format_of(stream.read(HEAD_BYTES), path)
+
+
+def folder_parts(folder: Path) -> FolderParts:
+    """Return which files of a folder are one log together, and which were made of logs beside them.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be looked into.
+    """
+    found = [row.parts(folder) for row in readable_formats()]
+    derived = frozenset().union(*(one.derived for one in found))
+    return FolderParts(next((one.members for one in found if one.members), frozenset()), derived)
+
+
+def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
+    """Sentences that say what to log.
+
+    Parameters
+    ----------
+    name : str
+        Of a format that is read: "ulog", "ulog2csv" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1",
+        "ros2", "mcap", "matlab", "hdf5", "csv", "parquet".
+    channel : str
+        A canonical channel: only the advice for it; empty for the advice on the whole flight.
+
+    Returns
+    -------
+    tuple of str
+        Whole sentences, the most important first. Empty when nothing is known about `channel`.
+
+    Raises
+    ------
+    UsageError
+        When there is no such format.
+    """
+    row = log_format(name)
+    if row is None or not row.is_read:
+        known = ", ".join(f"'{known.name}'" for known in readable_formats())
+        raise UsageError(f"a log format: {known}", f"'{name}'", "Name one of these formats.")
+    return row.advice(channel)
+
+
+# -- Read --
 
 #: Largest file that is read unless the caller says otherwise: 1 GiB.
 DEFAULT_MAX_BYTES = 1 << 30
@@ -170,3 +470,18 @@ def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
     return InputError(
         "a log file that can be opened", f"'{file}', for which the system says: {reason}", "Check the path."
     )
+
+
+# -- Example --
+
+#: File of the example in the package's data.
+EXAMPLE_FLIGHT = "example_flight.parquet"
+
+
+def example_flight() -> Recording:
+    """Return the bundled example: a simulated flight of one minute at 100 Hz, whose truth is known.
+
+    Its friction is 0.180 1/s and its actuators' lag 72 ms; `eivor example truth` prints all of it.
+    """
+    with resources.as_file(resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT)) as path:
+        return read_log(path)

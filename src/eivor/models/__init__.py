@@ -1,1 +1,1 @@
-"""Models: equations, and the regressions that are cut from signals by them."""
+"""Regression models."""

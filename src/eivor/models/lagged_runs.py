@@ -1,10 +1,4 @@
-"""Separable problems of runs: stretches of flights, some of whose columns move with nuisance parameters.
-
-What drives a vehicle lags behind its command, is delayed, or is bent by a curve that is known but for a
-number: the column of that input is another one for every value of the lag, the delay or the number. All
-other columns stay. A motion says what its columns are; here they are cut into runs, rid of their means,
-and taken to bins.
-"""
+"""Regression of runs with a lagged and delayed input."""
 
 from __future__ import annotations
 
@@ -15,12 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
-from eivor.models.equation import Parameter
-from eivor.models.regression import Regression, noise_of_surrogate
-from eivor.models.rows import AxisRows, RowLayout, SampleRows
+from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Begun, Nuisance, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
-from eivor.shapes import Bool, Complex, Float
+from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
 ACTUATOR_LAG = Parameter("actuator_lag", "s")

@@ -1,10 +1,4 @@
-"""Regression: the rows an estimator works on, and how they came about.
-
-``y = Phi theta + e``, with instruments Psi beside it. Rows are time samples, or the real and imaginary
-parts of the frequency bins of a run; `RowLayout` says which, and brings scores back to time, where their
-autocorrelation can be seen. A `Regression` holds its rows; `eivor.models.signal_regression` cuts them
-out of signals when they are asked for, so that no matrix of lags need ever be built.
-"""
+"""Regression on columns with instruments and declared noises."""
 
 from __future__ import annotations
 
@@ -25,10 +19,247 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
-from eivor.models.equation import Parameter
-from eivor.models.rows import RowLayout, SampleRows
-from eivor.shapes import Float, Int
+from eivor.linalg.system import PASSED_ROWS, row_blocks
+from eivor.signals.signals import Signals
+from eivor.tools import Float, Int
+
+# -- Column --
+
+#: Lags of one channel: each is a column of every row, and more of them no record can tell apart.
+MOST_LAGS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """``gain * gain_channel[k] * channel[k - lag]``.
+
+    Parameters
+    ----------
+    channel : str
+        Canonical name; empty for the intercept, which is a column of ones without noise.
+    lag : int
+        Samples back, zero or more.
+    gain : float
+        Constant, noise-free factor.
+    gain_channel : str
+        Channel whose values, known without noise, multiply the column row by row; empty for none.
+
+    Raises
+    ------
+    UsageError
+        When the lag is no whole number or negative, the gain not finite, or a name no text.
+    """
+
+    channel: str
+    lag: int = 0
+    gain: float = 1.0
+    gain_channel: str = ""
+
+    def __post_init__(self) -> None:
+        checks.text("channel", self.channel)
+        checks.text("gain_channel", self.gain_channel)
+        checks.whole("lag", self.lag)
+        checks.number("gain", self.gain)
+        if not np.isfinite(self.gain):
+            raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
+        if self.lag < 0:
+            raise UsageError(
+                "a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors."
+            )
+
+    @property
+    def name(self) -> str:
+        """How the column is called in tables: ``input(k-3)``."""
+        if not self.channel:
+            return "intercept"
+        return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
+
+    def gain_series(self, signals: Signals, first: int) -> float | Float[np.ndarray, " rows"]:
+        """Gain of each row from sample `first` on, or one number when it is constant."""
+        if not self.gain_channel:
+            return self.gain
+        series: Float[np.ndarray, " rows"] = self.gain * signals.channel(self.gain_channel)[first:]
+        return series
+
+    def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
+        """Column of `signals`, for the samples from `first` on.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When no sample is that late.
+        """
+        count = signals.sample_count - first
+        if count < 1 or self.lag > first:
+            raise TooFewSamplesError(
+                f"more than {max(first, self.lag)} samples",
+                f"{signals.sample_count}",
+                "Give a longer record or fewer lags.",
+            )
+        gain = self.gain_series(signals, first)
+        if not self.channel:
+            return np.full(count, gain)
+        values = signals.channel(self.channel)
+        return gain * values[first - self.lag : first - self.lag + count]
+
+
+def check_columns(name: str, columns: object) -> None:
+    """Refuse what is no tuple of columns.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.items(name, columns, Column, "columns", 'Give ev.lags("input", 1, 10), for example.')
+
+
+def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
+    """Columns of `channel` at the lags from `first` to `last`, both included.
+
+    Raises
+    ------
+    UsageError
+        When `last` lies before `first`, a lag is negative or no whole number, or there are more than
+        `MOST_LAGS`.
+    """
+    checks.whole("first", first)
+    checks.whole("last", last)
+    if last < first:
+        raise UsageError("first <= last", f"first={first}, last={last}", "Both ends are included.")
+    if last - first >= MOST_LAGS:
+        raise UsageError(
+            f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", "Each is a column of its own."
+        )
+    return tuple(Column(channel, lag) for lag in range(first, last + 1))
+
+
+# -- Equation --
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One unknown.
+
+    Parameters
+    ----------
+    name : str
+        Term of the field, as used in results ("viscous_friction").
+    unit : str
+        SI unit, empty for a pure number.
+    """
+
+    name: str
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """``response = sum of parameter * column + error``.
+
+    Parameters
+    ----------
+    response : Column
+        Left side.
+    terms : tuple of (Parameter, Column)
+        Right side, in the order of the parameter vector.
+    derivative_of : str
+        Channel whose time derivative the response is, but for a constant; empty for none.
+    """
+
+    response: Column
+    terms: tuple[tuple[Parameter, Column], ...]
+    derivative_of: str = ""
+
+
+# -- Rows --
+
+
+class RowLayout(ABC):
+    """What the rows of a regression are."""
+
+    @property
+    @abstractmethod
+    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Number of the flight that each row belongs to."""
+
+    @property
+    @abstractmethod
+    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Number of the axis of motion that each row is an equation of."""
+
+    @abstractmethod
+    def scores(
+        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "samples n"]:
+        """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleRows(RowLayout):
+    """Rows are time samples of one axis, in their order.
+
+    Parameters
+    ----------
+    flights : ndarray of int, shape (rows,)
+        Flight of each row.
+    """
+
+    flights: Int[np.ndarray, " rows"]
+
+    @property
+    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Flight of each row."""
+        return self.flights
+
+    @property
+    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Zeros: there is one axis."""
+        return np.zeros(self.flights.size, dtype=np.int64)
+
+    def scores(
+        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "samples n"]:
+        """Row-wise products."""
+        return test * residual[:, None]
+
+
+@dataclass(frozen=True, slots=True)
+class AxisRows(RowLayout):
+    """Rows are time samples of several axes.
+
+    Parameters
+    ----------
+    flights, axes, samples : ndarray of int, shape (rows,)
+        Flight, axis, and sample of the flight, of each row. Rows of one flight and sample are of one time.
+    """
+
+    flights: Int[np.ndarray, " rows"]
+    axes: Int[np.ndarray, " rows"]
+    samples: Int[np.ndarray, " rows"]
+
+    @property
+    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Flight of each row."""
+        return self.flights
+
+    @property
+    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
+        """Axis of each row."""
+        return self.axes
+
+    def scores(
+        self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "samples n"]:
+        """Row-wise products, added over the axes; flight after flight, in time order."""
+        times = np.stack([self.flights, self.samples], axis=1)
+        distinct, place = np.unique(times, axis=0, return_inverse=True)
+        scores: Float[np.ndarray, "samples n"] = np.zeros((distinct.shape[0], test.shape[1]))
+        np.add.at(scores, place.ravel(), test * residual[:, None])
+        return scores
+
+
+# -- Regression --
 
 #: Largest variance that products can be formed with.
 LARGEST_VARIANCE = 1e150

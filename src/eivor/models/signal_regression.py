@@ -1,4 +1,4 @@
-"""A regression that stays with the signals it is cut from: its rows are views until they are asked for."""
+"""Regression on signals, with shared noise and cross-fitting."""
 
 from __future__ import annotations
 
@@ -6,18 +6,214 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import MissingNoiseError
-from eivor.linalg.row_blocks import PASSED_ROWS, row_blocks
-from eivor.models.column import Column, check_columns
-from eivor.models.equation import Equation, Parameter
-from eivor.models.regression import LinearProblem, Regression, RowBlock
-from eivor.models.shared_noise import shared_noise
-from eivor.shapes import Bool, Float
+from eivor.errors import MissingNoiseError, TooFewSamplesError
+from eivor.linalg.system import COPIED_ROWS, PASSED_ROWS, row_blocks
+from eivor.models.regression import (
+    Column,
+    Equation,
+    LinearProblem,
+    Parameter,
+    Regression,
+    RowBlock,
+    check_columns,
+)
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.signals import Signals
+from eivor.tools import Bool, Float
+
+# -- Cross fitted --
+
+#: Blocks of a record.
+BLOCKS = 5
+#: Columns of unit variance are shrunk as if so much of their variance were noise: directions in which they
+#: hardly differ would else be fitted to what one block happens to hold, and lead far astray in another.
+SHRINKAGE = 1e-6
+
+
+def cross_fitted(
+    exogenous: Float[np.ndarray, "n p"],
+    values: Float[np.ndarray, "n k"],
+    used: Bool[np.ndarray, " n"],
+    blocks: int = BLOCKS,
+) -> Float[np.ndarray, "n k"]:
+    """Predictions of each column, by least squares with a constant over the samples used of other blocks.
+
+    Parameters
+    ----------
+    exogenous : ndarray, shape (n, p)
+        What predicts; none for the means alone.
+    values : ndarray, shape (n, k)
+        What is predicted.
+    used : ndarray of bool, shape (n,)
+        Samples that are fitted to. All are predicted.
+    blocks : int
+        Stretches with equally many of them.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        Without instruments, or with too few samples to leave a block out, the means.
+
+    Notes
+    -----
+    Performs no checks. Sums of products of each block are made once; those of a fit are all but its own.
+    """
+    design = _scaled(exogenous, used)
+    samples = np.flatnonzero(used)
+    if samples.size < 2 * blocks * design.shape[1]:
+        return np.broadcast_to(values[used].mean(axis=0) if samples.size else 0.0 * values[0], values.shape)
+    parts = np.array_split(samples, blocks)
+    columns = np.column_stack([design, values])
+    products = [design[part].T @ columns[part] for part in parts]
+    whole = np.sum(products, axis=0)
+    # each block reaches from the middle between its samples and those before to that of those after
+    edges = [0, *((before[-1] + after[0] + 1) // 2 for before, after in pairwise(parts))]
+    predicted = np.empty_like(values)
+    for start, stop, product in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
+        normal, right = np.split(whole - product, [design.shape[1]], axis=1)
+        shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
+        told = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
+        predicted[start:stop] = design[start:stop] @ told
+    return predicted
+
+
+def _scaled(exogenous: Float[np.ndarray, "n p"], used: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
+    """A constant, and the columns with mean zero and variance one over the samples used."""
+    constant = np.ones((exogenous.shape[0], 1))
+    if not exogenous.shape[1] or not used.any():
+        return constant
+    centred = exogenous - exogenous[used].mean(axis=0)
+    size = np.sqrt(np.mean(centred[used] ** 2, axis=0))
+    return np.column_stack([constant, centred / np.where(size > 0.0, size, 1.0)])
+
+
+# -- Shared noise --
+
+
+def shared_noise(
+    left: Sequence[Column],
+    right: Sequence[Column],
+    signals: Signals,
+    first: int,
+    rows: Bool[np.ndarray, " rows"] | None = None,
+) -> Float[np.ndarray, "left right"]:
+    """Average covariance of the measurement noises of two sets of columns.
+
+    Parameters
+    ----------
+    left, right : sequence of Column
+        Tags.
+    signals : Signals
+        With the declared noises.
+    first : int
+        First row's sample, counted from the signals' own beginning.
+    rows : ndarray of bool, optional
+        Which of the samples from `first` on are used. Default: all.
+
+    Returns
+    -------
+    ndarray, shape (len(left), len(right))
+        In products of the columns' units.
+
+    Raises
+    ------
+    MissingNoiseError
+        When two columns are of one channel whose noise is not declared.
+    TooFewSamplesError
+        When there is no row to average over.
+    """
+    count = signals.sample_count - first
+    if count < 1 or not (rows is None or rows.any()):
+        raise TooFewSamplesError(
+            f"rows: valid samples with {first} more before them",
+            f"{signals.sample_count} samples, valid or not, and no row",
+            "Give a longer record, fewer lags, or fewer gaps.",
+        )
+    shared = np.zeros((len(left), len(right)))
+    for i, one in enumerate(left):
+        for j, other in enumerate(right):
+            if one.channel and one.channel == other.channel:
+                shared[i, j] = _pair(one, other, signals, first, rows)
+    return shared
+
+
+def _pair(
+    one: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
+) -> float:
+    noise = _declared(one, signals)
+    count = signals.sample_count - first
+    if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
+        return (
+            one.gain * other.gain * (noise.variance if one.lag == other.lag else 0.0)
+        )  # the same in every row
+    total, used = 0.0, 0
+    for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
+        here = slice(start, stop)
+        growth = _growth(one, other, signals, first, here)
+        if rows is not None:
+            growth = growth[rows[here]]
+        total += float(growth.sum())
+        used += growth.size
+    return one.gain * other.gain * total / used
+
+
+def _growth(
+    one: Column, other: Column, signals: Signals, first: int, here: slice
+) -> Float[np.ndarray, " rows"]:
+    """What the noises of two columns share in each of some rows, but for constant gains."""
+    lag = abs(one.lag - other.lag)
+    begin = signals.offset + first - max(one.lag, other.lag)
+    growth = signals.noise[one.channel].autocovariance(lag, begin + here.start, here.stop - here.start)
+    for column in (one, other):
+        if column.gain_channel:
+            growth = growth * signals.channel(column.gain_channel)[first:][here]
+    return growth
+
+
+def shared_noise_of_rows(
+    left: Sequence[Column], right: Sequence[Column], signals: Signals, first: int
+) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
+    """Covariance of the measurement noises of two sets of columns in every row from `first` on.
+
+    Returns
+    -------
+    dict of tuple of int to ndarray, shape (rows,)
+        Of the pairs that are of one channel, but white ones of different lags, which share nothing.
+
+    Raises
+    ------
+    MissingNoiseError
+        When two columns are of one channel whose noise is not declared.
+    """
+    whole = slice(0, max(signals.sample_count - first, 0))
+    found = {}
+    for i, one in enumerate(left):
+        for j, other in enumerate(right):
+            if not one.channel or one.channel != other.channel:
+                continue
+            if not isinstance(_declared(one, signals), WhiteNoise) or one.lag == other.lag:
+                found[i, j] = one.gain * other.gain * _growth(one, other, signals, first, whole)
+    return found
+
+
+def _declared(column: Column, signals: Signals) -> MeasurementNoise:
+    noise = signals.noise.get(column.channel)
+    if noise is None:
+        raise MissingNoiseError(
+            f"a declared noise of channel '{column.channel}', which instruments and regressors share",
+            f"noise of {', '.join(sorted(signals.noise)) or 'no channel'}",
+            "Declare it in Signals(noise=...), with std 0 if the channel is exact, use other instruments, or "
+            "have it estimated: ev.methods.generalized_iv_unknown_noise().",
+        )
+    return noise
+
+
+# -- Signal regression --
 
 
 class SignalModel(ABC):

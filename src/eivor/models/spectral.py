@@ -1,12 +1,4 @@
-"""Regressions in the frequency domain: columns of runs, taken to bins of a band.
-
-Of each run the mean is removed (one intercept per run) and 5 % at each end is tapered; the real FFT is
-divided by sqrt(n) and the bins with max(low, 1.5/T) <= f <= high are kept. Samples of a run that do not count
-are left out of its mean and tapered to zero. The equation holds at every sample, so it holds of
-columns that are weighted alike. Two candidate responses may
-be given, the measured acceleration and the derivative of the measured velocity, say; a weighting blends
-them bin by bin. A run is of one flight and one axis, and is whitened by itself.
-"""
+"""Spectral rows of a regression."""
 
 from __future__ import annotations
 
@@ -15,10 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from eivor.models.equation import Parameter
-from eivor.models.regression import Regression, noise_of_surrogate
-from eivor.models.rows import RowLayout
-from eivor.shapes import Bool, Complex, Float, Int
+from eivor.models.regression import Parameter, Regression, RowLayout, noise_of_surrogate
+from eivor.tools import Bool, Complex, Float, Int
 
 #: Share of a run that is tapered at each end, and the band's lowest frequency in cycles per run.
 TAPER_SHARE = 0.05

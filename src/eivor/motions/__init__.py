@@ -1,13 +1,4 @@
-"""The motions that are identified, by name; each is one folder, or a package of someone else.
-
-A package adds a motion by an entry point of the group `eivor.motions`, whose name is the motion's and whose
-value is a class below `eivor.flights.motion.Motion`:
-
-    [project.entry-points."eivor.motions"]
-    rover = "eivor_rover:Rover"
-
-Motions are loaded when they are asked for, so that importing this package costs next to nothing.
-"""
+"""The motions that are identified, by name; other packages add theirs by entry points."""
 
 from __future__ import annotations
 
@@ -21,6 +12,7 @@ from eivor.errors import UsageError
 if TYPE_CHECKING:
     from eivor.flights.motion import Motion
     from eivor.flights.quantity import Wording
+
 
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"
@@ -90,7 +82,7 @@ def loaded_motion(name: str) -> Motion[Any]:
         raise UsageError(
             f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
         )
-    from eivor.signals.canonical import declare_channels
+    from eivor.signals.channels import declare_channels
 
     motion = _loaded(added[name])
     declare_channels(*motion.channels)

@@ -1,4 +1,4 @@
-"""From recordings and the name of a motion to its quantities with intervals and a verdict."""
+"""Identification of a flight by the name of a motion, and the signals of a log."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
-from eivor.flights.companions import with_companions
-from eivor.flights.declared_noise import Declared
+from eivor.flights.identify import identified, with_companions
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import mask_of
+from eivor.flights.references import Declared
 from eivor.flights.result import FlightEstimate
-from eivor.flights.stages import Progress, silent
-from eivor.flights.together import identified
 from eivor.models.separable import Bounds, Prior
 from eivor.motions import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
+from eivor.signals.signals import Signals
+from eivor.tools import Progress, silent
+
+# -- Identify --
 
 #: What to say to those who give something else than recordings.
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
@@ -153,3 +157,25 @@ def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:
             "each choice once", f"{', '.join(twice)} in options= and by name", "Leave out one of them."
         )
     return replace(start, **choices)
+
+
+# -- Log signals --
+
+
+def log_signals(
+    log: Recording,
+    *,
+    actuator_lag: float = 0.0,
+    delay: float = 0.0,
+    model: str = DEFAULT,
+    **choices: Unpack[Choices],
+) -> Signals:
+    """Signals of a log, see `Recording.signals`."""
+    for name, value in {"actuator_lag": actuator_lag, "delay": delay}.items():
+        checks.number(name, value)
+        if not 0.0 <= value <= 1.0:
+            raise UsageError(f"a {name} between 0 and 1 s", f"{value:g}", "Give it in seconds.")
+    motion = motion_by_name(model)
+    flight = prepare(log, motion, FlightOptions(**choices))
+    used = mask_of(flight.runs, flight.usable.size) & flight.usable
+    return replace(motion.signals(flight, actuator_lag, delay), valid=used)

@@ -1,1 +1,1 @@
-"""Flights that would tell what another one could not: chosen by simulation, and written out to be flown."""
+"""Planning of identification flights."""

@@ -1,10 +1,13 @@
-"""The flight that would tell: ranked by a formula, the best few flown in simulation, the best one chosen."""
+"""Plan of a flight: ranking of setpoints by simulation, and files that fly it."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from importlib.resources import files
 
 import numpy as np
 
@@ -12,13 +15,217 @@ from eivor import checks
 from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.planning.flown import Flown, fly
-from eivor.planning.limits import FlightLimits
-from eivor.planning.ranking import ranked_std_errors
-from eivor.planning.setpoints import STEP_S, Shape, candidates
-from eivor.planning.targets import TARGETS, check_target
-from eivor.planning.vehicle import VehicleGuess
-from eivor.shapes import Float
+from eivor.motions.identify import identify_flight
+from eivor.planning.vehicle import (
+    STEP_S,
+    TARGETS,
+    FlightLimits,
+    Shape,
+    VehicleGuess,
+    candidates,
+    check_target,
+)
+from eivor.signals.recording import Recording
+from eivor.simulation.environment import simulated_recording
+from eivor.simulation.vertical import (
+    AltitudeController,
+    SimulatedMotion,
+    VerticalEnvironment,
+    VerticalVehicles,
+    simulate_vertical,
+)
+from eivor.tools import Complex, Float
+
+# -- Closed-loop simulation --
+
+#: Error of a logged height [m].
+POSITION_NOISE = 0.01
+#: Roll and pitch wander with this correlation time, and are smooth over the second one [s].
+TILT_CORRELATION_S, TILT_SMOOTHING_S = 1.0, 0.15
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A shape, flown once.
+
+    Parameters
+    ----------
+    shape : Shape
+        What was asked for.
+    height, velocity : ndarray, shape (n,)
+        What the vehicle did, from the middle [m], [m/s].
+    recording : Recording
+        Its log.
+    """
+
+    shape: Shape
+    height: Float[np.ndarray, " n"]
+    velocity: Float[np.ndarray, " n"]
+    recording: Recording
+
+    def keeps(self, limits: FlightLimits) -> bool:
+        """Whether the vehicle stayed within height and speed."""
+        half_height = 0.5 * (limits.height_m[1] - limits.height_m[0])
+        return bool(np.abs(self.height).max() <= half_height and np.abs(self.velocity).max() <= limits.speed)
+
+    def identified(self) -> FlightEstimate:
+        """What the recipe says of it."""
+        return identify_flight(self.recording)
+
+
+def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[Flown]:
+    """Fly each shape with its seed, all side by side.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Of one length.
+    vehicle : VehicleGuess
+        Numbers, controller and what pushes it.
+    seeds : sequence of int
+        Of wind, sensors and tilt; one for each shape.
+    """
+    count, flights = shapes[0].offset.size, len(shapes)
+    drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
+    derivatives = [shape.derivatives for shape in shapes]
+    every = np.ones(flights)
+    environment = VerticalEnvironment(
+        reference_position=np.stack([shape.offset for shape in shapes], axis=1),
+        reference_velocity=np.stack([one[0] for one in derivatives], axis=1),
+        reference_acceleration=np.stack([one[1] for one in derivatives], axis=1),
+        **{name: np.stack([one[name] for one in drawn], axis=1) for name in drawn[0]},
+    )
+    vehicles = VerticalVehicles(
+        _apart(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
+    )
+    motion = simulate_vertical(
+        vehicles, environment, step_s=STEP_S, controller=_alike(vehicle.follows, flights)
+    )
+    return [_flown(shape, environment, motion, number) for number, shape in enumerate(shapes)]
+
+
+def _apart(vehicle: VehicleGuess) -> float:
+    """Friction, moved a little where the simulator's closed form does not hold."""
+    rate = 1.0 / vehicle.lag_s
+    near = any(abs(vehicle.viscous_friction - multiple * rate) < 1e-6 for multiple in (1.0, 2.0))
+    return vehicle.viscous_friction + (1e-4 if near else 0.0)
+
+
+def _alike(gains: AltitudeController, flights: int) -> AltitudeController:
+    every = np.ones(flights)
+    return AltitudeController(
+        gains.position_gain * every, gains.velocity_gain * every, gains.integral_gain * every
+    )
+
+
+def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
+    force, acceleration, velocity, other = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
+    )
+    angles = [
+        vehicle.tilt_rms * _with_density(_tilt_density, count, other),
+        vehicle.tilt_rms * _with_density(_tilt_density, count, other),
+    ]
+    return {
+        "gust": _coloured(vehicle, "force", count, force) / _apart(vehicle),
+        "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
+        "position_noise": POSITION_NOISE * other.standard_normal(count),
+        "velocity_noise": _coloured(vehicle, "velocity", count, velocity),
+        "acceleration_noise": _coloured(vehicle, "accelerometer", count, acceleration),
+    }
+
+
+def _coloured(
+    vehicle: VehicleGuess, name: str, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, " n"]:
+    """Gaussian series of one of the vehicle's densities."""
+    return _with_density(partial(vehicle.left.at, name), count, rng)
+
+
+def _tilt_density(frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """Density of an angle of standard deviation 1 with that correlation time, smoothed."""
+    pulsation = 2.0 * np.pi * frequency_hz
+    wandering = 4.0 * TILT_CORRELATION_S / (1.0 + (pulsation * TILT_CORRELATION_S) ** 2)
+    return np.asarray(wandering / (1.0 + (pulsation * TILT_SMOOTHING_S) ** 2))
+
+
+def _with_density(
+    density: Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, " m"]],
+    count: int,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """Gaussian series of a one-sided density, with no mean."""
+    frequency = np.fft.rfftfreq(count, STEP_S)
+    scale = np.zeros(frequency.size)
+    scale[1:] = np.sqrt(density(frequency[1:]) * count / (4.0 * STEP_S))
+    spectrum = scale * (rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size))
+    return np.fft.irfft(spectrum, n=count)
+
+
+def _flown(shape: Shape, environment: VerticalEnvironment, motion: SimulatedMotion, number: int) -> Flown:
+    height, velocity = motion.position[:, number], motion.velocity[:, number]
+    recording = simulated_recording(
+        f"planned {shape.kind}",
+        simulator="plan",
+        time_s=STEP_S * np.arange(height.size),
+        held={
+            "rotor_command_1": motion.command[:, number],
+            "reference_position_z": environment.reference_position[:, number],
+            "reference_velocity_z": environment.reference_velocity[:, number],
+            "reference_acceleration_z": environment.reference_acceleration[:, number],
+        },
+        sampled={
+            "position_z": height + environment.position_noise[:, number],
+            "velocity_z": velocity + environment.velocity_noise[:, number],
+            "specific_force_z": motion.specific_force[:, number] + environment.acceleration_noise[:, number],
+            "cos_tilt": environment.cos_tilt[:, number],
+        },
+    )
+    return Flown(shape, height, velocity, recording)
+
+
+# -- Ranking --
+
+#: Band of the recipe [Hz].
+BAND_HZ = (0.04, 5.0)
+
+
+def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, " 3"]:
+    """Standard errors of friction [1/s], gain (as a share) and lag [s] by the formula, infinite for none."""
+    count = shape.offset.size
+    frequency = np.fft.rfftfreq(count, STEP_S)
+    inside = (frequency >= BAND_HZ[0]) & (frequency <= BAND_HZ[1])
+    f = frequency[inside]
+    s = 2j * np.pi * f
+    velocity = _following(s, vehicle) * s * np.fft.rfft(shape.offset)[inside]
+    drive = (s + vehicle.viscous_friction) * velocity
+    columns = np.column_stack([-velocity, drive, -s / (1.0 + s * vehicle.lag_s) * drive])
+    left = vehicle.left
+    own = 1.0 / (
+        1.0 / np.maximum(left.at("accelerometer", f), 1e-9)
+        + 1.0 / np.maximum(np.abs(s) ** 2 * left.at("velocity", f), 1e-9)
+    )
+    density = (left.at("force", f) + own) * count / (2.0 * STEP_S)
+    whitened = columns / np.sqrt(density)[:, None]
+    rows = np.concatenate([whitened.real, whitened.imag])
+    triangle = np.linalg.qr(rows, mode="r")
+    try:
+        inverse = np.linalg.solve(triangle, np.eye(3))
+    except np.linalg.LinAlgError:
+        return np.full(3, np.inf)
+    return np.linalg.norm(inverse, axis=1)
+
+
+def _following(s: Complex[np.ndarray, " n"], vehicle: VehicleGuess) -> Complex[np.ndarray, " n"]:
+    """From the setpoint's velocity to the vehicle's, with feed-forward of velocity and acceleration."""
+    gains = vehicle.follows
+    plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
+    feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
+    followed: Complex[np.ndarray, " n"] = plant * (s + feedback) / (1.0 + plant * feedback)
+    return followed
+
+
+# -- Plan --
 
 KINDS = ("multisine", "steps")
 #: So many shapes are flown in simulation, each so often; one flight of each is identified, all of the best.
@@ -256,3 +463,248 @@ def _plan(
     speed = max(float(np.abs(flown.velocity).max()) for flown, _ in found)
     reached = (float(heights.min()), float(heights.max()), speed)
     return FlightPlan(vehicle, limits, target, found[0][0].shape, predicted, reached)
+
+
+# -- Mission --
+
+#: Commands of MAVLink.
+WAYPOINT, LOITER, TAKEOFF, CHANGE_SPEED = 16, 17, 22, 178
+#: Frame of heights above the place of take-off; commands without a place have another.
+RELATIVE, NO_PLACE = 3, 2
+#: QGroundControl's words for the firmware and the vehicle: PX4 and a multirotor.
+PX4, QUADROTOR = 12, 2
+CLIMB, DESCENT = 2.0, 3.0
+
+
+def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
+    """Text of a .plan file.
+
+    Parameters
+    ----------
+    plan : FlightPlan
+        Of steps.
+    home : tuple of float
+        Latitude and longitude of the place [deg].
+
+    Raises
+    ------
+    UsageError
+        For another shape, or a place that is none.
+    """
+    if plan.shape.kind != "steps":
+        raise UsageError("a plan of steps", f"a {plan.shape.kind}", "Plan with --shape steps.")
+    latitude, longitude = home
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+        raise UsageError(
+            "a latitude and a longitude [deg]", f"{latitude:g}, {longitude:g}", "Such as 47.4,8.5."
+        )
+    place = [round(float(latitude), 7), round(float(longitude), 7)]
+    speed = plan.limits.speed * 0.8
+    items = [
+        _item(TAKEOFF, RELATIVE, [0.0, 0.0, 0.0, None, *place, plan.limits.middle_m]),
+        _item(CHANGE_SPEED, NO_PLACE, [CLIMB, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
+        _item(CHANGE_SPEED, NO_PLACE, [DESCENT, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
+    ]
+    for height, hold_s in levels(plan):
+        items.append(_item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *place, height]))
+    items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *place, plan.limits.middle_m]))
+    for number, item in enumerate(items):
+        item["doJumpId"] = number + 1
+    document = {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "QGroundControl",
+        "mission": {
+            "version": 2,
+            "firmwareType": PX4,
+            "vehicleType": QUADROTOR,
+            "cruiseSpeed": 5.0,
+            "hoverSpeed": 2.0,
+            "globalPlanAltitudeMode": 1,
+            "plannedHomePosition": [*place, 0.0],
+            "items": items,
+        },
+        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "rallyPoints": {"version": 2, "points": []},
+    }
+    return json.dumps(document, indent=2, allow_nan=False) + "\n"
+
+
+def levels(plan: FlightPlan) -> list[tuple[float, float]]:
+    """Heights above take-off [m] at which the setpoint rests, each with how long [s], in order."""
+    slow = np.abs(plan.velocity) < 0.05 * plan.limits.speed
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
+    found: list[tuple[float, float]] = []
+    for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        height = round(float(np.median(plan.height[first:last])), 2)
+        if not found or abs(height - found[-1][0]) > 0.1:
+            found.append((height, max(math.floor((last - first) * STEP_S * 10.0) / 10.0, 0.0)))
+    return found
+
+
+def _item(command: int, frame: int, params: list[float | None]) -> dict[str, object]:
+    """One item of the mission, as QGroundControl writes it."""
+    item: dict[str, object] = {
+        "type": "SimpleItem",
+        "autoContinue": True,
+        "command": command,
+        "doJumpId": 0,
+        "frame": frame,
+        "params": params,
+    }
+    if frame == RELATIVE:
+        item |= {"AMSLAltAboveTerrain": None, "Altitude": params[-1], "AltitudeMode": 1}
+    return item
+
+
+# -- Samples --
+
+
+def sampled(plan: FlightPlan, rate_hz: float) -> Float[np.ndarray, "n 4"]:
+    """Time [s], height above take-off [m], velocity [m/s] and acceleration [m/s^2] at about that rate."""
+    every = max(round(1.0 / (rate_hz * STEP_S)), 1)
+    columns = np.column_stack([plan.time_s, plan.height, plan.velocity, plan.acceleration])
+    return columns[::every]
+
+
+# -- Offboard --
+
+#: Setpoints per second.
+OFFBOARD_RATE_HZ = 20.0
+#: Line of the program in whose place the numbers stand.
+MARK = "# -- numbers --\n"
+#: Least charge of the battery before the flight, and during it [%].
+BATTERY_BEFORE, BATTERY_DURING = 50.0, 30.0
+
+
+def mavsdk_text(plan: FlightPlan) -> str:
+    """Text of a Python program for MAVSDK-Python 3."""
+    rows = sampled(plan, OFFBOARD_RATE_HZ)
+    limits = plan.limits
+    numbers = {
+        "LOWEST_M": limits.height_m[0],
+        "HIGHEST_M": limits.height_m[1],
+        "MIDDLE_M": limits.middle_m,
+        "NEAR_MIDDLE_M": min(0.5, 0.25 * (limits.height_m[1] - limits.height_m[0]) * 0.5),
+        "FASTEST_M_S": limits.speed,
+        "TILT_DEG": limits.tilt_deg,
+        "BATTERY_BEFORE_PERCENT": BATTERY_BEFORE,
+        "BATTERY_DURING_PERCENT": BATTERY_DURING,
+    }
+    lines = [f"{name} = {float(value)!r}" for name, value in numbers.items()]
+    lines.append("SETPOINTS = (")
+    for time, height, velocity, acceleration in rows.tolist():
+        above = height - limits.middle_m
+        lines.append(f"    ({time:.2f}, {above:.4f}, {velocity:.4f}, {acceleration:.4f}),")
+    lines.append(")")
+    program = files("eivor.planning").joinpath("fly_plan.txt").read_text(encoding="utf-8")
+    return program.replace(MARK, "\n".join(lines) + "\n")
+
+
+# -- Table --
+
+COLUMNS = ("time", "reference_position_z", "reference_velocity_z", "reference_acceleration_z")
+TABLE_RATE_HZ = 50.0
+
+
+def csv_text(plan: FlightPlan) -> str:
+    """Setpoints at 50 Hz: seconds, metres above the place of take-off, m/s, m/s^2."""
+    rows = [",".join(f"{value:.5g}" for value in row) for row in sampled(plan, TABLE_RATE_HZ).tolist()]
+    return "\n".join([",".join(COLUMNS), *rows]) + "\n"
+
+
+# -- Trajectory --
+
+TRAJECTORY_RATE_HZ = 50.0
+_HEAD = '''"""A planned identification flight as a trajectory of RotorPy: vertical, from rest to rest."""
+
+import numpy as np
+
+# Time [s], height [m], velocity [m/s], acceleration [m/s^2].
+SETPOINTS = np.array(
+    [
+'''
+_TAIL = '''    ]
+)
+
+
+class PlannedFlight:
+    """Give the flat outputs of the plan above a place."""
+
+    def __init__(self, place=(0.0, 0.0)):
+        self.place = np.array([place[0], place[1], 0.0])
+
+    def update(self, t):
+        """Flat outputs at a time; before and after the flight those of its ends."""
+        time = SETPOINTS[:, 0]
+        height, velocity, acceleration = (np.interp(t, time, SETPOINTS[:, k]) for k in (1, 2, 3))
+        up = np.array([0.0, 0.0, 1.0])
+        none = np.zeros(3)
+        return {
+            "x": self.place + height * up,
+            "x_dot": velocity * up,
+            "x_ddot": acceleration * up,
+            "x_dddot": none,
+            "x_ddddot": none,
+            "yaw": 0.0,
+            "yaw_dot": 0.0,
+            "yaw_ddot": 0.0,
+        }
+'''
+
+
+def rotorpy_text(plan: FlightPlan) -> str:
+    """Text of a Python module with the class `PlannedFlight`."""
+    rows = sampled(plan, TRAJECTORY_RATE_HZ).tolist()
+    numbers = "".join(f"        [{', '.join(f'{value:.5g}' for value in row)}],\n" for row in rows)
+    return _HEAD + numbers + _TAIL
+
+
+# -- Table of formats --
+
+#: Latitude and longitude [deg].
+Place = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenPlan:
+    """A kind of file.
+
+    Parameters
+    ----------
+    name : str
+        Its word on the command line.
+    words : str
+        What the file is.
+    file : str
+        How such a file may be called.
+    of_plan : callable or None
+        From a plan to the file's text; None of a mission.
+    of_place : callable or None
+        From a plan of steps and a place to the text, of a mission, which has levels only and is at a place.
+    """
+
+    name: str
+    words: str
+    file: str
+    of_plan: Callable[[FlightPlan], str] | None = None
+    of_place: Callable[[FlightPlan, Place], str] | None = None
+
+    def text(self, plan: FlightPlan, place: Place | None) -> str:
+        """Content of the file; a mission has the place too."""
+        if self.of_place is not None and place is not None:
+            return self.of_place(plan, place)
+        if self.of_plan is None:
+            raise TypeError(f"a plan for {self.name} without a place")
+        return self.of_plan(plan)
+
+
+WRITTEN: dict[str, WrittenPlan] = {
+    one.name: one
+    for one in (
+        WrittenPlan("csv", "table of setpoints", "setpoints.csv", csv_text),
+        WrittenPlan("mavsdk", "MAVSDK program that flies it", "fly_plan.py", mavsdk_text),
+        WrittenPlan("qgc", "QGroundControl plan", "flight.plan", of_place=qgc_text),
+        WrittenPlan("rotorpy", "trajectory of RotorPy", "trajectory.py", rotorpy_text),
+    )
+}

@@ -1,24 +1,247 @@
-"""What is known of a vehicle before a flight is planned: from a result, a file, or rough numbers."""
+"""Rough vehicle, limits, setpoints and targets of a plan."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError
+from eivor.errors import UsageError, did_you_mean
 from eivor.motions.vertical.model import GRAVITY
-from eivor.shapes import Float
-from eivor.simulation.flights.closed_loop import AltitudeController
-from eivor.toml_table import read_toml
+from eivor.signals.filters import first_order_lag
+from eivor.simulation.vertical import AltitudeController
+from eivor.strict_toml import read_toml
+from eivor.tools import Float
+
+# -- Limits --
+
+
+@dataclass(frozen=True, slots=True)
+class FlightLimits:
+    """Limits of a planned flight. Setpoints stay inside them with room for how a vehicle follows them.
+
+    Parameters
+    ----------
+    height_m : tuple of float
+        Lowest and highest height above the place of take-off [m].
+    speed : float
+        Largest climb and sink rate [m/s].
+    acceleration : float
+        Largest vertical acceleration of the setpoints [m/s^2].
+    tilt_deg : float
+        Largest tilt [deg]; the flight is vertical, and ends beyond it.
+    duration_s : float
+        Of the whole flight, from the first setpoint to the last [s].
+
+    Raises
+    ------
+    UsageError
+        When a limit is not above zero, the heights leave no room, or the flight is too short or too long.
+    """
+
+    height_m: tuple[float, float] = (3.0, 8.0)
+    speed: float = 2.0
+    acceleration: float = 3.0
+    tilt_deg: float = 20.0
+    duration_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        remedy = "Give FlightLimits(height_m=(3.0, 8.0)), in metres above the place of take-off."
+        checks.items("height_m", self.height_m, checks.NUMBERS, "two numbers", remedy)
+        ends = [float(end) for end in self.height_m]
+        if len(ends) != 2 or not 0.0 < ends[0] <= ends[-1] - 0.5 < math.inf:
+            raise UsageError(
+                "a lowest height above zero and a highest one, half a metre or more above it",
+                f"{self.height_m}",
+                remedy,
+            )
+        checks.within(self, LIMIT_RANGES, "Give another limit.")
+
+    @property
+    def middle_m(self) -> float:
+        """Height about which a flight is planned [m]."""
+        return 0.5 * (self.height_m[0] + self.height_m[1])
+
+
+#: What each limit may be; a second of the recipe's least run, and flights that a battery bears.
+LIMIT_RANGES = {
+    "speed": (0.2, 10.0),
+    "acceleration": (0.3, 6.0),
+    "tilt_deg": (5.0, 60.0),
+    "duration_s": (20.0, 600.0),
+}
+
+
+# -- Setpoints --
+
+#: Step of the simulation, and of what the recipe sees [s].
+STEP_S = 0.01
+#: Share of the limits of height and speed that setpoints use.
+ROOM = 0.8
+#: Hover at both ends, and how long a multisine takes to rise and to fade [s].
+HOVER_S, FADE_S = 2.0, 3.0
+#: A step passes through so many equal first-order lags.
+SMOOTHINGS = 4
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What a flight does, by the numbers that it was drawn with.
+
+    Parameters
+    ----------
+    kind : str
+        "multisine" or "steps".
+    words : str
+        In words.
+    offset : ndarray, shape (n,)
+        Height from the middle, every `STEP_S` [m].
+    """
+
+    kind: str
+    words: str
+    offset: Float[np.ndarray, " n"]
+
+    @cached_property
+    def derivatives(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Velocity and acceleration [m/s, m/s^2]."""
+        velocity = np.gradient(self.offset, STEP_S)
+        return velocity, np.gradient(velocity, STEP_S)
+
+    def scaled(self, factor: float) -> Shape:
+        """Return the same shape, higher or lower."""
+        return Shape(self.kind, self.words, factor * self.offset)
+
+    def within(self, limits: FlightLimits) -> Shape:
+        """Return the shape as large as the limits allow."""
+        velocity, acceleration = self.derivatives
+        half_height = 0.5 * (limits.height_m[1] - limits.height_m[0])
+        factor = min(
+            ROOM * half_height / float(np.abs(self.offset).max()),
+            ROOM * limits.speed / float(np.abs(velocity).max()),
+            limits.acceleration / float(np.abs(acceleration).max()),
+        )
+        return self.scaled(factor)
+
+
+def candidates(limits: FlightLimits, kinds: tuple[str, ...], seed: int) -> Iterator[Shape]:
+    """Shapes of these kinds that a flight of the limits may have."""
+    count = round(limits.duration_s / STEP_S)
+    rng = np.random.default_rng(seed)
+    if "multisine" in kinds:
+        for low in (0.06, 0.12, 0.25):
+            for high in (0.5, 0.8, 1.2, 1.8):
+                for fall in (0.8, 1.3, 1.8, 2.4):
+                    yield _multisine(count, low, high, fall, rng).within(limits)
+    if "steps" in kinds:
+        for hold in (2.0, 3.0, 4.5):
+            for smoothing in (0.12, 0.2, 0.35, 0.6):
+                yield _steps(count, hold, smoothing, rng).within(limits)
+
+
+def _multisine(count: int, low_hz: float, high_hz: float, fall: float, rng: np.random.Generator) -> Shape:
+    """Sines on a grid of frequencies, amplitudes falling as a power of it, phases of the smallest crest."""
+    time = STEP_S * np.arange(count)
+    frequency = np.geomspace(low_hz, high_hz, 10)
+    angle = 2.0 * np.pi * time[:, None] * frequency
+    amplitude = frequency**-fall
+    best, crest = np.zeros(count), np.inf
+    for phases in rng.uniform(0.0, 2.0 * np.pi, (4, frequency.size)):
+        series = np.sin(angle + phases) @ amplitude
+        speed = np.diff(series)
+        peak = float(np.abs(speed).max() / speed.std())
+        if peak < crest:
+            best, crest = series, peak
+    words = f"{frequency.size} sines from {low_hz:g} to {high_hz:g} Hz, amplitudes falling as f^-{fall:g}"
+    return Shape("multisine", words, best * _window(time))
+
+
+def _window(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Rise and fall between the hovers at the ends, with three continuous derivatives."""
+    from_end = np.minimum(time, time[-1] - time)
+    part = np.clip((from_end - HOVER_S) / FADE_S, 0.0, 1.0)
+    rise: Float[np.ndarray, " n"] = part**4 * (35.0 - 84.0 * part + 70.0 * part**2 - 20.0 * part**3)
+    return rise
+
+
+def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generator) -> Shape:
+    """Levels up and down, each held for a while that varies, through equal first-order lags."""
+    time = STEP_S * np.arange(count)
+    settle = SMOOTHINGS * 2.0 * smoothing_s
+    starts = [HOVER_S]
+    while starts[-1] < time[-1] - HOVER_S - settle - hold_s:
+        starts.append(starts[-1] + hold_s * rng.uniform(0.6, 1.4))
+    sign = np.where(np.arange(len(starts)) % 2 == 0, 1.0, -1.0)
+    levels = np.concatenate([[0.0], sign * rng.uniform(0.5, 1.0, sign.size)])
+    levels[-1] = 0.0
+    series: Float[np.ndarray, " n"] = levels[np.searchsorted(starts, time, side="right")]
+    for _ in range(SMOOTHINGS):
+        series = first_order_lag(series, step_s=STEP_S, lag_s=smoothing_s)
+    words = (
+        f"{len(starts)} steps, one every {hold_s:g} s or so, smoothed over {SMOOTHINGS * smoothing_s:.1f} s"
+    )
+    return Shape("steps", words, series)
+
+
+# -- Targets --
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """A quantity of the vertical motion.
+
+    Parameters
+    ----------
+    quantity : str
+        Its name in results.
+    words, unit : str
+        In words, and the unit that half-widths are told in.
+    scale : float
+        From SI to that unit.
+    relative : bool
+        Told as a share of the value.
+    """
+
+    quantity: str
+    words: str
+    unit: str
+    scale: float = 1.0
+    relative: bool = False
+
+
+#: By their words on the command line, in the order of the ranking's joint vector.
+TARGETS = {
+    "friction": Target("viscous_friction", "viscous friction", "1/s"),
+    "gain": Target("input_gain", "input gain", "%", 100.0, relative=True),
+    "lag": Target("effective_lag", "effective lag", "ms", 1000.0),
+}
+
+
+def check_target(word: str) -> None:
+    """Refuse a word that is none of `TARGETS`.
+
+    Raises
+    ------
+    UsageError
+        With those that there are.
+    """
+    if word not in TARGETS:
+        known = ", ".join(TARGETS)
+        raise UsageError(
+            f"one of {known}", f"{word!r}", did_you_mean(word, TARGETS, f"Plan for one of {known}.")
+        )
+
+
+# -- Vehicle --
 
 #: What each rough number may be: its lowest and highest value.
-RANGES = {
+VEHICLE_RANGES = {
     "hover_input": (0.05, 0.95),
     "viscous_friction": (0.05, 1.5),
     "lag_s": (0.005, 0.25),
@@ -83,7 +306,7 @@ class VehicleGuess:
     controller : AltitudeController, optional
         How the vehicle follows its height setpoint. Default: one that suits the lag.
     asked : str
-        What an estimate could not tell, by its word in `eivor.planning.targets`; empty for nothing.
+        What an estimate could not tell, by its word in `eivor.planning.vehicle`; empty for nothing.
 
     Raises
     ------
@@ -103,7 +326,7 @@ class VehicleGuess:
     asked: str = field(default="", repr=False)
 
     def __post_init__(self) -> None:
-        checks.within(self, RANGES, "A rough number will do.")
+        checks.within(self, VEHICLE_RANGES, "A rough number will do.")
         if self.densities is not None:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:
@@ -220,7 +443,7 @@ def read_vehicle(path: Path) -> VehicleGuess:
 
 def _within(name: str, value: float) -> float:
     """Return the value, or the end of its range that is nearest."""
-    return float(np.clip(value, *RANGES[name]))
+    return float(np.clip(value, *VEHICLE_RANGES[name]))
 
 
 def _hover(quantity: Mapping[str, Any], input_map: str, usual: float) -> float:

@@ -1,1 +1,1 @@
-"""Reports of results: tables, flight cards, JSON documents and figures."""
+"""Reports: documents, figures, pages and JSON."""

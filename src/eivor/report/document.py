@@ -1,8 +1,4 @@
-"""A document: what is told of a result or of a log, in parts that every medium can show.
-
-It is data and nothing else. Strings are as they came, from a log too: a medium makes them printable, or
-escapes what it would act on.
-"""
+"""Parts of a document, and printable text."""
 
 from __future__ import annotations
 
@@ -11,6 +7,28 @@ from enum import Enum
 from typing import TypeAlias
 
 from eivor.inference.verdict import Status
+
+# -- Printable --
+
+#: Names of logs are cut to so many letters in titles.
+LONGEST_NAME = 48
+
+
+def printable(text: str) -> str:
+    r"""`text` with everything that a terminal or a figure would act on made visible.
+
+    Control characters (the escape character, line breaks), marks that turn the reading direction and
+    bytes that are no text become backslash escapes; letters of any script stay.
+    """
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def short_name(name: str) -> str:
+    """Name of a log, cut where it is too long for a title."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
+
+
+# -- Document --
 
 
 class Tone(Enum):

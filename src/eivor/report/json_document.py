@@ -1,7 +1,4 @@
-"""The JSON document of a result, schema ``eivor.identify/1``; every key is described in docs/json.md.
-
-Keys never disappear: what a result does not have is null or empty. Numbers are finite or null.
-"""
+"""JSON documents of results and inspections."""
 
 from __future__ import annotations
 
@@ -13,23 +10,49 @@ from importlib.metadata import version
 
 import numpy as np
 
+from eivor.estimation.derived import ParameterSets
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.parameter_sets import ParameterSets
-from eivor.flights.given_lag import GivenLag
-from eivor.flights.implied import Implied
+from eivor.flights.lag_prior import TELEMETRY, GivenLag
+from eivor.flights.motion import Ahead
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Kind, Quantity
+from eivor.flights.quantity import Implied, Kind, Quantity
 from eivor.flights.result import Fit, FlightEstimate
-from eivor.flights.telemetry import TELEMETRY
-from eivor.inference.quantiles import chi_square_quantile
+from eivor.inference.distributions import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
-from eivor.motions.vertical.curve_family import curve_in_force
-from eivor.report.identify_schema import SCHEMA
-from eivor.report.json_ahead import ahead_json
-from eivor.report.told import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
-from eivor.signals.canonical import common_side
+from eivor.motions.vertical.model import curve_in_force
+from eivor.report.flight import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
+from eivor.report.inspection import ChannelSummary, Flown, Inspection, PooledInspection
+from eivor.report.saved_fit import IDENTIFY_SCHEMA
+from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
+
+# -- JSON ahead --
+
+
+def ahead_json(ahead: Ahead | None) -> dict[str, object] | None:
+    """Object of the predictions; None for none."""
+    if ahead is None:
+        return None
+    return {
+        "horizons": list(ahead.horizons_s),
+        "starts": int(ahead.start_s.size),
+        "errors": [
+            {
+                "model": one.model,
+                "words": one.words,
+                "quantity": one.quantity,
+                "unit": one.unit,
+                "rms": list(one.rms),
+            }
+            for one in ahead.errors
+        ],
+        "left_out": list(ahead.left_out),
+        "sentence": ahead.sentence if ahead.errors else "",
+    }
+
+
+# -- JSON document --
 
 #: Candidates that do not fit even at this level are left out.
 WIDEST_LEVEL = 0.999
@@ -59,7 +82,7 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
     rates = {flight.signals.rate_hz for flight in result.prepared}
     first = result.prepared[0]
     return {
-        "schema": SCHEMA,
+        "schema": IDENTIFY_SCHEMA,
         "logs": [_log(flight) for flight in result.prepared],
         "model": {
             "name": result.motion.model_name,
@@ -221,7 +244,7 @@ def _log(flight: PreparedFlight) -> Json:
 def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, dict[str, Json]]:
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
-        told.name: _quantity(told.quantity)
+        told.name: _quantity_json(told.quantity)
         | {"lowest": number(told.wording.lowest)}
         | ({"by_segment": [number(value) for value in told.quantity.by_run]} if told.wording.by_run else {})
         for told in of_kind(quantities, kind)
@@ -244,7 +267,7 @@ def _sets(sets: ParameterSets | None) -> Json:
     return {name: [_pair(piece) for piece in one.intervals] for name, one in three.items()}
 
 
-def _quantity(quantity: Quantity) -> dict[str, Json]:
+def _quantity_json(quantity: Quantity) -> dict[str, Json]:
     return {
         "value": number(quantity.value),
         "unit": quantity.unit,
@@ -279,7 +302,7 @@ def _given_lag(given: GivenLag | None) -> Json:
         return None
     by = given.by
     return {
-        **_known(given.known),
+        **_known_json(given.known),
         "alone": number(given.alone.value),
         "alone_interval": _pair(given.alone.interval),
         "p_value": number(given.p_value),
@@ -298,7 +321,89 @@ def _options(options: FlightOptions) -> Json:
     return plain
 
 
-def _known(known: Prior | Bounds) -> dict[str, Json]:
+def _known_json(known: Prior | Bounds) -> dict[str, Json]:
     """Mean and standard deviation, or bounds; null for what was not given."""
     names = ("mean", "std", "low", "high")
     return {name: number(getattr(known, name, None)) for name in names}
+
+
+# -- JSON inspection --
+
+INSPECT_SCHEMA = "eivor.inspect/1"
+POOLED_SCHEMA = "eivor.inspect_pool/1"
+
+
+def inspection_json(found: Inspection) -> dict[str, Json]:
+    """Document of an inspection, ready for `json_text`."""
+    log = found.recording
+    return {
+        "schema": INSPECT_SCHEMA,
+        "log": {
+            "name": log.name,
+            "format": log.format,
+            "frame": log.frame.name.lower(),
+            "sha256": log.sha256 or None,
+            "span": [number(end) for end in log.span_s],
+        },
+        "channels": [_channel(summary) for summary in found.channels],
+        "missing": list(found.missing),
+        "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
+        "advice": list(found.advice),
+        "airborne": None if found.flown is None else _airborne(found.flown),
+        "tried": None if found.tried is None else [number(end) for end in found.tried],
+        "references": [] if found.flown is None else _references(found.flown),
+        "parameters": {name: number(value) for name, value in found.parameters.items()},
+        "findings": findings_list(found.findings),
+        "verdict": found.verdict,
+        "reasons": list(found.reasons),
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def pooled_json(found: PooledInspection) -> dict[str, Json]:
+    """Document of several logs, ready for `json_text`."""
+    return {
+        "schema": POOLED_SCHEMA,
+        "logs": [inspection_json(log) for log in found.logs],
+        "findings": [] if found.result is None else findings_list(found.result.findings),
+        "verdict": found.verdict,
+        "reasons": list(found.reasons),
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def _channel(summary: ChannelSummary) -> Json:
+    quality = summary.quality
+    return {
+        "name": summary.name,
+        "source": summary.source,
+        "unit": summary.unit,
+        "samples": summary.samples,
+        "rate_hz": number(summary.rate_hz),
+        "held": summary.held,
+        "estimated": summary.estimated,
+        "delay_s": number(summary.delay_s),
+        "range": [number(summary.lowest), number(summary.highest)],
+        "gaps": [[number(start), number(end)] for start, end in summary.gaps],
+        "duplicated_stamps": quality.duplicated_stamps,
+        "backward_stamps": quality.backward_stamps,
+        "evened_stamps": quality.evened_stamps,
+        "missing_values": quality.missing_values,
+        "overflowed": quality.overflowed,
+        "saturated": quality.saturated,
+    }
+
+
+def _airborne(flown: Flown) -> Json:
+    return {
+        "rule": flown.rule,
+        "segments": [[number(start), number(end)] for start, end in flown.active],
+        "used": [[number(start), number(end)] for start, end in flown.used],
+    }
+
+
+def _references(flown: Flown) -> list[Json]:
+    return [
+        {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
+        for reference in flown.references
+    ]

@@ -1,32 +1,114 @@
-"""A result as its JSON document tells it: intervals, draws, and what exports take of it."""
+"""Saved results: reading, prediction and draws of candidates."""
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EstimationError, UsageError
-from eivor.estimation.joint_estimate import JointEstimate
+from eivor.errors import EstimationError, InputError, UsageError
+from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
-from eivor.exports.randomisations import randomisation_by_name
-from eivor.exports.state_space import StateSpace, state_space
-from eivor.exports.targets import target_by_name
-from eivor.flights.quantity import Quantity
-from eivor.inference.quantiles import check_level, chi_square_quantile
-from eivor.inference.verdict import Status
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.told_vehicle import vehicle_told
-from eivor.motions.rigid_body.vehicle_file import load_vehicle
-from eivor.notebook import html_table
-from eivor.report.drawn_candidates import SavedCandidate, drawn_at, drawn_at_all
-from eivor.shapes import Float
-from eivor.signals.canonical import CurveSide
+from eivor.exports.targets import randomisation_by_name, target_by_name
+from eivor.flights.quantity import Allowance, Counts, Quantity
+from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
+from eivor.inference.distributions import (
+    check_level,
+    chi_square_quantile,
+    shares_by_likelihood,
+    shares_in_order,
+)
+from eivor.inference.verdict import Reason, Status
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_told
+from eivor.signals.channels import CurveSide
+from eivor.tools import Float, html_table
+
+if TYPE_CHECKING:
+    from eivor.flights.result import FlightEstimate
+
+
+# -- Draws of candidates --
+
+
+@dataclass(frozen=True)
+class SavedCandidate:
+    """Joint vector and covariance at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    at : mapping of str to float
+        Value of every nuisance.
+    best : bool
+        Whether it is the one that fits best.
+    values : ndarray, shape (n,)
+        Joint vector.
+    covariance : JointCovariance
+        Of the joint vector.
+    excess : float
+        What its criterion is above the least one that it competes with.
+    """
+
+    at: Mapping[str, float]
+    best: bool
+    values: Float[np.ndarray, " n"]
+    covariance: JointCovariance
+    excess: float = 0.0
+
+
+def drawn_at(
+    candidate: SavedCandidate,
+    names: Sequence[str],
+    lowest: Float[np.ndarray, " names"],
+    n: int,
+    rng: np.random.Generator,
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Joint draws at a candidate, one array for each name; what is below its lowest value is put there."""
+    draws = np.maximum(joint_draws(candidate.values, candidate.covariance, n, rng), lowest)
+    return dict(zip(names, draws.T, strict=True))
+
+
+def drawn_at_all(
+    candidates: Sequence[SavedCandidate],
+    names: Sequence[str],
+    lowest: Float[np.ndarray, " names"],
+    n: int,
+    rng: np.random.Generator,
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Joint draws at all candidates, and one array more for each discrete nuisance.
+
+    One that they differ in alone has its confidence distribution; combinations of several are drawn by their
+    likelihood.
+    """
+    apart = [
+        name
+        for name in candidates[0].at
+        if name not in names and len({one.at[name] for one in candidates}) > 1
+    ]
+    ordered = sorted(candidates, key=lambda one: [one.at[name] for name in apart])
+    excesses = np.array([one.excess for one in ordered])
+    shares = shares_in_order(excesses) if len(apart) == 1 else shares_by_likelihood(excesses)
+    parts = [
+        drawn_at(one, names, lowest, int(count), rng)
+        | {name: np.full(count, value) for name, value in one.at.items() if name not in names}
+        for one, count in zip(ordered, rng.multinomial(n, shares), strict=True)
+        if count
+    ]
+    order = rng.permutation(n)
+    return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
+
+
+# -- Identify schema --
+
+IDENTIFY_SCHEMA = "eivor.identify/1"
+
+
+# -- Saved fit --
 
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
@@ -232,8 +314,8 @@ class SavedFit:
             When the vehicle's file cannot be read.
         """
         supplied = Supplied(
-            None if mass is None else _known("mass", mass),
-            {name: _known(name, one) for name, one in (priors or {}).items()},
+            None if mass is None else _known_pair("mass", mass),
+            {name: _known_pair(name, one) for name, one in (priors or {}).items()},
             None if vehicle is None else load_vehicle(vehicle),
         )
         return self.exported(to, supplied, draws, seed).text
@@ -303,9 +385,133 @@ class SavedFit:
         return html_table(f"saved fit: {self.verdict.value}", columns, rows, " ".join(self.reasons))
 
 
-def _known(name: str, pair: tuple[float, ...]) -> KnownNumber:
+def _known_pair(name: str, pair: tuple[float, ...]) -> KnownNumber:
     """A value and its standard deviation."""
     checks.items(name, pair, (int, float), "a value and a standard deviation", "Give (1.53, 0.02).")
     if len(pair) != 2:
         raise UsageError(f"a value and a standard deviation for {name}", f"{pair}", "Give (1.53, 0.02).")
     return known_number(float(pair[0]), float(pair[1]))
+
+
+# -- Read fit --
+
+#: Larger files are no result.
+LARGEST_BYTES = 100_000_000
+
+
+def load_fit(file: str | Path) -> SavedFit:
+    """Read back a result that ``eivor identify --json FILE`` or ``fit.to_json()`` wrote.
+
+    Parameters
+    ----------
+    file : str or Path
+        A document of schema ``eivor.identify/1``.
+
+    Returns
+    -------
+    SavedFit
+        Quantities with intervals and verdicts, the joint covariance, and what is needed to predict.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or is no such document.
+    """
+    if not isinstance(file, str | Path):
+        raise UsageError("the path of a JSON file", type(file).__name__, 'Such as ev.load_fit("fit.json").')
+    path = Path(file)
+    try:
+        if path.stat().st_size > LARGEST_BYTES:
+            raise _no_document(path, f"a file of {path.stat().st_size} bytes")
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(
+            "a result that can be read", f"'{path}': {error.strerror or error}", "Check the path."
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise _no_document(path, "content that is not JSON") from error
+    if not isinstance(document, dict) or document.get("schema") != IDENTIFY_SCHEMA:
+        raise _no_document(path, "another document")
+    try:
+        return _fit_of(document)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _no_document(path, f"one that lacks parts ({error})") from error
+
+
+def saved_fit(result: FlightEstimate) -> SavedFit:
+    """Return what would be read back of a result that is at hand."""
+    from eivor.report.json_document import json_document, json_text  # late: a document at hand needs neither
+
+    return _fit_of(json.loads(json_text(json_document(result))))
+
+
+def _no_document(path: Path, received: str) -> InputError:
+    return InputError(
+        f"a document of schema {IDENTIFY_SCHEMA} in {path.name}",
+        received,
+        "Write one with: eivor identify LOG --json FILE.",
+    )
+
+
+def _fit_of(document: Mapping[str, Any]) -> SavedFit:
+    told = {**document["parameters"], **document["derived"]}
+    covariance = document.get("covariance") or {"names": [], "candidates": []}
+    return SavedFit(
+        verdict=Status(document["verdict"]),
+        reasons=tuple(str(reason) for reason in document["reasons"]),
+        quantities={str(name): _read_quantity(one) for name, one in told.items()},
+        names=tuple(str(name) for name in covariance["names"]),
+        candidates=tuple(_candidate(one) for one in covariance["candidates"]),
+        prediction=dict(document.get("prediction") or {}),
+        document=document,
+        by_flight={
+            str(row["log"]): {
+                str(name): _read_quantity(one)
+                for name, one in {**row["parameters"], **row["derived"]}.items()
+            }
+            for row in document.get("by_flight") or ()
+        },
+    )
+
+
+def _read_quantity(one: Mapping[str, Any]) -> Quantity:
+    low, high = one["interval"]
+    status = Status(one["verdict"])
+    return Quantity(
+        value=_number(one["value"], math.nan),
+        unit=str(one["unit"]),
+        std_error=_number(one["std_error"], math.nan),
+        interval=(_number(low, -math.inf), _number(high, math.inf)),
+        verdict=status,
+        by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
+        reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
+        allowances=tuple(_allowance(part) for part in one.get("systematic", ())),
+    )
+
+
+def _allowance(one: Mapping[str, Any]) -> Allowance:
+    return Allowance(Counts(one["counts"]), float(one["below"]), float(one["above"]), str(one["sentence"]))
+
+
+def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
+    values = np.array([_number(value, math.nan) for value in one["values"]])
+    parts = tuple(
+        CovariancePart(
+            str(part["name"]),
+            np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]]).reshape(
+                values.size, values.size
+            ),
+            _number(part["degrees"], math.inf),
+            float(part["share"]),
+        )
+        for part in one["parts"]
+    )
+    if not parts:
+        raise ValueError("a covariance without parts")
+    at = {str(name): _number(value, math.nan) for name, value in one["at"].items()}
+    excess = _number(one.get("excess", 0.0), math.inf)
+    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts), excess)
+
+
+def _number(value: float | None, missing: float) -> float:
+    return missing if value is None else float(value)

@@ -1,8 +1,4 @@
-"""Documents on a terminal: Rich renderables that stay legible in narrow windows and in a pipe.
-
-Every string is a Rich `Text`, never markup, and what a log brought along is made printable, so that a
-file name cannot colour or rewrite the screen.
-"""
+"""Documents on a terminal."""
 
 from __future__ import annotations
 
@@ -28,8 +24,8 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
+    printable,
 )
-from eivor.report.printable import printable
 
 COLOURS = {
     Status.IDENTIFIED: "bold green",

@@ -1,19 +1,42 @@
-"""Words, numbers and strings of a result as a person reads them: shared by tables, cards and figures.
-
-Conventions, settled here once:
-
-* The interval decides the digits: its half-width is shown to two significant digits, and value and ends
-  to the same decimal place.
-* Lags are computed in seconds and shown in milliseconds.
-* A string that came from a log or from the file system goes through `printable` before it is shown.
-"""
+"""Numbers in words, the flight card and advice on logging."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from eivor.flights.quantity import Choice, Quantity, Wording
+from eivor.flights.motion import Motion
+from eivor.flights.quantity import CardSection, Choice, Quantity, Wording
 from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
+from eivor.logs.read import log_format
+from eivor.signals.recording import Recording
+
+# -- Card --
+
+
+def flight_card(result: FlightEstimate) -> tuple[CardSection, ...]:
+    """What to fly and log instead; empty when the flight is identified."""
+    if result.verdict.status is Status.IDENTIFIED:
+        return ()
+    return result.motion.advice(result.prepared[0].recording.format)
+
+
+def missing_channels(recording: Recording, motion: Motion[Any]) -> tuple[str, ...]:
+    """Channels without which the motion cannot be identified, and that the log lacks."""
+    missing = [name for name in motion.needed if name not in recording.channels]
+    if not any(recording.family(family.name) for family in motion.inputs):
+        missing.append("input")
+    return tuple(missing)
+
+
+def logging_advice_for(recording: Recording, channel: str) -> tuple[str, ...]:
+    """What to log so that `channel` is there; empty for logs whose format has no advice."""
+    known = log_format(recording.format)
+    return known.advice(channel) if known is not None else ()
+
+
+# -- Wording --
 
 #: What to print where there is no number.
 NO_NUMBER = "–"

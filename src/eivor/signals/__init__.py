@@ -1,1 +1,1 @@
-"""Recordings and signals: what was logged, and the same on one uniform grid."""
+"""Signals and channels."""

@@ -1,22 +1,160 @@
-"""Measurement noises: what is known of the error of a measured channel.
-
-A noise says what covariance two samples of it have, `lag` apart, at each time since its record began:
-fractional noise starts at zero with the record and is not stationary, so that sample averages over the
-rows that are used have to take its age into account.
-"""
+"""Noise models, fractional differences and long memory."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 
 from eivor import checks
-from eivor.errors import NonFiniteError
-from eivor.shapes import Float
-from eivor.signals.fractional import fractional_difference, fractional_weights
-from eivor.signals.fractional_growth import growth_table
+from eivor.errors import NonFiniteError, ParameterError, ShapeError, TooFewSamplesError
+from eivor.tools import Complex, Float
+
+# -- Fractional --
+
+#: Longest record whose weights' spectrum is kept for the next one: studies draw many of one length.
+KEPT = 1 << 16
+
+
+def fractional_weights(order: float, count: int) -> Float[np.ndarray, " count"]:
+    """Return a_0 ... a_{count-1}. Performs no checks.
+
+    Parameters
+    ----------
+    order : float
+        Any real number; negative orders sum, positive ones take differences.
+    count : int
+        Number of weights, one or more.
+    """
+    lags = np.arange(1.0, count)
+    return np.concatenate([[1.0], np.cumprod((lags - 1.0 - order) / lags)])
+
+
+def order_slope(order: float, count: int) -> Float[np.ndarray, " count"]:
+    """Derivatives of a_0 ... a_{count-1} by the order: the weights of log(1 - z) Delta^order.
+
+    Those of log(1 - z) are 0, -1, -1/2, -1/3, ...; O(n log n). Performs no checks.
+    """
+    logarithm = np.zeros((count, 1))
+    logarithm[1:, 0] = -1.0 / np.arange(1.0, count)
+    return fractional_difference(logarithm, order)[:, 0]
+
+
+def fractional_difference(
+    values: Float[np.ndarray, "n *columns"], order: float
+) -> Float[np.ndarray, "n *columns"]:
+    """Fractional difference of each column along the first axis.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, ...)
+        Record, zero before it starts.
+    order : float
+        Any real number.
+
+    Returns
+    -------
+    ndarray, shape (n, ...)
+        Same unit as `values`: the step of the record is not in it.
+
+    Notes
+    -----
+    Convolution by FFT, O(n log n), 1e6 samples within half a second; the error is of the order of
+    rounding times the largest output.
+    Performs no checks.
+    """
+    count = values.shape[0]
+    length = padded_length(count)
+    response = _kept_response(order, count) if count <= KEPT else _response(order, count)
+    spectrum = np.fft.rfft(values, length, axis=0)
+    spectrum *= response.reshape(-1, *[1] * (values.ndim - 1))
+    series: Float[np.ndarray, "n *columns"] = np.fft.irfft(spectrum, length, axis=0)[:count]
+    return series
+
+
+def padded_length(count: int) -> int:
+    """Length without large prime factors at which a convolution of records that long does not wrap around."""
+    needed = 2 * count
+    fast = (factor << max(needed.bit_length() - 4, 0) for factor in (8, 9, 10, 12, 15, 16))
+    return next(length for length in fast if length >= needed)
+
+
+def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
+    """Spectrum of the weights on the padded length."""
+    response = np.fft.rfft(fractional_weights(order, count), padded_length(count))
+    response.flags.writeable = False
+    return response
+
+
+_kept_response = lru_cache(maxsize=16)(_response)
+
+
+# -- Fractional growth --
+
+BLOCK = 4_096
+
+
+@dataclass(slots=True)
+class GrowthTable:
+    """Autocovariance of one order at one lag, block by block.
+
+    Parameters
+    ----------
+    order : float
+        Exponent of Delta.
+    lag : int
+        Samples between the two factors.
+    states : list of (sum, a_q, a_{q + lag})
+        Before each block: the sum so far and the two weights of its first term.
+    """
+
+    order: float
+    lag: int
+    states: list[tuple[float, float, float]] = field(default_factory=list)
+
+    def stretch(self, start: int, count: int) -> Float[np.ndarray, " count"]:
+        """Values for m = start .. start + count - 1."""
+        first, last = start // BLOCK, (start + count - 1) // BLOCK
+        parts = [self._block(number) for number in range(first, last + 1)]
+        offset = start - first * BLOCK
+        return np.concatenate(parts)[offset : offset + count]
+
+    def _block(self, number: int) -> Float[np.ndarray, " block"]:
+        while len(self.states) <= number + 1:
+            self._extend()
+        total, a, a_lagged = self.states[number]
+        products = self._weights(number * BLOCK, a) * self._weights(number * BLOCK + self.lag, a_lagged)
+        growth: Float[np.ndarray, " block"] = total + np.cumsum(products[:BLOCK])
+        return growth
+
+    def _extend(self) -> None:
+        """Add the state before the next block."""
+        if not self.states:
+            self.states.append((0.0, 1.0, float(self._weights(0, 1.0, self.lag + 1)[-1])))
+            return
+        number = len(self.states) - 1
+        total, a, a_lagged = self.states[number]
+        own = self._weights(number * BLOCK, a)
+        lagged = self._weights(number * BLOCK + self.lag, a_lagged)
+        total += float(np.sum(own[:BLOCK] * lagged[:BLOCK]))
+        self.states.append((total, float(own[BLOCK]), float(lagged[BLOCK])))
+
+    def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
+        """Weights a_first .. by their recursion, from the first one's value."""
+        j = np.arange(first + 1, first + count)
+        return np.cumprod(np.concatenate([[value], (j - 1 - self.order) / j]))
+
+
+@lru_cache(maxsize=256)
+def growth_table(order: float, lag: int) -> GrowthTable:
+    """Table of that order and lag, shared by all who ask: its content does not depend on who did."""
+    return GrowthTable(order, lag)
+
+
+# -- Noise --
 
 #: Least and largest order of a fractional measurement noise: a random walk, and differences yet invertible.
 LEAST_ORDER, LARGEST_ORDER = -1.0, 0.5
@@ -162,3 +300,295 @@ def check_std(std: float) -> None:
         raise NonFiniteError(
             f"a standard deviation up to {LARGEST_STD:g}", f"std={std}", "Give it in the channel's own unit."
         )
+
+
+# -- Further noises --
+
+
+@dataclass(frozen=True, slots=True)
+class AutoregressiveNoise(MeasurementNoise):
+    """x(k) = coefficient x(k-1) + e(k), started at zero with the record.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation that x settles to, in the channel's unit.
+    coefficient : float
+        Between -1 and 1, both left out.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    ParameterError
+        When the coefficient lies outside its range.
+    """
+
+    std: float
+    coefficient: float
+
+    def __post_init__(self) -> None:
+        check_std(self.std)
+        checks.number("coefficient", self.coefficient)
+        if not abs(self.coefficient) < 1.0:
+            raise ParameterError(
+                "a coefficient between -1 and 1, both left out",
+                f"coefficient={self.coefficient}",
+                "Give FractionalNoise(std, -1) for a random walk.",
+            )
+
+    @property
+    def innovation_std(self) -> float:
+        """Standard deviation of e."""
+        return float(self.std * np.sqrt(1.0 - self.coefficient**2))
+
+    def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
+        """std^2 coefficient^lag (1 - coefficient^(2 m + 2)) at the m-th sample."""
+        ages = np.arange(start + 1.0, start + count + 1.0)
+        grown: Float[np.ndarray, " count"] = 1.0 - (self.coefficient**2) ** ages
+        return self.std**2 * self.coefficient**lag * grown
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """Powers of the coefficient, times the standard deviation of e."""
+        weights: Float[np.ndarray, " count"] = self.innovation_std * self.coefficient ** np.arange(count)
+        return weights
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Normal innovations, filtered."""
+        from scipy.signal import lfilter
+
+        series: Float[np.ndarray, " count"] = lfilter(
+            [self.innovation_std], [1.0, -self.coefficient], rng.standard_normal(count)
+        )
+        return series
+
+    def with_std(self, std: float) -> AutoregressiveNoise:
+        """Same coefficient."""
+        return replace(self, std=std)
+
+
+@dataclass(frozen=True, slots=True)
+class HeavyTailedNoise(UncorrelatedNoise):
+    """Uncorrelated noise with the tails of Student's t.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation, in the channel's unit.
+    degrees : float
+        Degrees of freedom, more than two: with fewer there is no standard deviation.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    ParameterError
+        When there are too few degrees of freedom.
+    """
+
+    std: float
+    degrees: float = 3.0
+
+    def __post_init__(self) -> None:
+        check_std(self.std)
+        checks.number("degrees", self.degrees)
+        if not 2.0 < self.degrees < np.inf:
+            raise ParameterError(
+                "more than two degrees of freedom, and finitely many",
+                f"degrees={self.degrees}",
+                "Give 3 for heavy tails, WhiteNoise for normal noise.",
+            )
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Independent values of Student's t, scaled."""
+        scale = self.std * np.sqrt((self.degrees - 2.0) / self.degrees)
+        return scale * rng.standard_t(self.degrees, count)
+
+    def with_std(self, std: float) -> HeavyTailedNoise:
+        """Same tails."""
+        return replace(self, std=std)
+
+
+@dataclass(frozen=True, slots=True)
+class RoundingNoise(UncorrelatedNoise):
+    """What rounding to multiples of a step adds, as uncorrelated values between half a step down and up.
+
+    The usual model of a converter's quantisation: it holds where the channel moves by more than a step from
+    one sample to the next.
+
+    Parameters
+    ----------
+    std : float
+        Step over the root of twelve, in the channel's unit.
+
+    Raises
+    ------
+    NonFiniteError
+        When `std` is negative, not finite, or so large that it has no square.
+    """
+
+    std: float
+
+    def __post_init__(self) -> None:
+        check_std(self.std)
+
+    @property
+    def step(self) -> float:
+        """Of the rounding, in the channel's unit."""
+        return float(self.std * np.sqrt(12.0))
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Independent values, uniform over a step."""
+        return self.step * (rng.random(count) - 0.5)
+
+    def with_std(self, std: float) -> RoundingNoise:
+        """Of another step."""
+        return RoundingNoise(std)
+
+
+# -- Long memory --
+
+#: Fewest frequencies from which an order is estimated.
+LEAST_BANDWIDTH = 8
+#: Share of the record's length, as an exponent, that the default number of frequencies has.
+BANDWIDTH_EXPONENT = 0.65
+#: Orders that are searched: twice what a measurement noise may have.
+SEARCHED = (-1.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LongMemory:
+    """Estimate of a fractional noise.
+
+    Parameters
+    ----------
+    order, order_error : float
+        Exponent of Delta and its standard error.
+    std, std_error : float
+        Standard deviation of the white noise before the operator, in the channel's unit, and its
+        standard error (the order being estimated too).
+    bandwidth : int
+        Number of frequencies that were used.
+    """
+
+    order: float
+    order_error: float
+    std: float
+    std_error: float
+    bandwidth: int
+
+    @property
+    def memory(self) -> float:
+        """Memory parameter d = -order of the literature."""
+        return -self.order
+
+    def order_interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Interval that covers the order with this probability.
+
+        Raises
+        ------
+        ParameterError
+            When the level is not between 0 and 1.
+        """
+        checks.number("level", level)
+        if not 0.0 < level < 1.0:
+            raise ParameterError("a level between 0 and 1", f"level={level}", "Give 0.95 for 95 %.")
+        width = NormalDist().inv_cdf(0.5 + level / 2.0) * self.order_error
+        return self.order - width, self.order + width
+
+    def noise(self) -> FractionalNoise:
+        """Noise to declare of the channel: the estimate, with an order that a noise can have."""
+        return FractionalNoise(self.std, float(np.clip(self.order, LEAST_ORDER, LARGEST_ORDER)))
+
+
+def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | None = None) -> LongMemory:
+    """Estimate order and strength of a fractional noise from a record at rest.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Uniformly sampled record of a machine that does not move.
+    bandwidth : int, optional
+        Number m of lowest frequencies, up to (n - 1) // 2. Default: n^0.65, which keeps away from what
+        else shapes the spectrum at high frequencies. If the noise is fractional and nothing else, every
+        frequency is best.
+
+    Raises
+    ------
+    DataError, ShapeError
+        When the values are no real numbers, or not those of one record.
+    NonFiniteError
+        When a value is not finite.
+    TooFewSamplesError
+        When the record has fewer than 8 frequencies.
+    ParameterError
+        When the bandwidth is out of range, or the record constant.
+
+    Notes
+    -----
+    One FFT and a convex search: 1e6 samples take a quarter of a second.
+    """
+    values = checks.real_array("values", values)
+    if values.ndim != 1:
+        raise ShapeError("a record of shape (n,)", f"shape {values.shape}", "Give one channel at a time.")
+    if bandwidth is not None:
+        checks.whole("bandwidth", bandwidth)
+    if not np.isfinite(values).all():
+        raise NonFiniteError(
+            "a record of finite values", "NaN or infinity in it", "Cut the record to a stretch without gaps."
+        )
+    most = (values.size - 1) // 2
+    if most < LEAST_BANDWIDTH:
+        raise TooFewSamplesError(
+            f"{2 * LEAST_BANDWIDTH + 1} samples or more",
+            f"{values.size}",
+            "Record the machine at rest for longer.",
+        )
+    m = max(LEAST_BANDWIDTH, int(values.size**BANDWIDTH_EXPONENT)) if bandwidth is None else bandwidth
+    if not LEAST_BANDWIDTH <= m <= most:
+        raise ParameterError(
+            f"a bandwidth from {LEAST_BANDWIDTH} to {most} frequencies", f"bandwidth={m}", "Choose another."
+        )
+    power = np.abs(np.fft.rfft(values - values.mean())[1 : m + 1]) ** 2 / values.size
+    if not power.max() > (np.finfo(np.float64).eps * np.abs(values).max()) ** 2:
+        raise ParameterError(
+            "a record that varies", "a constant one", "Use one with the sensor's full resolution."
+        )
+    return _whittle(power, np.log(2.0 * np.sin(np.pi * np.arange(1, m + 1) / values.size)))
+
+
+def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) -> LongMemory:
+    """Minimum of the concentrated likelihood, log mean(power g^(-2 order)) + 2 order mean(log g)."""
+    nu = log_gain - log_gain.mean()
+    log_power = np.log(np.maximum(power, np.finfo(np.float64).tiny))
+    order = _root(log_power, nu)
+    scaled = log_power - 2.0 * order * log_gain
+    top = float(scaled.max())
+    variance = float(np.exp(top)) * float(np.exp(scaled - top).mean())
+    information = float(nu @ nu)
+    relative = np.sqrt(1.0 / power.size + float(log_gain.mean()) ** 2 / information)
+    std = float(np.sqrt(variance))
+    return LongMemory(order, 0.5 / float(np.sqrt(information)), std, 0.5 * std * float(relative), power.size)
+
+
+def _root(log_power: Float[np.ndarray, " m"], nu: Float[np.ndarray, " m"]) -> float:
+    """Order at which the slope of the convex likelihood is zero: Newton's steps, kept in a bracket."""
+    low, high = SEARCHED
+    order = 0.0
+    for _ in range(60):
+        scaled = log_power - 2.0 * order * nu
+        weights = np.exp(scaled - scaled.max())
+        weights /= weights.sum()
+        mean = float(weights @ nu)
+        if mean > 0.0:
+            low = order
+        else:
+            high = order
+        step = mean / (2.0 * (float(weights @ nu**2) - mean**2))
+        following = order + step
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        if abs(following - order) < 1e-12:
+            break
+        order = following
+    return order

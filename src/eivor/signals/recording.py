@@ -1,22 +1,12 @@
-"""What a log holds: named channels, each with its own clock, unit and gaps.
-
-Conventions, settled here once:
-
-* Time is in seconds from the log's own start (for ULog its `start_timestamp`), strictly increasing
-  within a channel; topics may carry stamps before zero.
-* Values are in SI units, angles in radians, under the canonical names of `eivor.signals.canonical`.
-* Axes are as logged; `Recording.frame` says which way they point. Turning them to z up is the work
-  of `eivor.flights`.
-* NaN means "the log has no value here": setpoints that are not in force, values outside the
-  channel's possible range. Readers never invent a number.
-* A *held* channel (a command, a setpoint, a state) keeps its value until its next stamp; any other is
-  a sampled continuous quantity.
-"""
+"""A recording: channels, origin, findings and data sheets."""
 
 from __future__ import annotations
 
+import math
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime, timedelta
 from enum import Enum
 from typing import TYPE_CHECKING, Any
 
@@ -24,17 +14,143 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageError
-from eivor.notebook import html_table
-from eivor.shapes import Bool, Float
-from eivor.signals.canonical import CurveSide
-from eivor.signals.data_sheet import DataSheet
-from eivor.signals.families import family_members
-from eivor.signals.log_origin import LogOrigin
-from eivor.signals.made_channels import MadeChannels
-from eivor.signals.stamps import evened
+from eivor.signals.channels import CurveSide, family_members
+from eivor.signals.filters import evened
+from eivor.tools import Bool, Float, html_table
 
 if TYPE_CHECKING:
     from eivor.signals.signals import Signals
+
+
+# -- Data sheet --
+
+
+@dataclass(frozen=True, slots=True)
+class DataSheet:
+    """White noise and rounding of a sensor, as a data sheet tells them.
+
+    Parameters
+    ----------
+    density : float
+        Noise density, in the channel's unit per square root of a hertz.
+    bandwidth_hz : float, optional
+        Noise bandwidth of the sensor's filter [Hz], 1.57 times the cut-off of one of first order. Default:
+        half the rate at which the channel is logged.
+    step : float
+        Quantisation step, in the channel's unit.
+
+    Raises
+    ------
+    UsageError
+        When a number is negative or not finite, or nothing is stated.
+    """
+
+    density: float = 0.0
+    bandwidth_hz: float | None = None
+    step: float = 0.0
+
+    def __post_init__(self) -> None:
+        stated = {"density": self.density, "step": self.step}
+        if self.bandwidth_hz is not None:
+            stated["bandwidth_hz"] = self.bandwidth_hz
+        for name, value in stated.items():
+            checks.number(name, value)
+            if not 0.0 <= value < math.inf:
+                raise UsageError(f"a {name} of zero or more", f"{value:g}", "Correct what the sheet says.")
+        if not (self.density > 0.0 or self.step > 0.0):
+            raise UsageError(
+                "a noise density or a quantisation step above zero",
+                "neither",
+                "Give DataSheet(density=0.002, bandwidth_hz=50.0), for example.",
+            )
+
+    def std(self, rate_hz: float) -> float:
+        """Standard deviation of one sample of a channel that is logged at that rate, in its unit.
+
+        The root of density^2 times the bandwidth plus step^2 / 12.
+        """
+        bandwidth = 0.5 * rate_hz if self.bandwidth_hz is None else self.bandwidth_hz
+        return math.sqrt(self.density**2 * bandwidth + self.step**2 / 12.0)
+
+
+# -- Log origin --
+
+#: A clock that was never set tells a time before this, and one that is damaged a time after [UTC].
+EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True, slots=True)
+class LogOrigin:
+    """What a log says of the machine that wrote it; empty where it says nothing.
+
+    Parameters
+    ----------
+    board : str
+        Unique id of the board.
+    airframe : str
+        Which kind of vehicle the firmware was set up for, by the firmware's own word.
+    firmware : str
+        Name and version.
+    start : datetime, optional
+        First second of the log (its time 0), UTC.
+    """
+
+    board: str = ""
+    airframe: str = ""
+    firmware: str = ""
+    start: datetime | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("board", "airframe", "firmware"):
+            checks.text(name, getattr(self, name))
+        if self.start is not None:
+            checks.kind("start", self.start, datetime, "a datetime", "Give one with its time zone.")
+
+
+def utc_time(seconds: float) -> datetime | None:
+    """Time of seconds since 1970; None of a clock that was never set.
+
+    Parameters
+    ----------
+    seconds : float
+        Since 1970-01-01 UTC [s].
+    """
+    try:
+        told = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+    except (OverflowError, ValueError):
+        return None
+    return told if EARLIEST <= told <= LATEST else None
+
+
+# -- Derived channels --
+
+
+class MadeChannels(Mapping[str, "Channel"]):
+    """Channels by name, not all of which are in memory: take one at a time, and let it go."""
+
+    @abstractmethod
+    def __contains__(self, name: object) -> bool:
+        """Say whether there is such a channel, without making it."""
+
+    @property
+    @abstractmethod
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels of the log [s], without making them."""
+
+    @abstractmethod
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log, or of more of it where its reader cannot cut.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The part [s]. States that were set before it are in it.
+        step_s : float
+            Samples that are closer are thinned to this distance [s]; zero keeps all.
+        """
+
+
+# -- Recording --
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
@@ -78,7 +194,7 @@ class Channel:
     Parameters
     ----------
     name : str
-        Canonical name, see `eivor.signals.canonical`.
+        Canonical name, see `eivor.signals.channels`.
     time_s : ndarray, shape (n,)
         Stamps [s], finite and strictly increasing.
     values : ndarray, shape (n,)
@@ -179,7 +295,7 @@ def clean_channel(
 
     A stamp counts as backward when it lies before the latest stamp seen so far; the first sample of a
     repeated stamp is kept. Stamps that err again and again by small amounts are evened first, see
-    `eivor.signals.stamps`. Infinite values, and those that nothing measures, become NaN. What was dropped is
+    `eivor.signals.filters`. Infinite values, and those that nothing measures, become NaN. What was dropped is
     counted in the channel's quality; nothing is sorted, since a log's order is evidence of its own. Stamps
     are not copied when all of them are kept, so that channels of one clock share it.
 
@@ -376,7 +492,7 @@ class Recording:
         UsageError
             For choices that do not fit.
         """
-        from eivor.motions.log_signals import log_signals  # the house's exception: a door upwards
+        from eivor.motions.identify import log_signals  # the house's exception: a door upwards
 
         return log_signals(self, actuator_lag=actuator_lag, delay=delay, model=model, **choices)
 

@@ -1,4 +1,4 @@
-"""Signals: channels on one uniform grid, in SI units, z up, with a mask of the samples that count."""
+"""Signals on a time grid, with their noises."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import DataError, MissingChannelError, NonFiniteError, ShapeError, UsageError
-from eivor.shapes import Bool, Float
-from eivor.signals.families import family_members
+from eivor.signals.channels import family_members
 from eivor.signals.noise import MeasurementNoise
+from eivor.tools import Bool, Float
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 
 Problem = ev.SignalRegression
 

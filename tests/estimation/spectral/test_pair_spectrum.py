@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.estimation.spectral.pair_spectrum import PairSpectrum, inner
+from eivor.estimation.sampled_motion import PairSpectrum, inner
 
 BINS = 5
 

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.estimation.spectral.noise_fit import _Fit, prior_of
-from eivor.estimation.spectral.noise_model import NoiseModel
-from eivor.estimation.spectral.sampled_motion import SampledMotion, SampledRecord, unitary_bins
-from eivor.shapes import Float
-from eivor.simulation.records.scenario import Intersample
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.estimation.sampled_motion import (
+    NoiseModel,
+    SampledMotion,
+    SampledRecord,
+    _Fit,
+    prior_of,
+    unitary_bins,
+)
+from eivor.lab.records import Intersample
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.tools import Float
 
 
 def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> SampledMotion:

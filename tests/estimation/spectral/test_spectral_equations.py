@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.estimation.spectral.pilot import consistent_estimate, pilot_at
-from eivor.estimation.spectral.sampled_motion import SampledMotion
-from eivor.estimation.spectral.sampled_problem import SampledProblem, sampled_problem
-from eivor.estimation.spectral.spectral_covariance import spectral_covariance
-from eivor.estimation.spectral.spectral_equations import SpectralSolution, solved_equations
-from eivor.estimation.spectral.weights import corrected_spectrum, power_around, signal_weights
-from eivor.estimation.spectral.whitened_rows import solved_rows, whitened_rows
+from eivor.estimation.pair_whitening import corrected_spectrum, power_around, signal_weights
+from eivor.estimation.sampled_motion import SampledMotion, SampledProblem, sampled_problem
+from eivor.estimation.spectral_equations import (
+    SpectralSolution,
+    consistent_estimate,
+    pilot_at,
+    solved_equations,
+    solved_rows,
+    spectral_covariance,
+    whitened_rows,
+)
 
 ProblemOf = Callable[[str, int, int], ev.SignalRegression]
 

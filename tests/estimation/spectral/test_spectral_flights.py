@@ -11,21 +11,21 @@ import pytest
 
 import eivor as ev
 from eivor.errors import EstimationError
-from eivor.estimation.spectral import of_flights
-from eivor.estimation.spectral.of_flights import spectral_giv_of_flights
-from eivor.estimation.spectral.pair_spectrum import PairSpectrum
-from eivor.estimation.spectral.pair_whitening import (
+from eivor.estimation import spectral_iv
+from eivor.estimation.pair_whitening import (
     CombinedProblem,
     ModelledSpectra,
+    PairedBins,
     PairWhitening,
     _weighted,
+    responses,
 )
-from eivor.estimation.spectral.paired_bins import PairedBins, responses
+from eivor.estimation.sampled_motion import PairSpectrum
+from eivor.estimation.spectral_iv import spectral_giv_of_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
-from eivor.models.instruments import LaggedReferences
-from eivor.models.separable import SampledState, SeparableProblem
+from eivor.models.separable import LaggedReferences, SampledState, SeparableProblem
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals.recording import Recording
@@ -92,7 +92,7 @@ def test_a_likelihood_under_control_is_provisional_at_most() -> None:
 
 @pytest.mark.thorough
 def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(of_flights, "_apart", lambda *_: (30.0, 13.8))
+    monkeypatch.setattr(spectral_iv, "_apart", lambda *_: (30.0, 13.8))
     found, plain = identified("spectral_giv"), identified("generalized_iv")
     assert found.verdict.status is Status.WEAK
     assert any("generalized IV's numbers" in sentence for sentence in found.verdict.sentences)
@@ -127,7 +127,7 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
 ) -> None:
     problem = problem_of_flight()
     found = spectral_giv_of_flights("spectral_giv", problem)
-    distance, farthest = of_flights._apart(found, found)
+    distance, farthest = spectral_iv._apart(found, found)
     assert distance == 0.0
     moved = replace(
         found.best,
@@ -136,8 +136,8 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
             solution=replace(found.best.solution, theta=found.best.theta * np.array([1.0, 2.0])),
         ),
     )
-    assert of_flights._apart(found, replace(found, candidates=(moved,)))[0] > farthest
-    assert of_flights._apart(found, replace(found, candidates=(moved, *found.candidates)))[0] == 0.0
+    assert spectral_iv._apart(found, replace(found, candidates=(moved,)))[0] > farthest
+    assert spectral_iv._apart(found, replace(found, candidates=(moved, *found.candidates)))[0] == 0.0
 
 
 # -- pairs ------------------------------------------------------------------------------------------------

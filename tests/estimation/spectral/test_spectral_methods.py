@@ -12,7 +12,7 @@ import pytest
 import eivor as ev
 from eivor.errors import FallbackWarning, InstrumentError, MissingNoiseError, UsageError
 from eivor.inference.verdict import Status
-from eivor.simulation.scenario_files.scenario_file import shipped_scenario
+from eivor.lab.scenario_files import shipped_scenario
 
 ProblemOf = Callable[[str, int, int], ev.SignalRegression]
 SPECTRAL = [ev.methods.spectral_giv, ev.methods.spectral_giv_combined, ev.methods.whittle_ml]
@@ -49,7 +49,7 @@ def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
 @pytest.mark.parametrize("lines", [8, 30])
 def test_a_sparse_multisine_is_estimated_near_the_bound(lines: int) -> None:
     """The neighbours of a line hold noise only: the line counts its own power."""
-    from eivor.simulation.sources.excitation import GivenSeries
+    from eivor.simulation.excitation import GivenSeries
 
     samples, records = 4000, 20
     angle = 2.0 * np.pi * np.arange(samples) / samples
@@ -79,7 +79,7 @@ def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) ->
 
 @pytest.mark.thorough
 def test_an_input_that_moves_between_samples_is_found_out() -> None:
-    from eivor.simulation.records.scenario import Intersample
+    from eivor.lab.records import Intersample
 
     scenario = replace(shipped_scenario("rich"), intersample=Intersample.LINEAR, samples=4000)
     doubted = 0
@@ -249,7 +249,7 @@ def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
 
 def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
     """Generalized IV's covariance is told by eight averages: the limit is that of Hotelling's T^2."""
-    from eivor.estimation.spectral.answers import FARTHEST
+    from eivor.estimation.spectral_iv import FARTHEST
 
     ratios = np.random.default_rng(2).standard_normal((4000, 10, 2))
     spread = np.einsum("ikj,ikl->ijl", ratios[:, :8], ratios[:, :8]) / 8.0

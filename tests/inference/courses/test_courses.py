@@ -8,12 +8,8 @@ import statsmodels.api as sm
 from scipy import stats
 from statsmodels.stats.outliers_influence import OLSInfluence
 
-from eivor.inference.courses.deviation import deviation_p_values
-from eivor.inference.courses.drift import drifts
-from eivor.inference.courses.ordered import Ordered
-from eivor.inference.courses.shared_slopes import shared_slopes
-from eivor.inference.courses.step import after_step, steps
-from eivor.inference.random_effects.groups import Groups
+from eivor.fleet.change_points import Ordered, after_step, deviation_p_values, drifts, shared_slopes, steps
+from eivor.inference.random_effects import Groups
 
 
 def ordered(y, sizes, *, errors=1e-12, at=None, weights=None) -> Ordered:

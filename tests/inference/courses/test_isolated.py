@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eivor.inference.courses.isolated import Isolation
-from eivor.inference.random_effects.groups import Groups, one_group
+from eivor.fleet.change_points import Isolation
+from eivor.inference.random_effects import Groups, one_group
 
 
 def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:

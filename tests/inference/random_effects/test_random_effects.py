@@ -5,10 +5,15 @@ import pytest
 from scipy import special
 from statsmodels.stats.meta_analysis import combine_effects
 
-from eivor.inference.random_effects.between import moment_between, paule_mandel, q_profile
-from eivor.inference.random_effects.confidence_distribution import between_distribution
-from eivor.inference.random_effects.groups import Groups, one_group
-from eivor.inference.random_effects.mean import random_effects_means
+from eivor.inference.random_effects import (
+    Groups,
+    between_distribution,
+    moment_between,
+    one_group,
+    paule_mandel,
+    q_profile,
+    random_effects_means,
+)
 
 Y = np.array([0.1, 0.3, 0.8, 0.2])
 V = np.array([0.01, 0.02, 0.01, 0.04])

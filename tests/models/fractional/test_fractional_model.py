@@ -15,9 +15,8 @@ from eivor.errors import (
     ShapeError,
     UsageError,
 )
-from eivor.models.fractional.operator import FractionalDifference
-from eivor.models.fractional.side import Side
-from eivor.signals.fractional import fractional_difference
+from eivor.lab.fractional_terms import FractionalDifference, Side
+from eivor.signals.noise import fractional_difference
 from validation.fractional.relaxation import ramp_response, step_response
 
 ORDER = ev.UnknownOrder("order", 0.2, 1.2)

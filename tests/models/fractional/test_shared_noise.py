@@ -6,9 +6,8 @@ from scipy.special import gamma
 
 import eivor as ev
 from eivor.errors import DataError, MissingNoiseError, UsageError
-from eivor.models.fractional.column import Part
-from eivor.models.fractional.filtered_signals import FilteredSignals
-from eivor.models.fractional.operator import FractionalDerivative, FractionalDifference
+from eivor.lab.fractional_model import FilteredSignals
+from eivor.lab.fractional_terms import FractionalDerivative, FractionalDifference, Part
 
 
 def of_noise(noise, count=60, operator=None, **more):

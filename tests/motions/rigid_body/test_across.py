@@ -9,16 +9,20 @@ import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
-from eivor.motions.rigid_body.across import lift_moments
-from eivor.motions.rigid_body.coefficients import coefficients_of
-from eivor.motions.rigid_body.dynamics import wrench
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.layout import RotorLayout
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
+from eivor.motions.rigid_body.dynamics import coefficients_of, wrench
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.parameters import FORCE_Z, LIFT_MOMENT, PITCH, ROLL
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.regression import lift_moments
+from eivor.motions.rigid_body.vehicle import (
+    FORCE_Z_EQUATION,
+    LIFT_MOMENT,
+    PITCH_EQUATION,
+    ROLL_EQUATION,
+    KnownVehicle,
+    RotorLayout,
+)
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 LIFT = 2e-4
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
@@ -39,8 +43,8 @@ def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
     (flight,) = simulate_rigid_body_flights([SPEC])
     motion = RigidBody(KNOWN)
     problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
-    assert (problem.band_hz(ROLL)[1], problem.band_hz(FORCE_Z)[1]) == (20.0, 8.0)
+    assert (problem.band_hz(ROLL_EQUATION)[1], problem.band_hz(FORCE_Z_EQUATION)[1]) == (20.0, 8.0)
     for axis, parameter in enumerate(LIFT_MOMENT):
         place = problem.parameters.index(parameter)
         moved = [bool(one.fixed[:, place].any()) for one in problem.columns]
-        assert moved == [one.axis == (ROLL, PITCH)[axis] for one in problem.columns]
+        assert moved == [one.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for one in problem.columns]

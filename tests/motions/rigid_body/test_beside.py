@@ -9,19 +9,15 @@ import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
-from eivor.motions.rigid_body.beside import drag_moments, spin_moment
-from eivor.motions.rigid_body.coefficients import coefficients_of
-from eivor.motions.rigid_body.dynamics import body_derivative, wrench
-from eivor.motions.rigid_body.effective import effective_parameters
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.models.separable import NoInstruments
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
 from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
-from eivor.motions.rigid_body.parameters import DRAG_MOMENT, SPIN_MOMENT
-from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import Sensors
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.regression import drag_moments, spin_moment
+from eivor.motions.rigid_body.vehicle import DRAG_MOMENT, SPIN_MOMENT, KnownVehicle, Vehicle
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Sensors
 
 SPEC = shipped_rigid_body_flight("crazyflie")
 STILL, HOVER = (0.0, 0.0, 0.0), SPEC.vehicle.hover_speed

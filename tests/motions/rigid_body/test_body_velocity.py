@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eivor.motions.rigid_body.body_velocity import body_velocity, force_by_velocity
+from eivor.motions.rigid_body.regression import body_velocity, force_by_velocity
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
 

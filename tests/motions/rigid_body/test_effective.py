@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.motions.rigid_body.coefficients import coefficients_of
-from eivor.motions.rigid_body.dynamics import body_derivative, specific_force
-from eivor.motions.rigid_body.effective import effective_parameters
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.motions.rigid_body.dynamics import (
+    body_derivative,
+    coefficients_of,
+    effective_parameters,
+    specific_force,
+)
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 
 ROTORS = Rotors(
     positions=((0.1, 0.12, 0.0), (0.1, -0.12, 0.0), (-0.1, -0.12, 0.0), (-0.1, 0.12, 0.0)),

@@ -7,19 +7,19 @@ from unittest.mock import Mock
 
 import pytest
 
-from eivor.estimation.assembler import Instrumental
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.moments import Instrumental
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
-from eivor.models.instruments import NoInstruments
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.filters_shown import FILTERS, FiltersNotPassed
-from eivor.motions.rigid_body.flights import rigid_body_problem
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.regression import rigid_body_problem
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import FILTERS, FiltersNotPassed
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 BASE = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0, seed=2)
 CUTOFF_HZ = 80.0
@@ -82,7 +82,7 @@ def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypat
         asked.append({one.flight for one in own.columns})
         return stub(100.0 if len(asked) == 1 else 10.0)
 
-    monkeypatch.setattr("eivor.motions.rigid_body.filters_shown.identify", identified)
+    monkeypatch.setattr("eivor.motions.rigid_body.verdict.identify", identified)
     for other in ("order_shown", "steady_wind"):
         monkeypatch.setattr(f"eivor.motions.rigid_body.motion.{other}", lambda *_: None)
     shown = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.motions.rigid_body.inferred_velocity import FROM_HZ, inferred_velocity
+from eivor.motions.rigid_body.regression import FROM_HZ, inferred_velocity
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.signals import Signals
 

@@ -7,14 +7,13 @@ from dataclasses import replace
 import pytest
 
 from eivor.inference.verdict import Status
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body import lags_apart as module
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.lags_apart import LagsApart, lags_apart
+from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.verdict import LagsApart, lags_apart
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
 ROTORS = SPEC.vehicle.rotors

@@ -9,14 +9,14 @@ import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 BASE = shipped_rigid_body_flight("crazyflie")
 ROTORS = BASE.vehicle.rotors

@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.motions.rigid_body.onboard_filters import OnboardFilter, as_logged
-from eivor.motions.rigid_body.parameters import DAMPING, DRAG, FORCE_Z, GAIN, OFFSET, PITCH, THRUST
-from eivor.signals.low_pass import low_passed
+from eivor.motions.rigid_body.regression import OnboardFilter, as_logged
+from eivor.motions.rigid_body.vehicle import (
+    DAMPING,
+    DRAG,
+    FORCE_Z_EQUATION,
+    GAIN,
+    OFFSET,
+    PITCH_EQUATION,
+    THRUST,
+)
+from eivor.signals.filters import low_passed
 
 STEP_S, CUTOFF_HZ = 0.002, 30.0
 OWN_S = np.sqrt(2.0) / (2.0 * np.pi * CUTOFF_HZ)
@@ -36,10 +44,14 @@ def test_what_is_more_than_a_delay_is_left():
 def test_columns_of_filtered_rates_do_not_pass_the_filter_twice():
     sensor = OnboardFilter(STEP_S, CUTOFF_HZ, 0.0)
     late = low_passed(sine(5.0)[:, None], step_s=STEP_S, cutoff_hz=CUTOFF_HZ)[:, 0]
-    turning = as_logged(dict.fromkeys((GAIN[PITCH], OFFSET[PITCH], DAMPING[PITCH]), sine(5.0)), PITCH, sensor)
-    np.testing.assert_allclose(turning[GAIN[PITCH]], late)
-    np.testing.assert_allclose(turning[OFFSET[PITCH]], late)
-    np.testing.assert_allclose(turning[DAMPING[PITCH]], sine(5.0))
-    forces = as_logged(dict.fromkeys((THRUST, DRAG[2]), sine(5.0)), FORCE_Z, sensor)
+    turning = as_logged(
+        dict.fromkeys((GAIN[PITCH_EQUATION], OFFSET[PITCH_EQUATION], DAMPING[PITCH_EQUATION]), sine(5.0)),
+        PITCH_EQUATION,
+        sensor,
+    )
+    np.testing.assert_allclose(turning[GAIN[PITCH_EQUATION]], late)
+    np.testing.assert_allclose(turning[OFFSET[PITCH_EQUATION]], late)
+    np.testing.assert_allclose(turning[DAMPING[PITCH_EQUATION]], sine(5.0))
+    forces = as_logged(dict.fromkeys((THRUST, DRAG[2]), sine(5.0)), FORCE_Z_EQUATION, sensor)
     np.testing.assert_allclose(forces[DRAG[2]], late)
-    np.testing.assert_allclose(as_logged({THRUST: sine(5.0)}, FORCE_Z, None)[THRUST], sine(5.0))
+    np.testing.assert_allclose(as_logged({THRUST: sine(5.0)}, FORCE_Z_EQUATION, None)[THRUST], sine(5.0))

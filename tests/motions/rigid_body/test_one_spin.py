@@ -7,27 +7,30 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import by_name
+from eivor.estimation.methods import by_name, identify
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
+from eivor.flights.quantity import SimpleModel
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.lagged_runs import LaggedRuns
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.effective import effective_parameters
-from eivor.motions.rigid_body.inertia_ratios import (
+from eivor.motions.rigid_body.dynamics import effective_parameters
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import (
+    PITCH_EQUATION,
+    REACTION,
+    ROLL_EQUATION,
+    SPIN_MOMENT,
+    YAW_EQUATION,
     InertiaRatios,
+    KnownVehicle,
     by_pitch_coupling,
     by_roll_coupling,
     pitch_over_roll,
 )
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.one_spin import ratios_told, spin_of, with_one_spin, with_spin_moments
-from eivor.motions.rigid_body.parameters import PITCH, REACTION, ROLL, SPIN_MOMENT, YAW
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.verdict import ratios_told, spin_of, with_one_spin, with_spin_moments
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 SPEC = shipped_rigid_body_flight("crazyflie")
 INERTIA_OF_A_ROTOR = 5e-8
@@ -70,7 +73,9 @@ def test_ratios_are_those_of_the_inertias():
     for ratio in (by_roll_coupling, by_pitch_coupling):
         assert ratio(values) == pytest.approx(THIRD / FIRST)
     ratios = InertiaRatios.of_values(values)
-    assert (ratios.of_axis(ROLL), ratios.of_axis(PITCH)) == pytest.approx((THIRD / FIRST, THIRD / SECOND))
+    assert (ratios.of_axis(ROLL_EQUATION), ratios.of_axis(PITCH_EQUATION)) == pytest.approx(
+        (THIRD / FIRST, THIRD / SECOND)
+    )
 
 
 def test_columns_are_sums_of_those_that_they_replace(problem):
@@ -92,7 +97,7 @@ def test_columns_are_sums_of_those_that_they_replace(problem):
         np.testing.assert_allclose(rows.regressors, expected[:, kept], rtol=1e-9, atol=1e-12)
     axes = linked.rows(AT).layout.axis_of_row
     reaction = linked.rows(AT).regressors[:, [one.name for one in linked.parameters].index(REACTION.name)]
-    assert all(reaction[axes == axis].any() for axis in (ROLL, PITCH, YAW))
+    assert all(reaction[axes == axis].any() for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION))
 
 
 @pytest.mark.thorough
@@ -132,7 +137,7 @@ def test_columns_that_say_something_else_than_one_inertia_stay_three(problem):
 
 def reacting(one, problem):
     """The axis of yaw with a response that has more of a reaction in it."""
-    if one.axis != YAW:
+    if one.axis != YAW_EQUATION:
         return one
     names = [parameter.name for parameter in problem.parameters[one.fixed.shape[1] :]]
     place = one.moved.index(names.index(REACTION.name))
@@ -147,5 +152,9 @@ def test_predictions_know_what_all_axes_have():
     for one, inertia in zip(SPIN_MOMENT, (FIRST, SECOND), strict=True):
         assert found["fit"].values[one.name] == pytest.approx(INERTIA_OF_A_ROTOR / inertia)
         assert found["other"].values[one.name] == pytest.approx(2.0 * THIRD / inertia)
-    before = {"fit": SimpleModel("", values | {SPIN_MOMENT[ROLL].name: 3.0, SPIN_MOMENT[PITCH].name: 4.0})}
+    before = {
+        "fit": SimpleModel(
+            "", values | {SPIN_MOMENT[ROLL_EQUATION].name: 3.0, SPIN_MOMENT[PITCH_EQUATION].name: 4.0}
+        )
+    }
     assert with_spin_moments(before, "fit") == before

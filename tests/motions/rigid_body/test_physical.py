@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from eivor.errors import ShapeError, UsageError
-from eivor.motions.rigid_body.combinations import Combinations
-from eivor.motions.rigid_body.effective import effective_parameters
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.physical import physical_parameters
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.motions.rigid_body.dynamics import effective_parameters
+from eivor.motions.rigid_body.inertia import Combinations
+from eivor.motions.rigid_body.physical_parameters import physical_parameters
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
 
 AXES = "xyz"
 TURNING = ("roll", "pitch", "yaw")

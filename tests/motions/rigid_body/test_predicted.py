@@ -9,16 +9,16 @@ import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import LaggedReferences
+from eivor.lab.disturbances import Arma
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import LaggedReferences
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.predicted import predicted_flight
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
-from eivor.simulation.sources.band_excitation import Multisine
-from eivor.simulation.sources.linear_disturbance import Arma
+from eivor.motions.rigid_body.regression import predicted_flight
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.simulation.excitation import Multisine
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
 
 BASE = shipped_rigid_body_flight("crazyflie")
 #: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.

@@ -10,13 +10,13 @@ import pytest
 from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.motions.rigid_body.attitude_order import refuse_other_turns
-from eivor.motions.rigid_body.body_velocity import body_velocity
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.regression import body_velocity
+from eivor.motions.rigid_body.select import refuse_other_turns
+from eivor.motions.rigid_body.vehicle import KnownVehicle
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=6.0, seed=8)
 ROTORS = SPEC.vehicle.rotors

@@ -11,23 +11,20 @@ import pytest
 import eivor as ev
 from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import SimpleModel
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.motions.rates.axes import AXES
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.flights.quantity import SimpleModel
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.told_vehicle import vehicle_told
-from eivor.report.read_fit import load_fit
-from eivor.report.saved_fit import SavedFit
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_told
+from eivor.report.other_results import validation_document
+from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
-from eivor.report.validation_document import validation_document
 from eivor.signals.recording import Recording
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, simulate_rigid_body_flights
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import Sensors
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.simulation.controller import Sensor
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Sensors
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))
 ROTORS = SPEC.vehicle.rotors
@@ -90,8 +87,8 @@ def test_true_numbers_predict_every_quantity(flight, truth):
 
 def test_a_body_that_turns_on_is_predicted_by_its_rates():
     """Constant rates about an axis that leans: the attitude that stays as it is, is exact."""
-    from eivor.flights.ahead import Starts
-    from eivor.motions.rigid_body.ahead import _angle, _unchanged
+    from eivor.flights.motion import Starts
+    from eivor.motions.rigid_body.predict import _angle, _unchanged
 
     rates = np.array([0.4, -0.8, 1.1])
     body = np.zeros((13, 1))

@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.allowance import Counts
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.quantity import Unjudged
-from eivor.motions.rigid_body.allowances import POINT_WITHIN, all_allowances
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
+from eivor.flights.quantity import Counts, Unjudged
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import Logged
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import POINT_WITHIN, all_allowances
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Logged
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=4)
 ROTORS = SPEC.vehicle.rotors

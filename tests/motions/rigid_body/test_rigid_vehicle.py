@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from eivor.errors import ParameterError, ShapeError, UsageError
-from eivor.motions.rigid_body.coefficients import coefficients_of, side_by_side
-from eivor.motions.rigid_body.dynamics import specific_force, state_derivative
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, specific_force, state_derivative
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
 
 ROTORS = Rotors(

@@ -11,15 +11,15 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.inference.verdict import Status
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.rotor_order import Order, order_shown
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
-from eivor.simulation.sources.excitation import RandomSteps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import Order, order_shown
+from eivor.simulation.excitation import RandomSteps
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
 ROTORS = SPEC.vehicle.rotors

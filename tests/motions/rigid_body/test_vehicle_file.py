@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, ParameterError, UsageError
-from eivor.motions.rigid_body.known_number import KnownNumber
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.numberings import LAYOUTS
-from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles, vehicle_template
+from eivor.motions.rigid_body.vehicle import (
+    LAYOUTS,
+    KnownNumber,
+    KnownVehicle,
+    load_vehicle,
+    shipped_vehicles,
+    vehicle_template,
+)
 
 X = 'layout = "quad-x"\nnumbering = "px4"\n'
 EACH = "positions = [[0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [-0.1, -0.1]]\n"

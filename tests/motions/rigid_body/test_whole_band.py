@@ -7,21 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import by_name
+from eivor.estimation.methods import by_name, identify
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.flights import FORCE_BAND_HZ, TURNING_BAND_HZ
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.lags_apart import lags_apart
-from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.whole_band import WHOLE_BAND_HZ, in_whole_band
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.rigid_body.spec import Logged, TorqueDisturbance
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.motion import WHOLE_BAND_HZ, RigidBody, in_whole_band
+from eivor.motions.rigid_body.regression import FORCE_BAND_HZ, TURNING_BAND_HZ
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import lags_apart
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Logged, TorqueDisturbance
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=5.0, seed=2)
 ROTORS = SPEC.vehicle.rotors

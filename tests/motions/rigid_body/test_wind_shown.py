@@ -8,13 +8,13 @@ import pytest
 
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.models.instruments import NoInstruments
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.wind_shown import SteadyWind, steady_wind
-from eivor.simulation.rigid_body.flight import simulate_rigid_body_flights
-from eivor.simulation.scenario_files.rigid_body_file import shipped_rigid_body_flight
+from eivor.motions.rigid_body.vehicle import KnownVehicle
+from eivor.motions.rigid_body.verdict import SteadyWind, steady_wind
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
 ROTORS = SPEC.vehicle.rotors

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.flights.circumstances import Circumstances
+from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.motions.vertical.height import near_ground, near_ground_reasons
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.term_channels import check_terms
+from eivor.motions.vertical.regression import check_terms
+from eivor.motions.vertical.verdict import near_ground, near_ground_reasons
 from flights.flight_logs import flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")

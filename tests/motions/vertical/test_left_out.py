@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.fit import identify
-from eivor.estimation.methods import least_squares, reference_iv
-from eivor.flights.agreement import Difference, SensorAgreement
-from eivor.flights.circumstances import Circumstances
-from eivor.flights.instruments import instruments
+from eivor.estimation.methods import identify, least_squares, reference_iv
+from eivor.flights.identify import instruments
+from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.motions.vertical.gain_rule import left_out_reasons
-from eivor.motions.vertical.left_out import (
+from eivor.flights.prepared import Difference, SensorAgreement
+from eivor.motions.vertical.misspecification import (
     VOLTAGE_CHANGE,
     left_out,
     left_out_numbers,
@@ -23,7 +21,7 @@ from eivor.motions.vertical.left_out import (
     voltage_numbers,
 )
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.sideways import sideways_reasons
+from eivor.motions.vertical.verdict import left_out_reasons, sideways_reasons
 from flights.flight_logs import GAIN, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from eivor.flights.agreement import Difference
-from eivor.motions.vertical.map_evidence import beyond, fitting_p_value, least_in_set
+from eivor.flights.prepared import Difference
+from eivor.motions.vertical.motion import beyond, fitting_p_value, least_in_set
 
 
 def bend(value: float) -> Difference:

@@ -8,18 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.allowance import Allowance, Counts
-from eivor.flights.circumstances import Circumstances, Searched, Strength
-from eivor.flights.given_lag import GivenLag
-from eivor.flights.quantity import Choice, Unjudged
-from eivor.inference.sets.confidence_set import ConfidenceSet
+from eivor.flights.lag_prior import GivenLag
+from eivor.flights.motion import Circumstances, Searched, Strength
+from eivor.flights.prepared import Difference, SensorAgreement
+from eivor.flights.quantity import Allowance, Choice, Counts, Unjudged
+from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import Prior
-from eivor.motions.vertical.friction_rule import friction_reasons
-from eivor.motions.vertical.gain_rule import gain_reasons, hover_reasons
-from eivor.motions.vertical.lag_rule import lag_reasons
-from eivor.motions.vertical.rule import all_grounds
-from eivor.motions.vertical.sensors import Difference, SensorAgreement
+from eivor.motions.vertical.verdict import (
+    all_grounds,
+    friction_reasons,
+    gain_reasons,
+    hover_reasons,
+    lag_reasons,
+)
 
 NAMES = ("viscous_friction", "input_gain", "actuator_lag")
 

@@ -9,19 +9,15 @@ import numpy as np
 import pytest
 
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.flights.agreement import Difference, SensorAgreement
-from eivor.flights.allowance import Counts
-from eivor.flights.circumstances import Circumstances
-from eivor.flights.instruments import instruments
+from eivor.flights.identify import instruments
+from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.flights.quantity import Unjudged
+from eivor.flights.prepared import Difference, SensorAgreement
+from eivor.flights.quantity import Counts, Unjudged
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.sensor_rule import sensor_reasons
-from eivor.motions.vertical.sensors import (
+from eivor.motions.vertical.misspecification import (
     OFFSET,
     SCALE,
     TILTS,
@@ -30,7 +26,9 @@ from eivor.motions.vertical.sensors import (
     sentence,
     told,
 )
-from eivor.motions.vertical.sideways import SIDEWAYS, fast_sideways_reasons
+from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.verdict import SIDEWAYS, fast_sideways_reasons, sensor_reasons
 from eivor.signals.recording import Channel
 from flights.flight_logs import LAG_S, STEP_S, flown
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eivor.flights.options import FlightOptions
-from eivor.motions.vertical.supply import supply_findings
+from eivor.motions.vertical.motion import supply_findings
 from flights.flight_logs import changed, channel, flown, prepare_vertical
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes")]

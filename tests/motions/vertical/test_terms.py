@@ -8,19 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.asked.options import flight_options
+from eivor.cli.parsing import flight_options
 from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import Horizon
-from eivor.flights.terms import check_options
+from eivor.flights.prepare import check_options
+from eivor.flights.quantity import Horizon
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
-from eivor.motions.vertical.dragged import dragged_run
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.predict import _run
+from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
-from eivor.report.read_fit import saved_fit
-from eivor.report.validation import validate
+from eivor.report.other_results import validate
+from eivor.report.saved_fit import saved_fit
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -11,7 +11,7 @@ import eivor as ev
 from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
-from eivor.logs.example import example_flight
+from eivor.logs.read import example_flight
 from eivor.motions.vertical.motion import Vertical, vertical_flight
 
 

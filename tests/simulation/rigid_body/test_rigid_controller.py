@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eivor.motions.rigid_body.coefficients import coefficients_of
-from eivor.motions.rigid_body.dynamics import turned, wrench
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.simulation.rigid_body.controller import (
+from eivor.motions.rigid_body.dynamics import coefficients_of, turned, wrench
+from eivor.motions.rigid_body.vehicle import Rotors, Vehicle
+from eivor.simulation.controller import (
     Cascade,
+    DelayLine,
     FlightController,
     gains_of,
     mixer_of,
     mixers_side_by_side,
     torque_limits,
 )
-from eivor.simulation.rigid_body.delay_line import DelayLine
-from eivor.simulation.rigid_body.surroundings import quaternions
+from eivor.simulation.rigid_body_spec import quaternions
 
 ANGLES = np.pi / 3.0 * np.arange(6) + 0.2
 HEXACOPTER = Vehicle(

@@ -10,18 +10,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.lab.known_logs import log_of_rigid_body_flight, viscous_friction
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.actuator import actuator_state
+from eivor.signals.filters import actuator_state
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.flights.trajectories import TrajectoryKind
-from eivor.simulation.rigid_body.controller import FlightController
-from eivor.simulation.rigid_body.flight import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
-from eivor.simulation.rigid_body.integrators import AdaptiveSteps
-from eivor.simulation.rigid_body.known_log import log_of_rigid_body_flight, viscous_friction
-from eivor.simulation.rigid_body.sensors import Sensor
-from eivor.simulation.rigid_body.spec import (
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import DrydenGust, RandomSteps, Steps
+from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import (
+    AdaptiveSteps,
     AxisExcitations,
     Logged,
     RigidBodyFlightSpec,
@@ -29,9 +29,6 @@ from eivor.simulation.rigid_body.spec import (
     TorqueDisturbance,
     Wind,
 )
-from eivor.simulation.sources.dryden import DrydenGust
-from eivor.simulation.sources.excitation import RandomSteps, Steps
-from eivor.simulation.sources.gust import OrnsteinUhlenbeck
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of the same shapes
 

@@ -10,12 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
-from eivor.motions.rigid_body.coefficients import Coefficients, coefficients_of, side_by_side
-from eivor.motions.rigid_body.dynamics import body_derivative
-from eivor.motions.rigid_body.rotors import Rotors
-from eivor.motions.rigid_body.vehicle import BodyDrag, Vehicle
+from eivor.motions.rigid_body.dynamics import Coefficients, body_derivative, coefficients_of, side_by_side
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.rigid_body.integrators import AdaptiveSteps, HeldInputs, RotorCourse, RungeKutta4
+from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, RotorCourse, RungeKutta4
 
 ARM = 0.03
 ROTORS = Rotors(

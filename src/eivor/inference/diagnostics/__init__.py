@@ -1,1 +1,1 @@
-"""Diagnostics: strength of instruments, tests of equations, residuals and constancy."""
+"""Diagnostics of residuals, instruments and excitation."""

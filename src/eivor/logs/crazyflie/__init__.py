@@ -1,1 +1,1 @@
-"""The Crazyflie's logs on a microSD card."""
+"""Crazyflie microSD logs."""

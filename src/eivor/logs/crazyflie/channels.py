@@ -1,26 +1,4 @@
-"""Where each canonical channel is in a Crazyflie log: a table of variables, with their units and signs.
-
-Names, units and signs are those of the firmware's log groups (`stabilizer.c`, `position_controller_pid.c`,
-`estimator_kalman.c`, `pm_stm32f4.c`), which are z up: world east-north-up, body forward-left-up.
-
-* `acc.*` is what the accelerometer measures [g], +1 on z at rest; `gyro.*` are the rates about the same axes
-  [deg/s], both behind a low-pass of the second order (30 Hz and 80 Hz).
-* `stateEstimate.az` is [g] without gravity, 0 at rest, although the firmware documents m/s^2;
-  `stateEstimateZ.az` [mm/s^2] has gravity in it, +9810 at rest. `stateEstimateZ.ratePitch` [mrad/s] is the
-  negative of the rate about y.
-* The angles `roll` and `pitch` of `stateEstimate` and `stabilizer` [deg] are of the older firmware's axes, in
-  which the pitch is negated; the quaternions are not, and turn from the body to the world.
-* `motor.m*` is the duty cycle of a motor, 0 to 65535: 1 is full power. `stabilizer.thrust` and
-  `controller.cmd_thrust` have the same scale.
-* `controller.cmd_roll`, `.cmd_pitch` and `.cmd_yaw` (`ctrlMel` of the Mellinger controller) are on the same
-  scale. The motors on the left get half of the first, and those on the right lose it; those in front get half
-  of the second, which turns the nose up; those that spin counterclockwise get the third, to which the body
-  reacts clockwise. Turned to forward, left, up the last two are negative.
-* `ctrltarget.roll` and `.pitch` [deg] are set from outside, in the older axes; `ctrltarget.yaw` is a rate
-  [deg/s]. `controller.roll` and `.pitch` [deg] and the rates `.rollRate`, `.pitchRate` and `.yawRate` [deg/s]
-  are what the loops make of those or of the position's error.
-* `posCtl.targetVZ` is what the position loop computes from its error, hence feedback.
-"""
+"""Channels of a Crazyflie log."""
 
 from __future__ import annotations
 
@@ -29,13 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.logs.channel_map import ChannelRule
-from eivor.logs.delays import low_pass_delay_s
-from eivor.logs.expressions import Expression, parse_expression, tilt_of_angles
-from eivor.logs.units import UNITS
-from eivor.shapes import Float
-from eivor.signals.canonical import held_by_default
+from eivor.logs.channel_map import ChannelRule, Expression, parse_expression, tilt_of_angles
+from eivor.logs.common import UNITS, low_pass_delay_s
+from eivor.signals.channels import held_by_default
 from eivor.signals.recording import Channel, Finding
+from eivor.tools import Float
 
 #: Value of a motor's duty cycle, and of the controllers' thrust, at full power.
 FULL_POWER = 65535.0

@@ -1,14 +1,12 @@
-"""Crazyflie microSD logs: events of several types, each with a clock of its own, as one recording.
-
-Axes are z up. Time 0 is the first record. Without a channel map the variables are what `channels` says;
-a map names them as columns: ``acc.z``, or ``fixedFrequency:acc.z`` where several types of events hold it,
-and the clock ``timestamp``, which is in seconds whatever the map says.
-"""
+"""Reader of Crazyflie microSD logs."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+import struct
+import zlib
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
 from eivor.logs.channel_map import ChannelMap, ChannelRule, load_channel_map
-from eivor.logs.columns import Columns
+from eivor.logs.common import Columns, LogFormat, ReadOptions, believable, channel_findings
 from eivor.logs.crazyflie.channels import (
     LOOKED_FOR,
     PACKED_QUATERNION,
@@ -27,15 +25,493 @@ from eivor.logs.crazyflie.channels import (
     unpacked_quaternion,
 )
 from eivor.logs.crazyflie.channels import delay_findings as filter_findings
-from eivor.logs.crazyflie.gaps import gap_findings
-from eivor.logs.crazyflie.header import parse_header
-from eivor.logs.crazyflie.records import Event, read_events
-from eivor.logs.findings import channel_findings
-from eivor.logs.log_format import ReadOptions
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, looked_for, mapped_channels
-from eivor.shapes import Float
-from eivor.signals.log_origin import LogOrigin
-from eivor.signals.recording import Channel, Finding, Frame, Recording
+from eivor.signals.recording import LARGEST_VALUE, Channel, Finding, Frame, LogOrigin, Recording
+from eivor.tools import Float
+
+# -- Header --
+
+MAGIC = b"\xbc"
+#: Type of a stamp and its unit [s], by version.
+STAMPS: Mapping[int, tuple[str, float]] = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
+#: Types of variables, by their letter.
+TYPES: Mapping[str, str] = {
+    "b": "<i1",
+    "B": "<u1",
+    "?": "<u1",
+    "h": "<i2",
+    "H": "<u2",
+    "e": "<f2",
+    "i": "<i4",
+    "I": "<u4",
+    "l": "<i4",
+    "L": "<u4",
+    "f": "<f4",
+    "q": "<i8",
+    "Q": "<u8",
+    "d": "<f8",
+}
+
+#: Bounds that no real log comes near.
+MAX_EVENT_TYPES = 256
+MAX_VARIABLES = 4096
+MAX_NAME_BYTES = 255
+
+
+@dataclass(frozen=True, slots=True)
+class EventType:
+    """A type of events.
+
+    Parameters
+    ----------
+    number : int
+        Its id.
+    name : str
+        Its name, printable.
+    variables : tuple of str
+        Names of its variables, printable.
+    record : dtype
+        Of its records: "id", "stamp", and the variables under their numbers "0", "1", ...
+    """
+
+    number: int
+    name: str
+    variables: tuple[str, ...]
+    record: np.dtype[np.void]
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The head of a log.
+
+    Parameters
+    ----------
+    types : tuple of EventType
+        With ids of their own.
+    tick_s : float
+        Unit of the stamps [s].
+    length : int
+        Where the records begin [bytes].
+    """
+
+    types: tuple[EventType, ...]
+    tick_s: float
+    length: int
+
+
+def parse_header(data: bytes, name: str) -> Header:
+    """Read the head of a log.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or enough of its start.
+    name : str
+        What to call the file in messages.
+
+    Raises
+    ------
+    CorruptLogError
+        When it is cut, of a version that is not known, or not sound.
+    """
+    cursor = _Cursor(data, name, len(MAGIC))
+    version, count = cursor.number(), cursor.number()
+    if version not in STAMPS:
+        raise CorruptLogError(
+            "a Crazyflie microSD log of version 1 or 2",
+            f"'{name}' of version {version}",
+            "The file is damaged, or newer than this release; try a newer Eivor.",
+        )
+    if count > MAX_EVENT_TYPES:
+        raise cursor.corrupt(f"announces {count} types of events (at most {MAX_EVENT_TYPES} are read)")
+    stamp, tick_s = STAMPS[version]
+    types = []
+    for _ in range(count):
+        types.append(_event_type(cursor, stamp))
+        if sum(len(one.variables) for one in types) > MAX_VARIABLES:
+            raise cursor.corrupt(f"announces more than {MAX_VARIABLES} variables")
+    numbers = [one.number for one in types]
+    if len(set(numbers)) < len(numbers):
+        raise cursor.corrupt("gives the same id to two types of events")
+    return Header(tuple(types), tick_s, cursor.place)
+
+
+def _event_type(cursor: _Cursor, stamp: str) -> EventType:
+    number, name, count = cursor.number(), cursor.text(), cursor.number()
+    if count > MAX_VARIABLES:
+        raise cursor.corrupt(f"announces {count} variables of one event (at most {MAX_VARIABLES} are read)")
+    variables, fields = [], [("id", "<u2"), ("stamp", stamp)]
+    for place in range(count):
+        variable, _, letter = cursor.text().rpartition("(")
+        if not variable or letter[:-1] not in TYPES or letter[-1:] != ")":
+            raise cursor.corrupt(f"names a variable {variable + '(' + letter!r}, whose type is not known")
+        variables.append(variable)
+        fields.append((str(place), TYPES[letter[:-1]]))
+    return EventType(number, name, tuple(variables), np.dtype(fields))
+
+
+@dataclass(slots=True)
+class _Cursor:
+    """A place in the head, which moves as things are read."""
+
+    data: bytes
+    name: str
+    place: int
+
+    def number(self) -> int:
+        """Read a number of two bytes."""
+        if self.place + 2 > len(self.data):
+            raise self.corrupt("ends in its head")
+        value: int = struct.unpack_from("<H", self.data, self.place)[0]
+        self.place += 2
+        return value
+
+    def text(self) -> str:
+        """Read a name, in which only printable letters of ASCII stay as they are."""
+        end = self.data.find(b"\x00", self.place, self.place + MAX_NAME_BYTES + 1)
+        if end < 0:
+            cut = self.place + MAX_NAME_BYTES >= len(self.data)
+            raise self.corrupt(
+                "ends in its head" if cut else f"has a name of more than {MAX_NAME_BYTES} bytes"
+            )
+        raw = self.data[self.place : end]
+        self.place = end + 1
+        return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in raw)
+
+    def corrupt(self, reason: str) -> CorruptLogError:
+        """Return the error for a head that is not sound."""
+        return CorruptLogError(
+            "a Crazyflie microSD log with a sound head",
+            f"'{self.name}', which {reason}",
+            "The file is cut or damaged; copy it from the card again.",
+        )
+
+
+# -- Format --
+
+#: Variables that make each channel, as config.txt names them.
+TO_LOG = {
+    "velocity_z": "stateEstimate.vz",
+    "position_z": "stateEstimate.z",
+    "acceleration_z": "stateEstimate.az",
+    "input": "motor.m1 to motor.m4",
+    "reference_position_z": "ctrltarget.z",
+    "reference_velocity_z": "ctrltarget.vz",
+    "reference_acceleration_z": "ctrltarget.az",
+    "battery_voltage": "pm.vbat",
+    **{f"specific_force_body_{axis}": f"acc.{axis}" for axis in "xyz"},
+    **{f"angular_rate_{axis}": f"gyro.{axis}" for axis in "xyz"},
+    **{f"attitude_{part}": f"stateEstimate.q{part}" for part in "wxyz"},
+    "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
+    **{f"rotor_command_{rotor}": f"motor.m{rotor}" for rotor in range(1, 5)},
+    **{f"rotor_speed_{rotor}": f"rpm.m{rotor}" for rotor in range(1, 5)},
+    **{
+        f"torque_setpoint_{axis}": f"controller.cmd_{angle}"
+        for axis, angle in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
+    },
+    "reference_roll": "ctrltarget.roll",
+    "reference_pitch": "ctrltarget.pitch",
+    "reference_angular_rate_z": "ctrltarget.yaw",
+}
+_ADVICE = (
+    "Name these variables below 'on:fixedFrequency' in config.txt on the card: stateEstimate.z, .vz and .az, "
+    "stateEstimate.qw, .qx, .qy and .qz, ctrltarget.z, .vz and .az, motor.m1 to .m4, acc.x, .y and .z, "
+    "gyro.x, .y and .z, pm.vbat, each with its group and on a line of its own.",
+    "Log at 250 Hz or more, synchronous with the stabilizer (mode 1), with a buffer of 4096 bytes or more, "
+    "and end the logging before the power goes (usd.logging = 0).",
+    "Fly height steps with the position controller, so that ctrltarget.z changes: a hover cannot be "
+    "identified.",
+)
+
+
+def _sniff(head: bytes, _file: Path) -> bool:
+    """Whether a version of one byte follows the first one, which no text has."""
+    return head.startswith(MAGIC) and head[2:3] in (b"", b"\x00")
+
+
+def _read(file: Path, options: ReadOptions) -> Recording:
+    return read_crazyflie(file, options)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """What to name in config.txt."""
+    if not channel:
+        return _ADVICE
+    if channel not in TO_LOG:
+        return ()
+    sentence = f"Add {TO_LOG[channel]} to config.txt on the card."
+    return (sentence, *_ADVICE[:1]) if channel == "velocity_z" else (sentence,)
+
+
+CRAZYFLIE = LogFormat(
+    "crazyflie",
+    "Crazyflie microSD",
+    _sniff,
+    _read,
+    takes_map=True,
+    advice=_advice,
+    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
+    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
+    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+)
+
+
+# -- Records --
+
+CHECKSUM_BYTES = 4
+#: So many records of one type in a row, and whole blocks of them are looked at.
+RUN = 32
+BLOCK = 4096
+#: How many records must follow each other where the walk goes on, how long after the log's start they may be
+#: [s], and how far it looks, at how much a time [bytes].
+CHAIN = 4
+LONGEST_LOG_S = 86400.0
+MAX_SEARCH_BYTES = 1 << 22
+SEARCH_BLOCK = 512
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """The records of one type.
+
+    Parameters
+    ----------
+    name : str
+        Of the type.
+    variables : tuple of str
+        Its variables; of two of one name the first counts.
+    records : ndarray, shape (n,)
+        Structured, as `EventType.record` says.
+    time_s : ndarray, shape (n,)
+        Stamps from the log's start on [s].
+    """
+
+    name: str
+    variables: tuple[str, ...]
+    records: np.ndarray
+    time_s: Float[np.ndarray, " n"]
+
+    def values(self, variable: str) -> Float[np.ndarray, " n"]:
+        """Return the values of a variable as logged; NaN for what nothing measures."""
+        with np.errstate(invalid="ignore"):
+            values = self.records[str(self.variables.index(variable))].astype(np.float64)
+        values[~(np.abs(values) <= LARGEST_VALUE)] = np.nan
+        return np.asarray(values)
+
+
+@dataclass(slots=True)
+class _Walk:
+    """Where records begin, by id, and the bytes that belong to none."""
+
+    places: dict[int, array[int]]
+    skipped: int = 0
+    left: int = 0
+    searched: int = 0
+
+
+def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]]:
+    """Return the events of a log that have a record, on one clock, and what is wrong with the file.
+
+    Parameters
+    ----------
+    data : bytes
+        The whole file.
+    header : Header
+        Its head.
+    """
+    body = memoryview(data)[:-CHECKSUM_BYTES]
+    sound = len(data) >= header.length + CHECKSUM_BYTES and (
+        zlib.crc32(body) == struct.unpack_from("<I", data, len(data) - CHECKSUM_BYTES)[0]
+    )
+    walk = _walk(data, header, len(body) if sound else len(data))
+    findings = _damage(walk, sound)
+    found = {
+        one.number: _records(data, one, np.asarray(walk.places[one.number], dtype=np.int64))
+        for one in header.types
+        if walk.places[one.number]
+    }
+    if not found:
+        return [], findings
+    start = min(_middle(records["stamp"]) for records in found.values())
+    times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in found.items()}
+    usable = {key: believable(time_s) for key, time_s in times.items()}
+    begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
+    lost = sum(int((~which).sum()) for which in usable.values())
+    if lost:
+        findings.append(Finding("time_stamps", f"Records left out, because their stamp cannot be: {lost}."))
+    events = [
+        Event(one.name, one.variables, found[key][usable[key]], times[key][usable[key]] - begins)
+        for one in header.types
+        if (key := one.number) in found and usable[key].any()
+    ]
+    return events, findings
+
+
+def _walk(data: bytes, header: Header, end: int) -> _Walk:
+    sizes = {one.number: one.record.itemsize for one in header.types}
+    walk = _Walk({number: array("q") for number in sizes})
+    unpack = struct.Struct("<H").unpack_from
+    position, run, last = header.length, 0, -1
+    while position + 2 <= end:
+        number = unpack(data, position)[0]
+        size = sizes.get(number)
+        if size is None:
+            resumed = _resumed(data, position + 1, end, header, walk)
+            if resumed is None:
+                break
+            walk.skipped += resumed - position
+            position, run = resumed, 0
+            continue
+        if position + size > end:
+            break
+        walk.places[number].append(position)
+        position += size
+        run = run + 1 if number == last else 0
+        last = number
+        if run >= RUN:
+            more = _run_length(data, position, end, number, size)
+            walk.places[number].extend(range(position, position + more * size, size))
+            position, run = position + more * size, 0
+    walk.left = max(end - position, 0)
+    return walk
+
+
+def _run_length(data: bytes, position: int, end: int, number: int, size: int) -> int:
+    """How many whole records of one type stand at a place in a row, at most `BLOCK`."""
+    count = min((end - position) // size, BLOCK)
+    if count == 0:
+        return 0
+    ids = np.ndarray((count,), dtype="<u2", buffer=data, offset=position, strides=(size,))
+    other = np.flatnonzero(ids != number)
+    return int(other[0]) if other.size else count
+
+
+def _resumed(data: bytes, position: int, end: int, header: Header, walk: _Walk) -> int | None:
+    """Where the next records begin that follow each other; None when they are not found."""
+    sizes = {one.number: one.record.itemsize for one in header.types}
+    if not sizes:
+        return None
+    while walk.searched < MAX_SEARCH_BYTES and position < end:
+        walk.searched += SEARCH_BLOCK
+        for place in _candidates(data, position, end, header, walk):
+            if _follow(data, place, end, sizes):
+                return place
+        position += SEARCH_BLOCK
+    return None
+
+
+def _candidates(data: bytes, position: int, end: int, header: Header, walk: _Walk) -> list[int]:
+    """Places in a block at which an id stands that is known, before a stamp that can be of this log."""
+    stamp = header.types[0].record["stamp"]
+    count = min(SEARCH_BLOCK, end - position - 1 - stamp.itemsize)
+    if count <= 0:
+        return []
+    ids = np.ndarray((count,), dtype="<u2", buffer=data, offset=position, strides=(1,))
+    plausible = np.isin(ids, [one.number for one in header.types])
+    begun = [places[0] for places in walk.places.values() if places]
+    if begun:
+        stamps = np.ndarray((count,), dtype=stamp, buffer=data, offset=position + 2, strides=(1,))
+        first = int(np.ndarray((1,), dtype=stamp, buffer=data, offset=min(begun) + 2)[0])
+        time_s = _seconds(stamps, first, header.tick_s)
+        plausible &= (time_s >= 0.0) & (time_s <= LONGEST_LOG_S)
+    return [position + int(offset) for offset in np.flatnonzero(plausible)]
+
+
+def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> bool:
+    """Say whether several records follow each other from a place on, or up to the end."""
+    for _ in range(CHAIN):
+        if position + 2 > end:
+            return position == end
+        size = sizes.get(struct.unpack_from("<H", data, position)[0])
+        if size is None or position + size > end:
+            return False
+        position += size
+    return True
+
+
+def _damage(walk: _Walk, sound: bool) -> list[Finding]:
+    """Say what the checksum and the walk show."""
+    findings = []
+    complete = sound or walk.left == CHECKSUM_BYTES
+    left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
+    if not complete:
+        rest = (
+            f"{left} bytes at its end, of no whole record, were left out" if left else "no record is broken"
+        )
+        findings.append(
+            Finding(
+                "truncated",
+                f"The log has no checksum at its end: it was cut ({rest}). End the logging before the power "
+                "goes (usd.logging = 0).",
+            )
+        )
+    elif not sound:
+        findings.append(
+            Finding(
+                "checksum",
+                "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong.",
+            )
+        )
+    skipped = walk.skipped + (left if sound else 0)
+    if skipped:
+        findings.append(
+            Finding(
+                "corrupt_parts", f"Damaged parts were left out: {skipped} bytes that belong to no record."
+            )
+        )
+    return findings
+
+
+def _records(data: bytes, kind: EventType, places: np.ndarray) -> np.ndarray:
+    """Records of one type, copied together."""
+    size = kind.record.itemsize
+    anywhere = np.ndarray((len(data) - size + 1,), dtype=kind.record, buffer=data, strides=(1,))
+    return anywhere[places]
+
+
+def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray, " n"]:
+    """Seconds since a stamp, by the shorter way round where the counter has wrapped."""
+    signed = np.dtype(f"<i{stamps.dtype.itemsize}")
+    with np.errstate(over="ignore"):
+        ticks = (stamps - stamps.dtype.type(start)).view(signed)
+    return np.asarray(ticks.astype(np.float64) * tick_s)
+
+
+def _middle(stamps: np.ndarray) -> int:
+    """Median of the stamps, which one that is damaged does not move far."""
+    return int(np.partition(stamps, stamps.size // 2)[stamps.size // 2])
+
+
+# -- Gaps --
+
+#: A step of so many usual ones is a gap: three records or more are missing.
+GAP = 3.5
+#: Events of which so many steps are within half of the usual one are of a fixed frequency.
+REGULAR_SHARE = 0.9
+
+
+def gap_findings(events: Iterable[Event]) -> list[Finding]:
+    """Say how many gaps there are in the events of a fixed frequency, and how long they are."""
+    told = [sentence for event in events if (sentence := _told(event))]
+    return [Finding("dropouts", f"Records are missing in {'; '.join(told)}.")] if told else []
+
+
+def _told(event: Event) -> str:
+    steps = np.diff(event.time_s)
+    if steps.size < 3:
+        return ""
+    usual = float(np.median(steps))
+    if usual <= 0.0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < REGULAR_SHARE:
+        return ""
+    gaps = 1e3 * steps[steps > GAP * usual]
+    if not gaps.size:
+        return ""
+    length = f"{gaps.min():.3g} to {gaps.max():.3g} ms" if gaps.size > 1 else f"{gaps[0]:.3g} ms"
+    word = "gaps" if gaps.size > 1 else "gap"
+    return f"'{event.name[:60]}' ({gaps.size} {word} of {length}, steps of {1e3 * usual:.3g} ms otherwise)"
+
+
+# -- Reader --
 
 CLOCK = "timestamp"
 #: Name of the format.

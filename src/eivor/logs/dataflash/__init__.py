@@ -1,1 +1,1 @@
-"""DataFlash logs of ArduPilot."""
+"""ArduPilot DataFlash logs."""

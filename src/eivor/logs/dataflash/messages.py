@@ -1,15 +1,213 @@
-"""The messages of a type as columns, which are taken out of the file when they are asked for."""
+"""Messages of a DataFlash log: layouts, places and text form."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import contextlib
+import mmap
+import re
+import struct
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
-from eivor.linalg.row_blocks import COPIED_ROWS, row_blocks
-from eivor.logs.dataflash.layouts import Layout
-from eivor.shapes import Bool, Float
+from eivor.linalg.system import COPIED_ROWS, row_blocks
+from eivor.signals.recording import Finding
+from eivor.tools import Bool, Float
+
+# -- Layouts --
+
+HEAD = b"\xa3\x95"
+HEAD_BYTES = 3
+FMT_TYPE, FMT_LENGTH = 128, 89
+#: Codes of fields: how each is stored, and how many of the unit one is.
+CODES: Mapping[str, tuple[str, float]] = {
+    **{code: (code, 1.0) for code in "bBhHfd"},
+    **{code: (kind, 1.0) for code, kind in {"i": "i4", "I": "u4", "q": "i8", "Q": "u8"}.items()},
+    **{code: (kind, 0.01) for code, kind in {"c": "i2", "C": "u2", "e": "i4", "E": "u4"}.items()},
+    **{code: (kind, 1.0) for code, kind in {"n": "S4", "N": "S16", "Z": "S64"}.items()},
+    "g": ("f2", 1.0),
+    "M": ("u1", 1.0),
+    "L": ("i4", 1e-7),
+    "a": ("(32,)i2", 1.0),
+}
+#: Columns of texts, in the messages that are looked at; all others hold one number each.
+TEXTS = frozenset({"Message", "Name", "Label", "UnitIds", "MultIds", "FWS"})
+_NAME = re.compile(rb"[A-Za-z0-9_]{1,4}\0*")
+#: FMT messages that are looked at: a sound log has some hundreds.
+MAX_FORMATS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of a message.
+
+    Parameters
+    ----------
+    kind : dtype
+        As stored.
+    offset : int
+        From the message's first byte.
+    factor : float
+        What one of it is in the field's unit.
+    """
+
+    kind: np.dtype[np.generic]
+    offset: int
+    factor: float
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is a whole number that stands for itself."""
+        return self.kind.kind in "iu" and self.factor == 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What a FMT message says of a type.
+
+    Parameters
+    ----------
+    number : int
+        The type.
+    name : str
+        "ATT".
+    length : int
+        Of the whole message, head and type included [bytes].
+    fields : mapping of str to Field
+        By name; empty when codes, names and length do not agree.
+    """
+
+    number: int
+    name: str
+    length: int
+    fields: Mapping[str, Field]
+
+    def misfits(self) -> list[str]:
+        """Names of texts and lists where one number belongs, and of numbers where a text does."""
+        return [
+            name
+            for name, one in self.fields.items()
+            if (one.kind.kind == "S") != (name in TEXTS) or one.kind.subdtype is not None
+        ]
+
+    def without(self, names: Collection[str]) -> Layout:
+        """Return a layout without some of the fields."""
+        return replace(self, fields={name: one for name, one in self.fields.items() if name not in names})
+
+
+@dataclass(slots=True)
+class Described:
+    """Layouts of types as FMT messages give them, one after the other.
+
+    Where a type is described again and differently, the first description counts.
+
+    Parameters
+    ----------
+    layouts : dict of int to Layout
+        By number.
+    unsound : int
+        Descriptions that cannot be.
+    changed : set of str
+        Names of types that were described again and differently.
+    """
+
+    layouts: dict[int, Layout] = field(default_factory=dict)
+    unsound: int = 0
+    changed: set[str] = field(default_factory=set)
+
+    def add(self, payload: bytes, *, is_message: bool = True) -> bool:
+        """Take in the content of a FMT message; say whether it can be one, and count it where it cannot."""
+        layout = _layout(payload)
+        if layout is None:
+            self.unsound += is_message
+            return False
+        if self.layouts.setdefault(layout.number, layout) != layout:
+            self.changed.add(self.layouts[layout.number].name)
+        return True
+
+    def findings(self) -> list[Finding]:
+        """Say what is wrong with descriptions."""
+        told = []
+        if self.unsound:
+            sentence = f"Descriptions of messages (FMT) that cannot be, left out: {self.unsound}."
+            told.append(Finding("message_formats", sentence))
+        if self.changed:
+            names = ", ".join(sorted(self.changed))
+            sentence = f"Described again and differently, so that the first counts: {names}."
+            told.append(Finding("message_formats", sentence))
+        return told
+
+
+def begins_within(head: bytes) -> bool:
+    """Say whether a log in binary form, whose beginning is lost, goes on in some bytes.
+
+    Parameters
+    ----------
+    head : bytes
+        The first ones of a file.
+
+    Notes
+    -----
+    It does where two descriptions of messages stand one behind the other, which no other content has.
+    """
+    mark = HEAD + bytes([FMT_TYPE])
+    place = head.find(mark)
+    while place >= 0:
+        following = place + FMT_LENGTH
+        if head.startswith(mark, following) and _layout(head[place + HEAD_BYTES : following]) is not None:
+            return True
+        place = head.find(mark, place + HEAD_BYTES)
+    return False
+
+
+def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
+    """Return the layouts of all types by number, and what is wrong with FMT messages.
+
+    Parameters
+    ----------
+    data : mmap
+        The file.
+    """
+    described = Described()
+    mark = HEAD + bytes([FMT_TYPE])
+    place = data.find(mark)
+    for _ in range(MAX_FORMATS):
+        if place < 0 or place + FMT_LENGTH > len(data):
+            break
+        # in a long log other messages hold these three bytes by chance: no head stands where they end
+        followed = data[place + FMT_LENGTH : place + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
+        sound = described.add(data[place + HEAD_BYTES : place + FMT_LENGTH], is_message=followed)
+        place = data.find(mark, place + (FMT_LENGTH if sound else HEAD_BYTES))
+    described.layouts[FMT_TYPE] = Layout(FMT_TYPE, "FMT", FMT_LENGTH, {})
+    return described.layouts, described.findings()
+
+
+def _layout(payload: bytes) -> Layout | None:
+    """Layout of the content of an FMT message; None when it is none."""
+    number, length, name = payload[0], payload[1], payload[2:6]
+    if length <= HEAD_BYTES or not _NAME.fullmatch(name):
+        return None
+    codes = payload[6:22].rstrip(b"\0").decode("latin-1")
+    names = payload[22:86].rstrip(b"\0").decode("latin-1").split(",")
+    return Layout(number, name.rstrip(b"\0").decode(), length, _fields(codes, names, length))
+
+
+def _fields(codes: str, names: list[str], length: int) -> dict[str, Field]:
+    """Fields of a message; none where codes, names and length do not agree."""
+    if len(codes) != len(names) or len(set(names)) != len(names) or not set(codes) <= set(CODES):
+        return {}
+    fields, offset = {}, HEAD_BYTES
+    for code, name in zip(codes, names, strict=True):
+        stored, factor = CODES[code]
+        kind = np.dtype(stored).newbyteorder("<")
+        fields[name] = Field(kind, offset, factor)
+        offset += kind.itemsize
+    return fields if offset == length else {}
+
+
+# -- Messages --
 
 #: Clocks, and the seconds in one tick of each; firmware up to 3.3 counts milliseconds.
 CLOCKS = {"TimeUS": 1e-6, "TimeMS": 1e-3}
@@ -100,3 +298,329 @@ class Messages:
     def where(self, chosen: Bool[np.ndarray, " n"]) -> Messages:
         """Return some of the messages."""
         return self if chosen.all() else replace(self, places=self.places[chosen])
+
+
+# -- Positions of messages --
+
+#: Bytes that are looked at together.
+BLOCK_BYTES = 1 << 22
+#: A file whose chain breaks more often is read up to there.
+MAX_BREAKS = 1_000_000
+
+
+@dataclass(slots=True)
+class Places:
+    """Where messages begin.
+
+    Parameters
+    ----------
+    by_type : dict of int to list of ndarray
+        Places of the wanted types, block by block.
+    skipped, cut : int
+        Bytes that belong to no message, and those of a message that the file's end cuts.
+    """
+
+    by_type: dict[int, list[np.ndarray]] = field(default_factory=dict)
+    skipped: int = 0
+    cut: int = 0
+    _position: int = 0
+    _breaks: int = 0
+
+    def of(self, number: int) -> np.ndarray:
+        """Return the places of a type, in order; they are handed out once."""
+        parts = self.by_type.pop(number, None)
+        return np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
+
+    def findings(self) -> list[Finding]:
+        """Say what was left out."""
+        told = []
+        if self.cut:
+            told.append(
+                Finding("truncated", f"The log ends within a message ({self.cut} bytes of it are there).")
+            )
+        if self.skipped:
+            told.append(
+                Finding(
+                    "corrupt_parts",
+                    f"Damaged parts were left out: {self.skipped} bytes that belong to no message.",
+                )
+            )
+        return told
+
+
+def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
+    """Return all messages of some types, and what is wrong with the file.
+
+    Parameters
+    ----------
+    content : mmap
+        A log in binary form.
+    names : collection of str
+        Of the types that are wanted.
+    """
+    layouts, findings = read_layouts(content)
+    wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
+    data = np.frombuffer(content, dtype=np.uint8)
+    places = find_places(data, layouts, wanted)
+    messages = [Messages(layout, data, places.of(number)) for number, layout in wanted.items()]
+    return messages, [*findings, *places.findings()]
+
+
+def find_places(data: np.ndarray, layouts: Mapping[int, Layout], wanted: Collection[int]) -> Places:
+    """Return the places of all messages of the wanted types.
+
+    Parameters
+    ----------
+    data : ndarray of uint8, shape (n,)
+        The file.
+    layouts : mapping of int to Layout
+        Of all types.
+    wanted : collection of int
+        Types.
+    """
+    lengths = np.zeros(256, dtype=np.int64)
+    for number, layout in layouts.items():
+        lengths[number] = layout.length
+    is_wanted = np.zeros(256, dtype=np.bool_)
+    is_wanted[list(wanted)] = True
+    kept = np.uint32 if data.size < 1 << 32 else np.int64
+    places = Places()
+    for start in range(0, data.size, BLOCK_BYTES):
+        if places._breaks > MAX_BREAKS:
+            break
+        found = _heads(data, start, lengths)
+        message = _chained(data, found, lengths, places)
+        found = found[message]
+        kinds = data[found + 2]
+        found, kinds = found[is_wanted[kinds]], kinds[is_wanted[kinds]]
+        for number in np.unique(kinds).tolist():
+            places.by_type.setdefault(number, []).append(found[kinds == number].astype(kept))
+    rest = data[places._position :]
+    if rest[:2].tobytes() == HEAD[: rest.size] and not (rest.size > 2 and lengths[rest[2]] <= rest.size):
+        places.cut = int(rest.size)
+    else:
+        places.skipped += int(rest.size)
+    return places
+
+
+def _heads(data: np.ndarray, start: int, lengths: np.ndarray) -> np.ndarray:
+    """Places in a block at which a head stands before a known type."""
+    part = data[start : start + BLOCK_BYTES + 2]
+    found = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
+    return np.asarray(found[lengths[part[found + 2]] > 0] + start)
+
+
+def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Whether another message, or the end of the file, stands where each ends."""
+    within = ends + HEAD_BYTES <= data.size
+    at = np.where(within, ends, 0)
+    if data.size < HEAD_BYTES:
+        return ends == data.size
+    head = (data[at] == HEAD[0]) & (data[at + 1] == HEAD[1]) & (lengths[data[at + 2]] > 0)
+    return np.asarray((within & head) | (~within & (ends <= data.size)))
+
+
+def _chained(
+    data: np.ndarray, found: np.ndarray, lengths: np.ndarray, places: Places
+) -> Bool[np.ndarray, " n"]:
+    """Which places of a block are messages; moves `places` on to where the next one should begin."""
+    taken = np.zeros(found.size, dtype=np.bool_)
+    if not found.size:
+        return taken
+    ends = found + lengths[data[found + 2]]
+    followed = _followed(data, ends, lengths)
+    able = np.flatnonzero(followed)
+    last = np.append(np.flatnonzero(~followed[:-1] | (ends[:-1] != found[1:])), found.size - 1)
+    at = int(np.searchsorted(found, places._position))
+    while at < found.size and places._breaks <= MAX_BREAKS:
+        if found[at] != places._position or not followed[at]:
+            following = int(np.searchsorted(able, at))
+            if following == able.size:
+                break
+            at = int(able[following])
+            places.skipped += int(found[at]) - places._position
+        final = int(last[np.searchsorted(last, at)])
+        taken[at : final + 1] = followed[at : final + 1]
+        places._position = int(ends[final] if followed[final] else found[final])
+        at = max(int(np.searchsorted(found, places._position)), final + 1 if not followed[final] else 0)
+        places._breaks += 1
+    return taken
+
+
+# -- Text --
+
+#: How a log in text is told: by the line that describes its descriptions.
+_BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"
+_FIRST = re.compile(
+    _COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")),
+    re.MULTILINE,
+)
+_FMT_LINE = re.compile(_BEGIN + rb"[ \t]*,([^\n]*)\n", re.MULTILINE)
+#: What may stand before the name of a line's type, and behind it: spaces, and the mark of UTF-8.
+_AROUND = b"\xef\xbb\xbf \t"
+#: Lines that are looked at together [bytes].
+TEXT_BLOCK_BYTES = 1 << 23
+#: Cells that are longer are not looked at together [bytes].
+LONGEST_NUMBER = 32
+#: Numbers of modes by the names that ground stations write, in small letters without signs.
+MODES = {
+    "stabilize": 0,
+    "acro": 1,
+    "althold": 2,
+    "auto": 3,
+    "guided": 4,
+    "loiter": 5,
+    "rtl": 6,
+    "circle": 7,
+    "land": 9,
+    "drift": 11,
+    "sport": 13,
+    "flip": 14,
+    "autotune": 15,
+    "poshold": 16,
+    "brake": 17,
+    "throw": 18,
+    "guidednogps": 20,
+    "smartrtl": 21,
+    "flowhold": 22,
+    "follow": 23,
+    "zigzag": 24,
+    "systemid": 25,
+}
+UNKNOWN_MODE = 255
+
+
+def is_text(head: bytes) -> bool:
+    """Say whether a file begins like a log in text."""
+    return _FIRST.search(head) is not None
+
+
+def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
+    """Return all messages of some types, and what is wrong with the file.
+
+    Parameters
+    ----------
+    content : mmap
+        A log in text.
+    names : collection of str
+        Of the types that are wanted.
+    """
+    described = _described(content)
+    layouts = {one.name: one for one in reversed(described.layouts.values())}
+    wanted = {name: layout for name, layout in layouts.items() if name in names}
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+    damaged = 0
+    for block in _blocks(content):
+        for name, lines in _by_type(block).items():
+            if name not in layouts and name != "FMT":
+                damaged += len(lines)
+            elif name in wanted and wanted[name].fields:
+                rows = _rows(lines, wanted[name])
+                damaged += len(lines) - len(rows)
+                parts[name].append(rows)
+    findings = described.findings()
+    rest = len(content) - 1 - content.rfind(b"\n")
+    if rest:
+        findings.append(Finding("truncated", f"The log ends within a line ({rest} bytes of it are there)."))
+    if damaged:
+        sentence = f"Damaged parts were left out: {damaged} lines that are no message."
+        findings.append(Finding("corrupt_parts", sentence))
+    return [_messages(layout, parts[name]) for name, layout in wanted.items()], findings
+
+
+def _described(content: mmap.mmap) -> Described:
+    """Layouts by the FMT lines, wherever they are."""
+    described = Described()
+    for _, line in zip(range(MAX_FORMATS), _FMT_LINE.finditer(content), strict=False):
+        cells = [cell.strip() for cell in line[1].split(b",", 4)]
+        numbers = [int(cell) if cell.isdigit() and len(cell) < 4 else 256 for cell in cells[:2]]
+        if numbers[0] == FMT_TYPE:
+            continue
+        if len(cells) == 4 and not cells[3]:
+            cells.append(b"")
+        if len(cells) < 5 or max(numbers) > 255 or any(map(_too_long, cells[2:], (4, 16, 64))):
+            described.unsound += 1
+        else:
+            described.add(struct.pack("<BB4s16s64s", *numbers, *cells[2:]))
+    return described
+
+
+def _too_long(cell: bytes, length: int) -> bool:
+    return len(cell) > length
+
+
+def _blocks(content: mmap.mmap) -> Iterator[bytes]:
+    """Whole lines, some megabytes at a time; a last line that nothing ends may be cut, and is left out."""
+    start, end = 0, content.rfind(b"\n") + 1
+    while start < end:
+        stop = content.rfind(b"\n", start, min(start + TEXT_BLOCK_BYTES, end)) + 1
+        stop = stop or content.find(b"\n", start) + 1
+        yield content[start:stop]
+        start = stop
+
+
+def _by_type(block: bytes) -> dict[str, list[bytes]]:
+    """Lines by the name of their type, without it; what has no comma is no message."""
+    lines: dict[bytes, list[bytes]] = {}
+    for line in block.split(b"\n"):
+        name, comma, rest = line.partition(b",")
+        if comma:
+            lines.setdefault(name, []).append(rest)
+    found: dict[str, list[bytes]] = {}
+    for name, of_name in lines.items():
+        found.setdefault(name.strip(_AROUND).decode("latin-1"), []).extend(of_name)
+    return found
+
+
+def _rows(lines: list[bytes], layout: Layout) -> np.ndarray:
+    """Bytes of the messages as they would be stored, a row each, of the lines that can be one."""
+    count = len(layout.fields)
+    cells = [row for line in lines if len(row := line.split(b",", count - 1)) == count]
+    rows = np.zeros((len(cells), layout.length), dtype=np.uint8)
+    sound = np.ones(len(cells), dtype=np.bool_)
+    for place, (name, own_field) in enumerate(layout.fields.items()):
+        told = [row[place].strip() for row in cells]
+        if own_field.kind.kind == "S":
+            column = np.array([cell[: own_field.kind.itemsize] for cell in told], dtype=own_field.kind)
+        elif own_field.kind.subdtype is None:
+            names = MODES if (layout.name, name) == ("MODE", "Mode") else {}
+            column, can_be = _stored(own_field, _numbers(told, names))
+            sound &= can_be
+        else:
+            continue
+        stored = rows[:, own_field.offset : own_field.offset + own_field.kind.itemsize]
+        stored[:] = column.view(np.uint8).reshape(stored.shape)
+    return rows[sound]
+
+
+def _numbers(cells: list[bytes], names: Mapping[str, int]) -> Float[np.ndarray, " n"]:
+    """Cells as numbers; NaN where one is none."""
+    if max(map(len, cells), default=0) <= LONGEST_NUMBER:
+        with contextlib.suppress(ValueError):
+            return np.array(cells, dtype=np.bytes_).astype(np.float64)
+    return np.array([_number(cell, names) for cell in cells])
+
+
+def _number(cell: bytes, names: Mapping[str, int]) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        name = re.sub(r"[^a-z]", "", cell.decode("latin-1").lower())
+        return float(names.get(name, UNKNOWN_MODE)) if names else np.nan
+
+
+def _stored(field: Field, values: Float[np.ndarray, " n"]) -> tuple[np.ndarray, Bool[np.ndarray, " n"]]:
+    """Column as its code stores it, and where it could be."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        if field.kind.kind == "f":
+            return values.astype(field.kind), np.ones(values.size, dtype=np.bool_)
+        whole, size = np.round(values / field.factor), 2.0 ** (8 * field.kind.itemsize)
+        least = -0.5 * size if field.kind.kind == "i" else 0.0
+        can_be = (whole >= least) & (whole < least + size)
+        return np.where(can_be, whole, 0.0).astype(field.kind), can_be
+
+
+def _messages(layout: Layout, parts: list[np.ndarray]) -> Messages:
+    """Messages one after the other, as if a file held them alone."""
+    data = np.concatenate([np.empty(0, np.uint8), *(part.ravel() for part in parts)])
+    return Messages(layout, data, np.arange(0, data.size, layout.length))

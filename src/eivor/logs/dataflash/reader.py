@@ -1,8 +1,4 @@
-"""ArduPilot's DataFlash logs (.bin, and .log in text), read by the names of their columns.
-
-Axes are as ArduPilot logs them, z down (`Frame.NED`), and `input` is positive up. Time 0 is the first stamp
-of a message that is read. The file is mapped, and only columns that are needed are taken out of it.
-"""
+"""Reader of DataFlash logs."""
 
 from __future__ import annotations
 
@@ -15,34 +11,83 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
-from eivor.logs.dataflash.air import add_air_density
-from eivor.logs.dataflash.declared import unit_findings
-from eivor.logs.dataflash.delays import delay_findings, delay_of
-from eivor.logs.dataflash.estimators import choose_estimator
-from eivor.logs.dataflash.messages import Messages
-from eivor.logs.dataflash.origin import dataflash_origin
-from eivor.logs.dataflash.outputs import add_outputs, add_rotor_speeds
-from eivor.logs.dataflash.places import read_messages
-from eivor.logs.dataflash.reading import Reading
+from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
+from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, findings_of
+from eivor.logs.dataflash.channels import (
+    add_air_density,
+    add_attitude,
+    add_outputs,
+    add_rotor_speeds,
+    add_setpoints,
+    add_states,
+    add_sweeps,
+    delay_findings,
+    delay_of,
+    unit_findings,
+    vehicle_of,
+)
+from eivor.logs.dataflash.messages import HEAD, Messages, begins_within, is_text, read_lines, read_messages
 from eivor.logs.dataflash.sources import (
     CHANNEL_SOURCES,
     CHOSEN_BY_RATE,
     LOOKED_FOR,
     NEEDED,
     WITHOUT_HEIGHT_MODES,
+    Reading,
     Source,
+    choose_estimator,
+    dataflash_origin,
 )
-from eivor.logs.dataflash.states import add_states
-from eivor.logs.dataflash.text import is_text, read_lines
-from eivor.logs.dataflash.turning import add_attitude, add_setpoints, add_sweeps
-from eivor.logs.dataflash.vehicle import vehicle_of
-from eivor.logs.findings import findings_of
-from eivor.logs.kept_channels import KeptChannels
-from eivor.logs.log_format import HEAD_BYTES as SNIFFED_BYTES
-from eivor.logs.stamps import believable
-from eivor.shapes import Float
-from eivor.signals.canonical import CurveSide
+from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Frame, Recording
+from eivor.tools import Float
+
+# -- Format --
+
+#: How often each message is logged, and what raises it.
+RATES = {
+    "RATE": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
+    "ATT": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
+    "IMU": "at 25 Hz; bit 18 (IMU_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
+    "XKF1": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at 25 Hz.",
+    "PSCD": "at 10 Hz, with bit 5 (NTUN) of LOG_BITMASK and in modes that hold the height.",
+    "CTUN": "at 10 Hz, with bit 4 (CTUN) of LOG_BITMASK.",
+    "BAT": "at 10 Hz, with bit 9 (CURRENT) of LOG_BITMASK.",
+}
+_ADVICE = (
+    "Set bits 0 (ATTITUDE_FAST) and 18 (IMU_FAST) of LOG_BITMASK beside those that are set (176126 becomes "
+    "438271): throttle, attitude and accelerations at the loop's rate, velocity at 25 Hz. The default logs "
+    "nearly all at 10 Hz, which is too slow for the lag of the motors.",
+    "Leave bit 5 (NTUN) set, which logs the height reference (PSCD, from firmware 4.1 on).",
+    "Fly height steps in a mode that holds the height (AUTO, GUIDED, LOITER): a hover cannot be identified.",
+)
+
+
+def _read(file: Path, options: ReadOptions) -> Recording:
+    return read_dataflash(file, sha256=options.sha256)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """How to set ArduPilot's logger; for a channel, at which rate its messages are logged."""
+    if not channel:
+        return _ADVICE
+    messages = dict.fromkeys(source.message for source in CHANNEL_SOURCES.get(channel, ()))
+    return tuple(f"ArduPilot logs {name} {RATES[name]}" for name in messages if name in RATES)
+
+
+DATAFLASH = LogFormat(
+    "dataflash",
+    "ArduPilot DataFlash",
+    lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
+    _read,
+    advice=_advice,
+    setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "
+    "RCIN.C3 (the stick, when a pilot flies).",
+    endings=(".bin", ".log"),
+)
+
+
+# -- Reader --
 
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5

@@ -1,1 +1,1 @@
-"""Tables: delimited text and Parquet."""
+"""Tables: CSV, Parquet, HDF5 and MATLAB files."""

@@ -1,32 +1,261 @@
-"""Delimited text: one line of column names, then one line per instant.
-
-The lines are counted and checked before they are converted, so that a ragged or damaged table is told
-by its line and never filled up in silence. The delimiter is the one that splits the header most often
-(comma, semicolon, tab, bar); with semicolons, decimal commas are understood. A quoted cell may hold line
-breaks; a quote inside a cell that is not quoted is a letter, in tables without quoted cells.
-"""
+"""Delimited tables, formats of tables, and reading in chunks."""
 
 from __future__ import annotations
 
 import codecs
 import csv
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
-from eivor.errors import CorruptLogError, EmptyLogError, UnknownFormatError
-from eivor.logs.columns import Columns
-from eivor.logs.elements import element_of
-from eivor.logs.table.formats import DELIMITERS
-from eivor.logs.table.source import MAX_COLUMNS, TableSource, corrupt_table
-from eivor.signals.recording import Finding
+from eivor import checks
+from eivor.errors import (
+    ChannelMapError,
+    CorruptLogError,
+    EmptyLogError,
+    InputError,
+    UnknownFormatError,
+    UsageError,
+)
+from eivor.logs.common import Columns, LogFormat, ReadOptions, begins_with, element_of
+from eivor.signals.noise import MeasurementNoise
+from eivor.signals.recording import Finding, Recording
+from eivor.signals.signals import Signals
 
 if TYPE_CHECKING:
     import polars as pl
+
+
+# -- Chunks --
+
+#: Rows read at a time.
+CHUNK_ROWS = 1_000_000
+
+
+def read_chunks(
+    path: str | os.PathLike[str],
+    *,
+    rate_hz: float,
+    channels: Mapping[str, str] | None = None,
+    noise: Mapping[str, MeasurementNoise] | None = None,
+    rows: int = CHUNK_ROWS,
+) -> Iterator[Signals]:
+    """Read successive stretches of a Parquet table whose rows are samples at a uniform rate.
+
+    Parameters
+    ----------
+    path : str or Path
+        Parquet file.
+    rate_hz : float
+        Samples per second [Hz].
+    channels : mapping of str to str, optional
+        Channel to the column that holds it. Default: every column but `time`, under its own name.
+    noise : mapping of str to MeasurementNoise, optional
+        Declared noises.
+    rows : int
+        Rows of a chunk; memory is that of one chunk.
+
+    Returns
+    -------
+    iterator of Signals
+        In the order of the file, which is opened when the first is asked for.
+
+    Raises
+    ------
+    InputError
+        When the file, or a stretch of it, cannot be read, or a column has no numbers.
+    ChannelMapError
+        When a column is not in the table.
+    UsageError
+        At once, when an argument is of another type.
+    """
+    checks.path("path", path)
+    checks.number("rate_hz", rate_hz)
+    if channels is not None:
+        checks.mapping("channels", channels, str, "columns")
+    if noise is not None:
+        checks.mapping("noise", noise, MeasurementNoise, "noises")
+    checks.whole("rows", rows)
+    if rows < 1:
+        raise UsageError("one row or more in a chunk", f"rows={rows}", "A million are the default.")
+    return _chunks(path, rate_hz, channels, dict(noise or {}), rows)
+
+
+def _chunks(
+    path: str | os.PathLike[str],
+    rate_hz: float,
+    channels: Mapping[str, str] | None,
+    noise: dict[str, MeasurementNoise],
+    rows: int,
+) -> Iterator[Signals]:
+    import polars as pl
+
+    with _reading(path):
+        frame = pl.scan_parquet(Path(path))
+        available = frame.collect_schema().names()
+    wanted = dict(channels) if channels is not None else {name: name for name in available if name != "time"}
+    missing = [column for column in wanted.values() if column not in available]
+    if missing:
+        raise ChannelMapError(
+            f"columns out of {', '.join(available)}", f"{', '.join(missing)}", "Name columns of the table."
+        )
+    first = 0
+    while True:
+        with _reading(path):
+            table = frame.select(list(wanted.values())).slice(first, rows).collect()
+            values = {
+                name: table[column].cast(pl.Float64).to_numpy().astype(np.float64, copy=False)
+                for name, column in wanted.items()
+            }
+        if table.height == 0:
+            return
+        yield Signals(rate_hz, values, noise=noise, start_s=first / rate_hz)
+        first += table.height
+
+
+@contextmanager
+def _reading(path: str | os.PathLike[str]) -> Iterator[None]:
+    """Turn what the table's reader raises, its panics too, into one error."""
+    import polars as pl
+
+    try:
+        yield
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
+        raise InputError(
+            "a Parquet file whose columns are numbers",
+            f"{Path(path).name}: {error}",
+            "Check the path and the file.",
+        ) from error
+
+
+# -- Table of formats --
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+DELIMITERS = (",", ";", "\t", "|")
+_ADVICE = (
+    "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
+    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
+    "vertical acceleration, the attitude, and the height reference.",
+    "Log setpoints as they are commanded, not filtered or interpolated.",
+)
+_SETPOINTS = (
+    "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
+    "(the stick, when a pilot flies)."
+)
+
+
+def is_delimited(text: str) -> bool:
+    """Say whether the first line of a text that is not blank holds a delimiter."""
+    header = next((line for line in text.splitlines() if line.strip()), "")
+    return any(mark in header for mark in DELIMITERS)
+
+
+def _is_csv(head: bytes, _file: Path) -> bool:
+    """Whether the first bytes are delimited text in UTF-8."""
+    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+    try:
+        return is_delimited(decoder.decode(head))
+    except UnicodeDecodeError:
+        return False
+
+
+def _open_csv(file: Path) -> TableSource:
+    return open_csv(file)
+
+
+def _open_parquet(file: Path) -> TableSource:
+    from eivor.logs.table.columnar import open_parquet
+
+    return open_parquet(file)
+
+
+def _open_matlab(file: Path) -> TableSource:
+    from eivor.logs.table.columnar import open_matlab
+
+    return open_matlab(file)
+
+
+def _open_hdf5(file: Path) -> TableSource:
+    from eivor.logs.table.columnar import open_hdf5
+
+    return open_hdf5(file)
+
+
+def _is_hdf5(head: bytes, _file: Path) -> bool:
+    """Whether it is HDF5: at once, or after the 512 bytes of text of MATLAB 7.3."""
+    return head.startswith(_HDF5) or head[512:].startswith(_HDF5)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """Which columns to write."""
+    return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
+
+
+def _table(
+    name: str,
+    label: str,
+    sniff: Callable[[bytes, Path], bool],
+    opened: Callable[[Path], TableSource],
+    *endings: str,
+) -> LogFormat:
+    """Row of a table: what is the same of all is said here."""
+
+    def read(file: Path, options: ReadOptions) -> Recording:
+        from eivor.logs.table.columnar import read_table
+
+        return read_table(file, opened(file), name, options)
+
+    return LogFormat(
+        name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings
+    )
+
+
+CSV = _table("csv", "CSV", _is_csv, _open_csv, ".csv", ".tsv")
+PARQUET = _table("parquet", "Parquet", begins_with(b"PAR1"), _open_parquet, ".parquet")
+MATLAB = _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), _open_matlab, ".mat")
+HDF5 = _table("hdf5", "HDF5", _is_hdf5, _open_hdf5, ".h5", ".hdf5")
+
+
+# -- Source --
+
+#: More columns than any log has; a header beyond it is not one.
+MAX_COLUMNS = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class TableSource:
+    """A table whose header has been read.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Columns, in their order.
+    read : callable
+        Reads some columns, by name.
+    findings : tuple of Finding
+        What the header and the layout showed.
+    metadata : str
+        What `write_recording` left in the file, as JSON; empty when nothing did.
+    """
+
+    names: tuple[str, ...]
+    read: Callable[[Sequence[str]], Columns]
+    findings: tuple[Finding, ...] = ()
+    metadata: str = ""
+
+
+def corrupt_table(name: str, reason: str, remedy: str) -> CorruptLogError:
+    """Return the error for a table that cannot be read."""
+    return CorruptLogError("a readable table", f"'{name}', {reason}", remedy)
+
+
+# -- Delimited --
 
 MAX_LINE_BYTES = 1 << 20
 #: A cell that is a list, and what stands in it.

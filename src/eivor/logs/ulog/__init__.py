@@ -1,1 +1,1 @@
-"""PX4's ULog files."""
+"""PX4 ULog files."""

@@ -1,24 +1,16 @@
-"""Channels of PX4's topics, whatever they were logged in: a ULog, or messages of `px4_msgs` in a bag.
-
-Axes are as PX4 has them: z down (`Frame.NED`). One channel is turned: `input` is positive up, whatever the
-sign of the topic it comes from. A channel's stamps are the topic's `timestamp`, less what it is known to be
-later than its sample (`eivor.logs.ulog.delays`).
-"""
+"""Channels of a ULog."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.logs.silences import silenced
-from eivor.logs.ulog.attitude_setpoints import attitude_setpoints
-from eivor.logs.ulog.delays import delay_findings, topic_delays
-from eivor.logs.ulog.instances import Topic, place_of, varying_fields
-from eivor.logs.ulog.pulse_widths import are_pulses, as_shares
+from eivor.logs.common import UNITS, low_pass_delay_s, notch_delay_s, silenced
 from eivor.logs.ulog.topics import (
     ACTUATOR_SOURCES,
+    ATTITUDE_SETPOINT,
     ATTITUDE_STATES,
     CHANNEL_SOURCES,
     CHOSEN_BY_RATE,
@@ -28,19 +20,364 @@ from eivor.logs.ulog.topics import (
     ESC_SPEED,
     ESC_TOPIC,
     FIRST_MOTOR_FUNCTION,
+    MAX_ACTUATORS,
     MAX_ESCS,
     NAVIGATION_STATE,
     OPEN_LOOP_STATES,
     PILOT_STATES,
     PULSES_TOPIC,
     RATE_STATES,
+    RATES_SETPOINT,
     RESET_COUNTERS,
     Source,
+    Topic,
+    place_of,
+    varying_fields,
 )
-from eivor.logs.units import UNITS
-from eivor.shapes import Bool, Float
-from eivor.signals.canonical import CurveSide, held_by_default, unit_of
+from eivor.signals.channels import CurveSide, held_by_default, roll_pitch_yaw, unit_of
 from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.tools import Bool, Float
+
+# -- Attitude setpoints --
+
+NAMES = ("roll", "pitch", "yaw")
+#: A quaternion further from one in length is none.
+UNIT_WITHIN = 0.05
+
+
+@dataclass(frozen=True)
+class SetpointSeries:
+    """A channel to be made.
+
+    Parameters
+    ----------
+    name : str
+        Canonical.
+    topic : str
+        Whose stamps it has.
+    values : ndarray, shape (n,)
+        NaN where it is not in force.
+    label : str
+        The source in the log's own words.
+    """
+
+    name: str
+    topic: str
+    values: Float[np.ndarray, " n"]
+    label: str
+
+
+def attitude_setpoints(
+    topics: Mapping[str, Topic], clocks: Mapping[str, Float[np.ndarray, " _"]]
+) -> Iterator[SetpointSeries]:
+    """Setpoints of roll, pitch and yaw, and of their rates, each where it is what its name says.
+
+    Parameters
+    ----------
+    topics : mapping of str to Topic
+        Of the log.
+    clocks : mapping of str to ndarray
+        Seconds of each topic's messages.
+
+    Notes
+    -----
+    Without the navigation state every attitude is taken as computed by a loop, and no rate as the sticks'.
+    """
+    attitude = topics.get(ATTITUDE_SETPOINT)
+    if attitude is not None:
+        by_sticks = _in_states(topics, clocks, ATTITUDE_SETPOINT, ATTITUDE_STATES)
+        for name, (values, field) in zip(NAMES, _angles(attitude), strict=False):
+            label = f"{ATTITUDE_SETPOINT}.{field}"
+            for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
+                series = np.where(where, values, np.nan)
+                yield SetpointSeries(f"{kind}reference_{name}", ATTITUDE_SETPOINT, series, label)
+    rates = topics.get(RATES_SETPOINT)
+    if rates is not None:
+        by_sticks = _in_states(topics, clocks, RATES_SETPOINT, RATE_STATES)
+        for axis, name in zip("xyz", NAMES, strict=True):
+            if name in rates.fields:
+                series = np.where(by_sticks, rates.fields[name].astype(np.float64), np.nan)
+                label = f"{RATES_SETPOINT}.{name}"
+                yield SetpointSeries(f"reference_angular_rate_{axis}", RATES_SETPOINT, series, label)
+
+
+def _in_states(
+    topics: Mapping[str, Topic],
+    clocks: Mapping[str, Float[np.ndarray, " _"]],
+    topic: str,
+    states: tuple[int, ...],
+) -> Bool[np.ndarray, " n"]:
+    """Whether the vehicle was in one of some states at each message of a topic."""
+    times = clocks[topic]
+    status = topics.get(NAVIGATION_STATE.topic)
+    known = clocks.get(NAVIGATION_STATE.topic, np.empty(0))
+    if status is None or NAVIGATION_STATE.field not in status.fields:
+        return np.zeros(times.size, dtype=np.bool_)
+    order = np.argsort(known, kind="stable")
+    order = order[np.isfinite(known[order])]
+    if not order.size:
+        return np.zeros(times.size, dtype=np.bool_)
+    within = np.isin(status.fields[NAVIGATION_STATE.field], states)[order]
+    place = np.searchsorted(known[order], times, side="right") - 1
+    return np.asarray((place >= 0) & within[np.maximum(place, 0)])
+
+
+def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
+    """Roll, pitch and yaw of the setpoint [rad], of its quaternion or, where it has none, of its angles."""
+    fields = topic.fields
+    angles = [fields.get(f"{name}_body") for name in NAMES]
+    parts = [fields.get(f"q_d[{index}]") for index in range(4)]
+    if not any(part is None for part in parts):
+        quaternion = np.stack([part.astype(np.float64) for part in parts if part is not None])
+        length = np.linalg.norm(quaternion, axis=0)
+        whole = np.abs(length - 1.0) <= UNIT_WITHIN
+        if whole.any():
+            found = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
+            return [(angle, "q_d") for angle in found]
+    if any(angle is None for angle in angles):
+        return []
+    return [
+        (angle.astype(np.float64), f"{name}_body")
+        for name, angle in zip(NAMES, angles, strict=True)
+        if angle is not None
+    ]
+
+
+# -- Delays --
+
+#: Topics that are measured, whose stamp is that of publication.
+SAMPLED = ("vehicle_local_position", "vehicle_acceleration", "vehicle_angular_velocity", "vehicle_attitude")
+#: Parameters of low-passes and of notches (frequency, bandwidth), by topic.
+LOW_PASSES: Mapping[str, str] = {
+    "vehicle_acceleration": "IMU_ACCEL_CUTOFF",
+    "vehicle_angular_velocity": "IMU_GYRO_CUTOFF",
+}
+NOTCHES: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "vehicle_acceleration": tuple((f"IMU_ACC_NF{n}_FRQ", f"IMU_ACC_NF{n}_BW") for n in (0, 1)),
+    "vehicle_angular_velocity": (
+        *((f"IMU_GYRO_NF{n}_FRQ", f"IMU_GYRO_NF{n}_BW") for n in (0, 1)),
+        ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW"),
+    ),
+}
+#: Means over an interval, by topic, and the field that holds its length [us; in old logs s].
+MEANS: Mapping[str, str] = {"sensor_combined": "accelerometer_integral_dt"}
+#: Longer ways from sample to stamp are those of another clock [s].
+LONGEST_WAY_S = 0.02
+#: Longer intervals are no means of an inertial sensor [s].
+LONGEST_MEAN_S = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """One cause of a topic's delay.
+
+    Parameters
+    ----------
+    seconds : float
+        How much later than what it tells its stamp is [s].
+    cause : str
+        What makes it.
+    """
+
+    seconds: float
+    cause: str
+
+
+def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> tuple[Delay, ...]:
+    """Known delays of a topic, each with its cause; none for most topics."""
+    return tuple(delay for delay in _delays(topic, parameters) if delay.seconds > 0.0)
+
+
+def _delays(topic: Topic, parameters: Mapping[str, float]) -> Iterator[Delay]:
+    cutoff = parameters.get(LOW_PASSES.get(topic.name, ""), 0.0)
+    if cutoff > 0.0:
+        cause = f"low-pass of {cutoff:g} Hz, {LOW_PASSES[topic.name]}"
+        yield Delay(low_pass_delay_s(cutoff), cause)
+    for frequency_name, width_name in NOTCHES.get(topic.name, ()):
+        frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
+        if frequency > 0.0 and width > 0.0:
+            cause = f"notch at {frequency:g} Hz, {frequency_name}"
+            yield Delay(notch_delay_s(frequency, width), cause)
+    if topic.name in MEANS:
+        length = _mean_length(topic)
+        yield Delay(0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean")
+    if topic.name in SAMPLED:
+        yield Delay(_way(topic), "from its sample to its stamp")
+
+
+def _mean_length(topic: Topic) -> float:
+    """Median length of the intervals of a topic of means [s]; 0 when it does not say."""
+    lengths = topic.fields.get(MEANS[topic.name])
+    if lengths is None or not lengths.size:
+        return 0.0
+    length = float(np.median(lengths))
+    length *= 1.0 if length < 1.0 else 1e-6
+    return length if 0.0 < length <= LONGEST_MEAN_S else 0.0
+
+
+def _way(topic: Topic) -> float:
+    """Median time from sample to stamp [s]; 0 when it is not known, or of another clock."""
+    sampled = topic.fields.get("timestamp_sample")
+    if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
+        return 0.0
+    with np.errstate(over="ignore"):
+        ticks = (topic.fields["timestamp"].astype(np.uint64) - sampled.astype(np.uint64)).view(np.int64)
+    way = 1e-6 * float(np.median(ticks))
+    return way if 0.0 < way <= LONGEST_WAY_S else 0.0
+
+
+def delay_findings(channels: Iterable[Channel], delays: Mapping[str, tuple[Delay, ...]]) -> list[Finding]:
+    """Say what was taken off the stamps of the topics that channels come from."""
+    used = {channel.source.lstrip("-").partition(".")[0] for channel in channels if channel.delay_s}
+    told = [
+        f"{name}: {1e3 * sum(one.seconds for one in delays[name]):.2g} ms "
+        f"({', '.join(one.cause for one in delays[name])})"
+        for name in sorted(used)
+    ]
+    return [Finding("sensor_delay", f"Taken off the stamps of {'; '.join(told)}.")] if told else []
+
+
+def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
+    """Say that delays of filters are not known where the parameters are not.
+
+    Parameters
+    ----------
+    channels : iterable of Channel
+        Of the log.
+    holder : str
+        What holds no parameters: "A bag holds".
+    """
+    if not any(channel.source.lstrip("-").partition(".")[0] in LOW_PASSES for channel in channels):
+        return []
+    sentence = (
+        f"{holder} no parameters: cutoffs of the filters of accelerations and rates "
+        f"({', '.join(LOW_PASSES.values())}) are not known, and their delay is not taken off. The vehicle's "
+        "own ULog has them."
+    )
+    return [Finding("sensor_delay", sentence)]
+
+
+# -- Pulse widths --
+
+#: Groups of outputs, by what their parameters begin with.
+GROUPS = ("PWM_MAIN", "PWM_AUX")
+#: What pulse widths of motors can be, running or disarmed [us].
+WIDTHS = (700.0, 2300.0)
+#: Values of PWM_MAIN_TIM0 and the like that mean DShot.
+DSHOT_RATES = range(-5, -1)
+
+
+@dataclass(frozen=True, slots=True)
+class PulseRange:
+    """Range of an output.
+
+    Parameters
+    ----------
+    low, high : float
+        Pulse widths of a motor that idles, and at full signal [us].
+    names : tuple of str
+        The parameters that say so.
+    """
+
+    low: float
+    high: float
+    names: tuple[str, str]
+
+    def share(self, widths: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Shares of the full signal, from zero to one; NaN stays."""
+        return np.asarray(np.clip((widths - self.low) / (self.high - self.low), 0.0, 1.0))
+
+
+def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[str, float]) -> bool:
+    """Whether outputs are pulse widths: all in their range, but for zeros, and none of them by DShot."""
+    values = np.concatenate(columns) if columns else np.empty(0)
+    values = values[np.isfinite(values) & (values != 0.0)]
+    if not values.size or values.min() < WIDTHS[0] or values.max() > WIDTHS[1]:
+        return False
+    timers = [f"{group}_TIM{number}" for group in GROUPS for number in range(MAX_ACTUATORS)]
+    by_dshot = any(int(parameters.get(name, 0.0)) in DSHOT_RATES for name in timers)
+    return not (by_dshot or parameters.get("DSHOT_CONFIG", 0.0) > 0.0)
+
+
+def as_shares(
+    widths: Mapping[int, Float[np.ndarray, " n"]], parameters: Mapping[str, float]
+) -> tuple[dict[int, Float[np.ndarray, " n"]], Finding]:
+    """Outputs of motors as shares, in the order of the motors, and what to say of it.
+
+    Parameters
+    ----------
+    widths : mapping of int to ndarray
+        Pulse widths of the outputs that move [us], by their place from 0 on.
+    parameters : mapping of str to float
+        Of the log.
+
+    Returns
+    -------
+    dict, Finding
+        The pulse widths themselves where a range is not known.
+    """
+    group, motors = motor_outputs(list(widths), parameters)
+    ranges = {place: pulse_range(group, place, parameters) for place in motors}
+    known = {place: one for place, one in ranges.items() if one is not None}
+    if len(known) < len(ranges):
+        sentence = (
+            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter tells their range "
+            f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX): they stay as they are, and no input "
+            "map fits an offset."
+        )
+        return dict(widths), Finding("pulse_range_unknown", sentence)
+    told = dict.fromkeys((one.low, one.high) for one in known.values())
+    first = {ends: next(one for one in known.values() if (one.low, one.high) == ends) for ends in told}
+    in_words = [f"{one.low:g} to {one.high:g} ({' and '.join(one.names)})" for one in first.values()]
+    sentence = (
+        f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
+        f"{', '.join(in_words)}."
+    )
+    return {place: one.share(widths[place]) for place, one in known.items()}, Finding(
+        "pulse_widths", sentence
+    )
+
+
+def motor_outputs(places: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
+    """Group that outputs are of, and the motor of each, from 1 on; of all in order where nothing tells.
+
+    Parameters
+    ----------
+    places : sequence of int
+        Outputs that move, from 0 on.
+    parameters : mapping of str to float
+        Of the log.
+    """
+    for group in GROUPS:
+        function = {place: int(parameters.get(f"{group}_FUNC{place + 1}", 0.0)) for place in places}
+        motors = {
+            place: which - FIRST_MOTOR_FUNCTION + 1
+            for place, which in function.items()
+            if FIRST_MOTOR_FUNCTION <= which < FIRST_MOTOR_FUNCTION + MAX_ACTUATORS
+        }
+        if motors:
+            return group, dict(sorted(motors.items(), key=lambda item: item[1]))
+    return GROUPS[0], {place: number for number, place in enumerate(places, start=1)}
+
+
+def pulse_range(group: str, place: int, parameters: Mapping[str, float]) -> PulseRange | None:
+    """Range of an output, from 0 on; None where no parameter tells it."""
+    ends = [_told(group, end, place, parameters) for end in ("MIN", "MAX")]
+    low, high = ends
+    if low is None or high is None or not low[1] < high[1]:
+        return None
+    return PulseRange(low[1], high[1], (low[0], high[0]))
+
+
+def _told(group: str, end: str, place: int, parameters: Mapping[str, float]) -> tuple[str, float] | None:
+    """The parameter in force for one end of the range."""
+    for name in (f"{group}_{end}{place + 1}", f"{group}_{end}", f"PWM_{end}"):
+        if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1]:
+            return name, parameters[name]
+    return None
+
+
+# -- Channels --
 
 #: Stamps further than this from the log's start are damaged [s].
 MAX_SPAN_S = 1e6

@@ -1,31 +1,592 @@
-"""PX4 ULog files.
-
-Axes are as PX4 logs them: z down (`Frame.NED`), in positions, velocities, accelerations and setpoints
-alike. One channel is turned: `input` is positive up, whatever the sign of the topic it comes from.
-Time 0 is the log's `start_timestamp`; topics may carry stamps before it.
-"""
+"""Reader of ULog files and of folders of their CSV files."""
 
 from __future__ import annotations
 
 import contextlib
 import io
 import mmap
+import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from mmap import mmap as memory_map
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eivor.errors import CorruptLogError, EmptyLogError
-from eivor.logs.findings import channel_findings
-from eivor.logs.ulog.channels import read_topics
-from eivor.logs.ulog.frames import CleanLog, clean_log
-from eivor.logs.ulog.instances import Topic, choose_instance
-from eivor.logs.ulog.origin import ORIGIN_TOPICS, air_channels, ulog_origin
-from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS
-from eivor.logs.ulog.vehicle import vehicle_of
+from eivor.errors import CorruptLogError, EmptyLogError, InputError, UnknownFormatError
+from eivor.logs.common import FolderParts, LogFormat, ReadOptions, begins_with, channel_findings, file_names
+from eivor.logs.table.delimited import open_csv
+from eivor.logs.ulog.channels import read_topics, unknown_filters
+from eivor.logs.ulog.topics import (
+    CHANNEL_SOURCES,
+    EXTRA_TOPIC_LINES,
+    LOOKED_FOR,
+    NEEDED_TOPICS,
+    ORIGIN_TOPICS,
+    PROFILE_BITS,
+    TOPIC_LOGGING,
+    Topic,
+    TopicLogging,
+    air_channels,
+    choose_instance,
+    ulog_origin,
+    vehicle_of,
+)
 from eivor.signals.recording import Finding, Frame, Recording
+
+# -- CSV names --
+
+#: A table of a topic that is needed: its log, its topic and the number of the instance.
+TOPIC_TABLE = rf"(.*)_({'|'.join(sorted(NEEDED_TOPICS, key=len, reverse=True))})_(\d+)\.csv"
+_NAME = re.compile(TOPIC_TABLE)
+#: How names of ULogs end.
+ULOG_ENDINGS = (".ulg", ".ulog")
+#: Any table of a topic, needed or not.
+_TABLE = re.compile(r".*_\d+\.csv")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicTable:
+    """A table of one topic.
+
+    Parameters
+    ----------
+    file : Path
+        The table.
+    log, topic : str
+        What its name says.
+    instance : int
+        Number of the topic's instance.
+    """
+
+    file: Path
+    log: str
+    topic: str
+    instance: int
+
+
+def tables_of(folder: Path) -> list[TopicTable]:
+    """Return the tables of topics that are needed, by their names; none of what is no folder."""
+    if not folder.is_dir():
+        return []
+    named = ((name, _NAME.fullmatch(name)) for name in file_names(folder))
+    found = [
+        TopicTable(folder / name, match[1], match[2], int(match[3]))
+        for name, match in named
+        if match is not None
+    ]
+    return sorted(found, key=lambda table: table.file)
+
+
+def csv_parts(folder: Path) -> FolderParts:
+    """Return the tables that `ulog2csv` made, with those of topics that are not needed.
+
+    Tables beside their ULog are not another log.
+    """
+    logs = {table.log for table in tables_of(folder)}
+    beside = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
+    names = [name for name in file_names(folder) if _TABLE.fullmatch(name)] if logs else []
+
+    def of(some: set[str]) -> frozenset[str]:
+        begins = tuple(f"{log}_" for log in some)
+        return frozenset(name for name in names if name.startswith(begins))
+
+    return FolderParts(of(logs - beside) - of(beside), of(beside))
+
+
+# -- CSV folder --
+
+#: A field of a topic, which no other column of these tables looks like.
+_FIELD = re.compile(r"[A-Za-z_][\w.\[\]]*")
+#: Stamps beyond these are damaged [us].
+_LAST_US = float(1 << 62)
+
+
+def read_csv_folder(folder: Path, options: ReadOptions, log_format: str) -> Recording:
+    """Read a folder of `ulog2csv`.
+
+    Parameters
+    ----------
+    folder : Path
+        It holds tables of topics that are needed.
+    options : ReadOptions
+        The hash of the bytes.
+    log_format : str
+        Name of the format.
+
+    Raises
+    ------
+    InputError
+        When the tables are of several logs.
+    EmptyLogError
+        When no channel is made of them.
+    """
+    tables = tables_of(folder)
+    logs = sorted({table.log for table in tables})
+    if len(logs) > 1:
+        raise InputError(
+            "a folder with the tables of one log",
+            f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}",
+            "Put them into folders of their own.",
+        )
+    findings: list[Finding] = []
+    instances: dict[str, list[Topic]] = {}
+    for table in tables:
+        topic = _topic(table.file, table.topic, table.instance, findings)
+        if topic is not None:
+            instances.setdefault(table.topic, []).append(topic)
+    topics = {name: choose_instance(candidates, findings) for name, candidates in instances.items()}
+    start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
+    channels = read_topics(topics, np.uint64(start), {}, findings)
+    if not channels:
+        raise EmptyLogError(
+            "tables with flight data", f"'{folder.name}' without a value", "Convert the ULog again."
+        )
+    findings += unknown_filters(channels.values(), "These tables hold")
+    return Recording(
+        name=folder.name,
+        format=log_format,
+        channels=channels,
+        frame=Frame.NED,
+        sha256=options.sha256,
+        looked_for=LOOKED_FOR,
+        findings=(*findings, *channel_findings(channels)),
+        vehicle=vehicle_of(topics, {}),
+    )
+
+
+def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> Topic | None:
+    """One table as a topic; None when it is damaged, or holds no stamps."""
+    try:
+        source = open_csv(file)
+        names = [column for column in source.names if _FIELD.fullmatch(column)]
+        values = source.read(names).values if "timestamp" in names else {}
+    except (CorruptLogError, EmptyLogError, UnknownFormatError) as error:
+        findings.append(Finding("corrupt_parts", f"A table was left out: {error.received}."))
+        return None
+    stamps = values.get("timestamp", np.empty(0))
+    sound = np.isfinite(stamps) & (stamps >= 0.0) & (stamps < _LAST_US)
+    if not sound.any():
+        findings.append(Finding("time_stamps", f"A table without stamps was left out: '{file.name}'."))
+        return None
+    fields = {key: column[sound] for key, column in values.items() if not key.startswith("timestamp")}
+    clocks = {
+        key: np.nan_to_num(values[key][sound]).clip(0.0, _LAST_US).astype(np.uint64)
+        for key in ("timestamp", "timestamp_sample")
+        if key in values
+    }
+    return Topic(name, instance, {**fields, **clocks})
+
+
+# -- Format --
+
+MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
+
+
+def _read(file: Path, options: ReadOptions) -> Recording:
+    return read_ulog(file, sha256=options.sha256)
+
+
+def _read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
+    return read_csv_folder(folder, options, ULOG_CSV.name)
+
+
+def _is_csv_folder(_head: bytes, folder: Path) -> bool:
+    """Whether a folder holds a table of a topic."""
+    if not folder.is_dir():
+        return False
+
+    return bool(tables_of(folder))
+
+
+def _csv_parts(folder: Path) -> FolderParts:
+    return csv_parts(folder)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """How to set PX4's logger; for a channel, at which rate its topics are logged."""
+    if not channel:
+        return _PX4_ADVICE
+    topics = list(dict.fromkeys(source.topic for source in CHANNEL_SOURCES.get(channel, ())))
+    known = {entry.topic: entry for entry in TOPIC_LOGGING}
+    return tuple(_topic_sentence(known[topic]) for topic in topics if topic in known)
+
+
+def _topic_sentence(entry: TopicLogging) -> str:
+    """Say at which rate PX4 logs a topic, and what raises it."""
+    rate = "at every message" if entry.default_rate_hz == float("inf") else f"at {entry.default_rate_hz:g} Hz"
+    sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {entry.topic} {rate}"
+    raising = [bit for bit in entry.full_rate_bits if bit != 0]
+    if raising and entry.default_rate_hz != float("inf"):
+        bits = " or ".join(f"bit {bit} ({PROFILE_BITS[bit]})" for bit in raising)
+        return f"{sentence}; {bits} logs it at its full rate."
+    return f"{sentence}."
+
+
+_PX4_ADVICE = (
+    "Set SDLOG_PROFILE to 25: bit 0 (default set), bit 3 (system identification: accelerations, rates and "
+    "motor commands at full rate) and bit 4 (high rate: thrust setpoint, attitude and stick at full rate).",
+    "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz: copy "
+    "etc/logging/logger_topics.txt onto the card, with the topics of the profile and the lines "
+    + ", ".join(f"'{line}'" for line in EXTRA_TOPIC_LINES)
+    + " (topic, interval in ms). That file replaces the profile.",
+    "Fly altitude steps, so that the height reference changes: a hover cannot be identified.",
+)
+
+_SETPOINTS = (
+    "trajectory_setpoint or vehicle_local_position_setpoint (the height reference), "
+    "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies)."
+)
+
+ULOG = LogFormat(
+    "ulog",
+    "ULog",
+    begins_with(MAGIC),
+    _read,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    endings=(".ulg", ".ulog"),
+)
+#: A folder of the tables that `ulog2csv` makes of one.
+ULOG_CSV = LogFormat(
+    "ulog2csv",
+    "ulog2csv folder",
+    _is_csv_folder,
+    _read_csv_folder,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    parts=_csv_parts,
+)
+
+
+# -- Frames --
+
+SYNC_MARK = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
+_HEADER_BYTES = 16
+_DATA = ord("D")
+_KNOWN_TYPES = frozenset(b"FDIMPQARSOLCB")
+#: Three bytes that may head a message: a size that is not zero, and a known type.
+_CANDIDATE = re.compile(rb"(?s)(?:[^\x00].|.[^\x00])[FDIMPQARSOLCB]")
+#: The type of a field, with a number in brackets when there are several of it.
+_FIELD_TYPE = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,5})\])?")
+_FIELD_BYTES = {
+    "int8_t": 1,
+    "uint8_t": 1,
+    "int16_t": 2,
+    "uint16_t": 2,
+    "int32_t": 4,
+    "uint32_t": 4,
+    "int64_t": 8,
+    "uint64_t": 8,
+    "float": 4,
+    "double": 8,
+    "bool": 1,
+    "char": 1,
+}
+
+#: What is kept of what a log says of itself, and the type of each: a text, or a number of four bytes.
+ABOUT = {"sys_name": "char", "sys_uuid": "char", "ver_sw_release": "uint32_t"}
+#: Bounds that no real log comes near; they keep the decoder's memory in hand.
+MAX_FIELDS = 2048
+MAX_SUBSCRIPTIONS = 256
+MAX_NESTING = 8
+#: How far the walk looks, byte by byte, for a plausible message where the log has no sync marks [bytes].
+MAX_SEARCH_BYTES = 1 << 20
+
+
+@dataclass(slots=True)
+class CleanLog:
+    """What the walk found.
+
+    Parameters
+    ----------
+    definitions, data : bytearray
+        The two sections of a ULog file with the needed messages only, but those of the topics.
+    rows : dict of int to list of bytes
+        Messages of each topic, by the number of its subscription, all of one length.
+    skipped_bytes : int
+        Bytes that belong to no plausible message.
+    rejected_messages : int
+        Messages with an impossible content.
+    cut_bytes : int
+        Bytes of an incomplete last message.
+    lost_topics : list of str
+        Needed topics that were left out, as their definition is damaged.
+    about : dict of str to bytes
+        What the log says of itself, by key: `ABOUT`, the first of each.
+    """
+
+    definitions: bytearray
+    data: bytearray = field(default_factory=bytearray)
+    rows: dict[int, list[bytes]] = field(default_factory=dict)
+    skipped_bytes: int = 0
+    rejected_messages: int = 0
+    cut_bytes: int = 0
+    lost_topics: list[str] = field(default_factory=list)
+    about: dict[str, bytes] = field(default_factory=dict)
+    _formats: dict[str, bytes] = field(default_factory=dict)
+    _kept_formats: set[str] = field(default_factory=set)
+    _unsound: set[str] = field(default_factory=set)
+    _sizes: dict[int, tuple[int, int]] = field(default_factory=dict)
+    _searched_bytes: int = 0
+    _markless_end: int = -1
+
+    @property
+    def content(self) -> bytes:
+        """The clean file, with the first message of each topic."""
+        first = [
+            _message(_DATA, struct.pack("<H", number) + rows[0]) for number, rows in self.rows.items() if rows
+        ]
+        return b"".join((self.definitions, self.data, *first))
+
+
+def clean_log(data: memory_map | bytes, topics: Collection[str], name: str) -> CleanLog:
+    """Walk the messages of `data` and keep those that the `topics` need.
+
+    Parameters
+    ----------
+    data : mmap or bytes
+        The whole file.
+    topics : collection of str
+        Topics to keep.
+    name : str
+        What to call the file in messages.
+
+    Raises
+    ------
+    CorruptLogError
+        When the file is shorter than a header, or was written with features that are not known.
+    """
+    if len(data) < _HEADER_BYTES:
+        raise CorruptLogError(
+            f"a ULog header of {_HEADER_BYTES} bytes",
+            f"'{name}' with {len(data)} bytes",
+            "The file is cut right at its start; copy it again.",
+        )
+    # The version byte is set to the newest known one: the layout has been the same since.
+    log = CleanLog(bytearray(data[:7]) + b"\x01" + bytes(data[8:_HEADER_BYTES]))
+    bounds = [*_appended_offsets(data, name), len(data)]
+    start, in_definitions = _HEADER_BYTES, True
+    for end in bounds:
+        for kind, payload in _messages(data, start, end, log):
+            if in_definitions and kind in b"ALC":
+                in_definitions = False
+            if in_definitions:
+                _take_definition(log, kind, payload)
+            else:
+                _take_other(log, kind, payload, topics)
+        start = end
+    return log
+
+
+def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
+    """Where data was appended after the log had ended (a crash dump); from the flag message."""
+    if len(data) < _HEADER_BYTES + 3 + 40 or data[_HEADER_BYTES + 2] != ord("B"):
+        return []
+    size = struct.unpack_from("<H", data, _HEADER_BYTES)[0]
+    if size < 40:
+        return []
+    begin = _HEADER_BYTES + 3
+    flags = bytes(data[begin + 8 : begin + 16])
+    if flags[0] & ~1 or any(flags[1:]):
+        raise CorruptLogError(
+            "a ULog whose feature flags are known",
+            f"'{name}' with the incompatible flags {flags.hex()}",
+            "The file is damaged, or newer than this release; try a newer Eivor.",
+        )
+    if not flags[0] & 1:
+        return []
+    offsets = struct.unpack_from("<3Q", data, begin + 16)
+    lowest = begin + size
+    return sorted({offset for offset in offsets if lowest < offset < len(data)})
+
+
+def _messages(data: memory_map | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
+    """Complete messages between two offsets; a broken chain is resumed at the next sync mark.
+
+    Messages of topics, which are nearly all there are, are not handed on but kept here.
+    """
+    head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
+    sizes, rows = log._sizes, log.rows
+    position = start
+    while position + 3 <= end:
+        size, kind = head(data, position)
+        after = position + 3 + size
+        if kind == _DATA and size > 1 and after <= end:
+            number = subscription(data, position + 3)[0]
+            if number in sizes:
+                least, most = sizes[number]
+                if least <= size - 2 <= most:
+                    rows[number].append(data[position + 5 : position + 5 + least])
+                else:
+                    log.rejected_messages += 1
+            position = after
+            continue
+        plausible = kind in _KNOWN_TYPES and size > 0
+        if plausible and after <= end:
+            yield kind, data[position + 3 : after]
+            position = after
+        elif not plausible and 0 < size <= 10_000 and _starts_message(data, after, end):
+            position = after  # a type that this release does not know, in an unbroken chain
+        else:
+            resumed = _resume(data, position + 1, end, log)
+            if plausible and resumed >= end:
+                log.cut_bytes += end - position
+                return
+            log.skipped_bytes += resumed - position
+            position = resumed
+    log.cut_bytes += max(end - position, 0)
+
+
+def _starts_message(data: memory_map | bytes, position: int, end: int) -> bool:
+    """Say whether a complete message of a known type, or the end, stands at `position`."""
+    if position == end:
+        return True
+    if position + 3 > end:
+        return False
+    size, kind = struct.unpack_from("<HB", data, position)
+    return kind in _KNOWN_TYPES and size > 0 and position + 3 + size <= end
+
+
+def _resume(data: memory_map | bytes, position: int, end: int, log: CleanLog) -> int:
+    """Offset at which the chain of messages goes on after a break; `end` when it does not."""
+    if log._markless_end != end:
+        mark = data.find(SYNC_MARK, position, end)
+        if mark >= 0:
+            return mark + len(SYNC_MARK)
+        log._markless_end = end  # asked once only, or a log full of breaks costs quadratic time
+    while log._searched_bytes < MAX_SEARCH_BYTES:
+        candidate = _CANDIDATE.search(data, position, end)
+        if candidate is None:
+            break
+        start = candidate.start()
+        log._searched_bytes += start + 1 - position
+        position = start + 1
+        size = struct.unpack_from("<H", data, start)[0]
+        if _starts_message(data, start, end) and _starts_message(data, start + 3 + size, end):
+            return start
+    return end
+
+
+def _text(payload: bytes) -> str | None:
+    """Text of a message; None when it is none, as then a byte of it is damaged and any other may be."""
+    try:
+        return payload.decode("utf-8")
+    except UnicodeDecodeError:
+        return None
+
+
+def _message(kind: int, payload: bytes) -> bytes:
+    return struct.pack("<HB", len(payload), kind) + payload
+
+
+def _take_definition(log: CleanLog, kind: int, payload: bytes) -> None:
+    """Remember a format, keep a sound parameter; the decoder needs nothing else of the definitions."""
+    if kind == ord("F"):
+        name, colon, _ = (_text(payload) or "").partition(":")
+        if colon and name not in log._formats:
+            log._formats[name] = payload
+        else:
+            log.rejected_messages += 1
+    elif kind == ord("P"):
+        size = payload[0]
+        words = (_text(payload[1 : 1 + size]) or "").split(" ")
+        if len(words) == 2 and words[0] in ("int32_t", "float") and words[1] and len(payload) == 5 + size:
+            log.definitions += _message(kind, payload)
+        else:
+            log.rejected_messages += 1
+    elif kind == ord("I"):
+        _take_about(log, payload)
+
+
+def _take_about(log: CleanLog, payload: bytes) -> None:
+    """Keep what the log says of itself, when it is of the type that it should be of."""
+    size = payload[0]
+    words = (_text(payload[1 : 1 + size]) or "").split(" ")
+    if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
+        log.about.setdefault(words[1], payload[1 + size :])
+
+
+def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> None:
+    """Keep subscriptions of needed topics, and dropouts."""
+    if kind == ord("A"):
+        _take_subscription(log, payload, topics)
+    elif kind == ord("O"):
+        if len(payload) == 2:
+            log.data += _message(kind, payload)
+        else:
+            log.rejected_messages += 1
+
+
+def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -> None:
+    """Keep a subscription whose format is sound; a number is never given to a second topic."""
+    name = _text(payload[3:])
+    if name is None:
+        log.rejected_messages += 1
+    if name is None or name not in topics:
+        return
+    number = int.from_bytes(payload[1:3], "little")
+    if name in log._unsound or number in log._sizes or len(log._sizes) >= MAX_SUBSCRIPTIONS:
+        log.rejected_messages += 1
+        return
+    used: set[str] = set()
+    flat = _flatten(log, name, "", MAX_NESTING, used) or []
+    if ("timestamp", "uint64_t") not in flat or len({label for label, _ in flat}) != len(flat):
+        log._unsound.add(name)
+        log.lost_topics.append(name)
+        log.rejected_messages += 1
+        return
+    for needed in sorted(used - log._kept_formats):
+        log.definitions += _message(ord("F"), log._formats[needed])
+    log._kept_formats |= used
+    full = sum(_FIELD_BYTES[kind] for _, kind in flat)
+    while flat[-1][0].startswith("_padding"):
+        flat.pop()
+    log._sizes[number] = (sum(_FIELD_BYTES[kind] for _, kind in flat), full)
+    log.rows[number] = []
+    log.data += _message(ord("A"), payload)
+
+
+def _flatten(
+    log: CleanLog, name: str, prefix: str, depth: int, used: set[str]
+) -> list[tuple[str, str]] | None:
+    """Flat fields (name, type) of a format; None when it is unknown, malformed, too deep or too long."""
+    fields = _fields(log._formats.get(name, b"")) if depth else None
+    if fields is None:
+        return None
+    used.add(name)
+    flat: list[tuple[str, str]] = []
+    for kind, count, field_name in fields:
+        labels = [f"{prefix}{field_name}[{i}]" for i in range(min(count, MAX_FIELDS + 1))]
+        for label in labels or [f"{prefix}{field_name}"]:
+            if kind in _FIELD_BYTES:
+                flat.append((label, kind))
+            else:
+                nested = _flatten(log, kind, f"{label}.", depth - 1, used)
+                if nested is None:
+                    return None
+                flat += nested
+            if len(flat) > MAX_FIELDS:
+                return None
+    return flat
+
+
+def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
+    """Fields (type, number, name) of a format; None when one is malformed. A plain field has number 0."""
+    texts = [text for text in (_text(payload) or "").partition(":")[2].split(";") if text]
+    fields: list[tuple[str, int, str]] = []
+    for text in texts[: MAX_FIELDS + 1]:
+        words = text.split(" ")
+        kind = _FIELD_TYPE.fullmatch(words[0])
+        if len(words) != 2 or not words[1] or kind is None:
+            return None
+        fields.append((kind[1], int(kind[2] or 0), words[1]))
+    return fields or None
+
+
+# -- Reader --
 
 #: Every topic that is parsed.
 PARSED = (*NEEDED_TOPICS, *(topic for topic in ORIGIN_TOPICS if topic not in NEEDED_TOPICS))

@@ -1,16 +1,17 @@
-"""Where each canonical channel is in a PX4 log: a table of data, old and new topic names.
-
-For every channel the sources stand in the order of preference; the first that the log has, with at
-least one valid value, is used. What is special about a topic (which flag says that a value is valid,
-which instance is the real one) is a column of the table too.
-"""
+"""Topics of a ULog: instances, vehicle and origin."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
-from eivor.signals.canonical import CurveSide
+import numpy as np
+
+from eivor.signals.channels import CurveSide, unit_of
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, clean_channel, utc_time
+
+# -- Topics --
 
 #: What PX4's estimator makes of its sensors.
 ESTIMATOR_TOPIC = "vehicle_local_position"
@@ -265,3 +266,196 @@ LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
         f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem, _ in ACTUATOR_SOURCES
     ),
 }
+
+
+# -- Instances --
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One instance of a topic: raw arrays by field, one entry per message."""
+
+    name: str
+    instance: int
+    fields: Mapping[str, np.ndarray]
+
+    @property
+    def size(self) -> int:
+        """Number of messages."""
+        return int(self.fields["timestamp"].size)
+
+
+def varying_fields(topic: Topic, stem: str) -> list[str]:
+    """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values."""
+    varying = []
+    for index in range(MAX_ACTUATORS):
+        name = f"{stem}[{index}]"
+        if name in topic.fields:
+            values = topic.fields[name].astype(np.float64)
+            finite = values[np.isfinite(values)]
+            if finite.size and finite.min() < finite.max():
+                varying.append(name)
+    return varying
+
+
+def place_of(field: str) -> int:
+    """Number in the brackets of a field such as ``output[3]``."""
+    return int(field.partition("[")[2].rstrip("]"))
+
+
+def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
+    """Return the instance to use; a choice is reported in `findings`.
+
+    Parameters
+    ----------
+    candidates : sequence of Topic
+        Instances of one topic, at least one.
+    findings : list of Finding
+        Gets one more entry when there is a choice.
+    """
+    ordered = sorted(candidates, key=lambda topic: topic.instance)
+    if len(ordered) == 1:
+        return ordered[0]
+    best = max(_usefulness(topic) for topic in ordered)
+    useful = [topic for topic in ordered if _usefulness(topic) == best]
+    longest = max(useful, key=lambda topic: topic.size)
+    chosen = longest if longest.size > 2 * useful[0].size else useful[0]
+    sizes = ", ".join(f"{topic.instance}: {topic.size} messages" for topic in ordered)
+    findings.append(
+        Finding(
+            "several_instances", f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
+        )
+    )
+    return chosen
+
+
+def _usefulness(topic: Topic) -> int:
+    """How much of what the topic is for is there: connected batteries, moving outputs."""
+    if topic.name == "battery_status" and "connected" in topic.fields:
+        return int(np.any(topic.fields["connected"] != 0))
+    if topic.name == "actuator_outputs":
+        return len(varying_fields(topic, "output"))
+    return 0
+
+
+# -- Origin --
+
+#: Topics with the time of satellites, the preferred one first, and that with the air.
+CLOCKS, AIR = ("vehicle_gps_position", "sensor_gps"), "vehicle_air_data"
+ORIGIN_TOPICS = (*CLOCKS, AIR)
+#: Channels of the air and their fields. The barometer's own temperature, where nothing else is logged, is
+#: above that of the air.
+AIR_FIELDS = {"air_density": ("rho",), "air_temperature": ("ambient_temperature", "baro_temp_celcius")}
+#: What the last byte of a release is, PX4's FIRMWARE_TYPE; smaller ones are of development.
+KINDS = {64: " alpha", 128: " beta", 192: " rc", 255: ""}
+
+
+def ulog_origin(
+    about: Mapping[str, bytes],
+    topics: Mapping[str, Topic],
+    start: np.uint64,
+    parameters: Mapping[str, float],
+) -> LogOrigin:
+    """Origin of a log.
+
+    Parameters
+    ----------
+    about : mapping of str to bytes
+        What it says of itself, see `eivor.logs.ulog.reader.ABOUT`.
+    topics : mapping of str to Topic
+        `ORIGIN_TOPICS`, as far as the log has them.
+    start : uint64
+        Stamp of the log's time 0 [us].
+    parameters : mapping of str to float
+        Of the vehicle.
+    """
+    name = _text(about.get("sys_name", b""))
+    airframe = parameters.get("SYS_AUTOSTART", 0.0)
+    version = int.from_bytes(about.get("ver_sw_release", b"")[:4], "little")
+    release = f" {_release(version)}" if version else ""
+    return LogOrigin(
+        board=_text(about.get("sys_uuid", b"")),
+        airframe=f"{name} airframe {airframe:.0f}".strip() if airframe > 0.0 else "",
+        firmware=f"{name}{release}",
+        start=next(filter(None, (_start(topics.get(name), start) for name in CLOCKS)), None),
+    )
+
+
+def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Channel]:
+    """Channels of the air, on the log's clock."""
+    topic = topics.get(AIR)
+    if topic is None:
+        return {}
+    found = {}
+    for name, fields in AIR_FIELDS.items():
+        for field in fields:
+            values = topic.fields.get(field)
+            if name not in found and values is not None and np.any(np.nan_to_num(values)):
+                time_s = _since(topic.fields["timestamp"], start)
+                source = f"{AIR}.{field}"
+                found[name] = clean_channel(name, time_s, values.astype(float), unit_of(name), source=source)
+    return found
+
+
+def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
+    """Time of the log's start by a receiver of satellites; None while it has none."""
+    if topic is None or "time_utc_usec" not in topic.fields:
+        return None
+    utc = topic.fields["time_utc_usec"].astype(float) * 1e-6
+    told = utc > 0.0
+    if not told.any():
+        return None
+    since = _since(topic.fields["timestamp"], start)
+    return utc_time(float(np.median(utc[told] - since[told])))
+
+
+def _since(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return np.asarray((stamps.astype(np.uint64) - start).view(np.int64) * 1e-6)
+
+
+def _text(content: bytes) -> str:
+    text = content.decode("latin-1").strip("\0 ")
+    return text if text.isprintable() else ""
+
+
+def _release(number: int) -> str:
+    """Version of a release: bytes of its major, minor and patch number and of its kind."""
+    major, minor, patch, kind = number.to_bytes(4, "big")
+    return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
+
+
+# -- Vehicle --
+
+#: vehicle_status.vehicle_type, how the vehicle moves at the time; 0 says nothing.
+LOCOMOTION = {1: ROTARY_WING, 2: "fixed wing", 3: "rover", 4: "blimp"}
+#: MAV_TYPE of what does not hover on rotors; types that are not here say nothing against it.
+MAV_TYPES = {
+    1.0: "fixed wing",
+    7.0: "blimp",
+    8.0: "balloon",
+    9.0: "rocket",
+    10.0: "rover",
+    11.0: "boat",
+    12.0: "submarine",
+    16.0: "flapping wing",
+    17.0: "kite",
+}
+
+
+def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
+    """Kind of vehicle in words, empty when the log does not say.
+
+    What flies on rotors at some time is one of rotary wings, whatever else it does: a convertible plane can
+    be identified where it hovers.
+    """
+    status = topics.get("vehicle_status")
+    told = status.fields.get("vehicle_type") if status is not None else None
+    kinds = (
+        [LOCOMOTION[kind] for kind in np.unique(told).tolist() if kind in LOCOMOTION]
+        if told is not None
+        else []
+    )
+    if kinds:
+        return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
+    return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), "")

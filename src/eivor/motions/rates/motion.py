@@ -1,41 +1,351 @@
-"""Turning of a multirotor about its body axes, as the recipe and the reports see it."""
+"""The motion of the turning rates."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from eivor.errors import InputError, MissingChannelError
 from eivor.estimation.estimate import Estimate
-from eivor.flights import without_lag
-from eivor.flights.ahead import Ahead
-from eivor.flights.airborne import Active
-from eivor.flights.allowance import Allowance
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.estimated import joint_quantities, lag_quantities
-from eivor.flights.grid import Grid
-from eivor.flights.motion import Motion
+from eivor.flights import quantity
+from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
+from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
+from eivor.flights.motion import (
+    UNCHANGED,
+    Ahead,
+    AheadError,
+    Circumstances,
+    Motion,
+    Starts,
+    Strength,
+    all_ahead,
+    starts_of,
+    trim,
+)
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import SimpleModel
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Unjudged
-from eivor.flights.selection import Selection
-from eivor.flights.shown import Panel, Trace
-from eivor.flights.words import CardSection
+from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
+from eivor.flights.quantity import Allowance, CardSection, Panel, SimpleModel, Trace, Unjudged
 from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule
-from eivor.models.lagged_runs import LaggedRuns
-from eivor.motions.rates.allowances import all_allowances
-from eivor.motions.rates.axes import AXES, PITCH, ROLL, Axis
-from eivor.motions.rates.flights import rates_problem
-from eivor.motions.rates.rate_panel import rate_panel
-from eivor.motions.rates.rule import all_grounds
-from eivor.motions.rates.select import INPUTS, REFERENCES, active, selected
-from eivor.motions.rates.thrust import THRUST
-from eivor.motions.rates.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rates_card
-from eivor.shapes import Float
-from eivor.signals.recording import Recording
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.regression import Parameter
+from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Values
+from eivor.motions.rates.verdict import (
+    AXES,
+    EQUATION,
+    PITCH,
+    QUANTITIES,
+    ROLL,
+    SHOWN,
+    THRUST,
+    TORQUE,
+    WORDS,
+    Axis,
+    all_allowances,
+    all_grounds,
+    rates_card,
+)
+from eivor.signals.filters import actuator_state, time_derivative
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+from eivor.signals.signals import Signals
+from eivor.tools import Float
+
+# -- Multi-step prediction --
+
+#: What it is that everything stays as it is.
+STAYS = "stays as it is"
+
+
+def rates_ahead(
+    flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
+) -> Ahead:
+    """Rates after each horizon, by each model and by the rates at the start.
+
+    Parameters
+    ----------
+    flights : tuple of PreparedFlight
+        With runs.
+    models : mapping of str to SimpleModel
+        The fit first.
+    refused : frozenset of str
+        Quantities of the fit that are not told: axes whose effectiveness is among them are left out.
+    """
+    fit = next(iter(models.values())).values
+    logged = [axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights)]
+    told = [axis for axis in logged if axis.effectiveness.name in fit.keys() - refused]
+    if EFFECTIVE_LAG in refused:
+        told = []
+    left_out = tuple(_why(axis, logged, refused) for axis in AXES if axis not in told)
+    starts = [starts_of(flight) for flight in flights]
+    found = [
+        tuple(error for axis in told for error in _of_axis(axis, flight, where, models))
+        for flight, where in zip(flights, starts, strict=True)
+    ]
+    times = [flight.grid.time_s[where.samples] for flight, where in zip(flights, starts, strict=True)]
+    return all_ahead(found, times, left_out)
+
+
+def _why(axis: Axis, logged: list[Axis], refused: frozenset[str]) -> str:
+    if axis not in logged:
+        why = "its setpoint or rate is not logged"
+    elif EFFECTIVE_LAG in refused:
+        why = "the lag is refused"
+    else:
+        why = "its effectiveness is refused" if axis.effectiveness.name in refused else "the fit knows none"
+    return f"The {axis.name} rate is not predicted: {why}."
+
+
+def _of_axis(
+    axis: Axis, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
+) -> list[AheadError]:
+    rate = flight.signals.channel(axis.rate)
+    measured, begun = rate[starts.ends], rate[starts.samples]
+    by_model = {
+        name: (model.words, _predicted(axis, flight, starts, model.values)) for name, model in models.items()
+    }
+    by_model[UNCHANGED] = (STAYS, np.broadcast_to(begun, measured.shape))
+    return [
+        AheadError(
+            name,
+            words,
+            f"{axis.name} rate",
+            "rad/s",
+            np.abs(predicted - measured).T,
+            np.column_stack([measured[-1], predicted[-1]]),
+        )
+        for name, (words, predicted) in by_model.items()
+    ]
+
+
+def _predicted(
+    axis: Axis, flight: PreparedFlight, starts: Starts, values: Values
+) -> Float[np.ndarray, "horizons starts"]:
+    """Answer of one rate to its setpoint, from every start."""
+    signals = flight.signals
+    command, rate = signals.channel(axis.torque)[:, None], signals.channel(axis.rate)
+    lag_s, delay_s = values[ACTUATOR_LAG.name], values[DELAY.name]
+    state = actuator_state(command, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s)[:, 0]
+    driven = values[axis.effectiveness.name] * state
+    if axis.reacts:
+        driven += values[axis.reaction.name] * time_derivative(state, signals.step_s)
+    damping = values[axis.damping.name]
+    driven += trim(flight, time_derivative(rate, signals.step_s) + damping * rate - driven)
+    begun = rate[starts.samples][None, :]
+    force = starts.over_step(driven)
+    return starts.carried(begun, lambda rates, now: force[now] - damping * rates)[:, 0]
+
+
+# -- Flights --
+
+#: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
+REFERENCE_LAGS = (4, 0.06)
+#: Lags and delays to search [s]. A lag of 1/D with a damping of 1/tau turns the vehicle as a lag of tau with
+#: a damping of D does, but for the gain. No rotor is as slow as damping is, which takes seconds: longer lags
+#: are not searched.
+LAGS_S = np.geomspace(0.004, 0.15, 30)
+DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
+
+
+@dataclass(frozen=True)
+class LaggedTorque:
+    """Columns of what the actuators make of a torque setpoint.
+
+    Parameters
+    ----------
+    signals : Signals
+        One flight.
+    axis : Axis
+        Whose setpoint.
+    """
+
+    signals: Signals
+    axis: Axis
+
+    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
+        """State at a lag and a delay and, where it reacts, its rate of change."""
+        step_s = self.signals.step_s
+        command = self.signals.channel(self.axis.torque)[:, None]
+        state = actuator_state(command, step_s=step_s, lag_s=at[ACTUATOR_LAG.name], delay_s=at[DELAY.name])
+        if not self.axis.reacts:
+            return state
+        return np.column_stack([state, time_derivative(state[:, 0], step_s)])
+
+
+def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
+    """Regressions of the flights for each lag and delay.
+
+    Parameters
+    ----------
+    flights : tuple of PreparedFlight
+        All with runs; axes are those that all of them have.
+    rule : InstrumentRule
+        What serves as instruments. References of an axis serve that axis, or all where it has none.
+    """
+    axes = tuple(axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights))
+    fixed = tuple(axis.damping for axis in axes)
+    moving = (
+        *(axis.effectiveness for axis in axes),
+        *(axis.reaction for axis in axes if axis.reacts),
+    )
+    columns = tuple(
+        _columns(number, flight, axis, rule, fixed, moving)
+        for number, flight in enumerate(flights)
+        for axis in axes
+    )
+    step_s = max((one.step_s for one in columns), default=0.0)
+    return LaggedRuns(columns, (*fixed, *moving), lag_and_delay(LAGS_S, DELAYS_S, step_s=step_s))
+
+
+def _columns(
+    number: int,
+    flight: PreparedFlight,
+    axis: Axis,
+    rule: InstrumentRule,
+    fixed: tuple[Parameter, ...],
+    moving: tuple[Parameter, ...],
+) -> AxisColumns:
+    signals = flight.signals
+    rate = signals.channel(axis.rate)
+    damped = np.zeros((rate.size, len(fixed)))
+    damped[:, fixed.index(axis.damping)] = -rate
+    driven = DrivenSignals(signals, signals.channel(axis.torque))
+    own = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
+    return AxisColumns(
+        signals.step_s,
+        flight.runs,
+        time_derivative(rate, signals.step_s)[:, None],
+        damped,
+        LaggedTorque(signals, axis),
+        of_axis(rule, axis).columns(driven),
+        number,
+        axis.number,
+        flight.band_hz,
+        flight.usable,
+        tuple(moving.index(one) for one in own),
+    )
+
+
+def of_axis(rule: InstrumentRule, axis: Axis) -> InstrumentRule:
+    """Rule of an axis: its own references, with lags that are quick enough for its motion."""
+    if not isinstance(rule, LaggedReferences):
+        return rule
+    others = {source.channel for one in AXES if one != axis for source in one.references}
+    own = tuple(name for name in rule.channels if name not in others)
+    return replace(rule, channels=own or rule.channels, lags=REFERENCE_LAGS)
+
+
+# -- Rate panel --
+
+
+def rate_panel(flight: PreparedFlight, axis: Axis) -> Panel:
+    """Rate about one axis, and its setpoint where the log has one."""
+    asked = flight.asked(f"reference_{axis.rate}")
+    measured = np.rad2deg(flight.signals.channel(axis.rate))
+    return Panel(f"{axis.name} rate\n[deg/s]", measured, None if asked is None else np.rad2deg(asked))
+
+
+# -- Select --
+
+INPUTS = (InputFamily(TORQUE, numbered=False),)
+REFERENCES = tuple(source for axis in AXES for source in axis.references)
+#: Band of spectral rows [Hz], of rates that are logged fast; else up to this share of their rate.
+BAND_HZ = (0.3, 8.0)
+BAND_SHARE = 0.2
+#: Steps of the grid [s], and from which rate of the gyroscope on the fine one is taken [Hz].
+FINE_STEP_S, STEP_S, FINE_FROM_HZ = 0.005, 0.010, 95.0
+#: What tells that a vehicle flies where no land detector is logged, by its mean.
+LEVELS = ("input", "rotor_command", "rotor_speed")
+#: No vehicle turns so fast; values beyond are in degrees a second [rad/s].
+FASTEST_RATE = 40.0
+
+
+def axes_of(log: Recording) -> tuple[Axis, ...]:
+    """Axes whose setpoint and rate are both in a log."""
+    return tuple(axis for axis in AXES if axis.torque in log.channels and axis.rate in log.channels)
+
+
+def selected(log: Recording, options: FlightOptions) -> Selection:
+    """Channels of a log by role.
+
+    Raises
+    ------
+    MissingChannelError
+        When torque setpoints or rates of roll and pitch are not in the log.
+    InputError
+        When the log says that it is of a vehicle without rotors, or rates are in degrees.
+    """
+    if log.vehicle not in ("", ROTARY_WING):
+        raise InputError(
+            "a log of a multirotor",
+            f"{log.name}, which says that it is of a {log.vehicle}",
+            "Rotors turn it by their thrust; name another motion with --model if you have one.",
+        )
+    family, _ = chosen_input(log, INPUTS, options.input, remedy="Log the torque setpoints at 50 Hz or more")
+    for axis in (ROLL, PITCH):
+        if axis.torque not in log.channels:
+            raise MissingChannelError(
+                f"{axis.torque} in {log.name}",
+                "a log without it",
+                "Log the torque setpoints of roll and pitch.",
+            )
+        log.channel(axis.rate)
+    axes = axes_of(log)
+    rates = {axis.name: log.channel(axis.rate) for axis in axes}
+    for rate in rates.values():
+        refuse_degrees(rate, log)
+    slowest = min(rate.rate_hz for rate in rates.values())
+    return Selection(
+        family,
+        tuple(log.channel(axis.torque) for axis in axes),
+        states=rates,
+        responses={},
+        band_hz=(BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest)),
+        findings=(_NO_YAW,) if len(axes) < len(AXES) else (),
+        issued_within_s=float(np.median(np.diff(log.channel(ROLL.rate).time_s))),  # once a rate, or oftener
+        step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
+        spread_alike=True,
+    )
+
+
+_NO_YAW = Finding(
+    "no_yaw", "Torque setpoint or rate of yaw is not logged: roll and pitch are looked at alone."
+)
+
+
+def refuse_degrees(rate: Channel, log: Recording) -> None:
+    """Refuse a rate that is faster than any vehicle turns.
+
+    Raises
+    ------
+    InputError
+        When it is.
+    """
+    fastest = float(np.nanmax(np.abs(rate.values), initial=0.0))
+    usual = float(np.nanquantile(np.abs(rate.values), 0.99)) if rate.values.size else 0.0
+    if usual > FASTEST_RATE:
+        raise InputError(
+            f"body rates in rad/s in {log.name}",
+            f"{rate.name} up to {fastest:.3g}, which look like degrees",
+            'State the unit in a channel map (unit = "deg/s").',
+        )
+
+
+def active(log: Recording, grid: Grid) -> Active:
+    """Samples in the air: torque setpoints do not tell, so by the land detector, or by thrust or rotors."""
+    level: Float[np.ndarray, " n"] | None = None
+    for family in LEVELS:
+        members = log.family(family)
+        if level is None and members:
+            level = np.mean([on_grid(one, grid)[0] for one in members], axis=0)
+    if level is None and "landed" not in log.channels:
+        return Active(
+            np.ones(grid.count, dtype=np.bool_), "nothing: neither a land detector nor thrust is logged"
+        )
+    return airborne_by_log(log, grid, np.ones(grid.count) if level is None else level)
+
+
+# -- Motion --
 
 
 @dataclass(frozen=True)
@@ -93,13 +403,13 @@ class Rates(Motion[LaggedRuns]):
         _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.allowances`."""
+        """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.verdict`."""
         return all_allowances(flights, quantities)
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
     ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.rates.rule`."""
+        """The rule of the verdict, see `eivor.motions.rates.verdict`."""
         return all_grounds(quantities, strength, at)
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
@@ -113,7 +423,7 @@ class Rates(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {without_lag.NAME: without_lag.least_squares_without_lag(problem, estimate.best.at)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.at)}
 
     def ahead(
         self,
@@ -121,9 +431,7 @@ class Rates(Motion[LaggedRuns]):
         models: Mapping[str, SimpleModel],
         refused: frozenset[str],
     ) -> Ahead:
-        """Rates of the setpoints alone, see `eivor.motions.rates.ahead`."""
-        from eivor.motions.rates.ahead import rates_ahead
-
+        """Rates of the setpoints alone, see `eivor.motions.rates.motion`."""
         return rates_ahead(flights, models, refused)
 
     def symbols(self, flight: PreparedFlight) -> str:

@@ -1,29 +1,256 @@
-"""Equation (1) in body rates: what changes the state of a rigid body on rotors.
-
-    x' = v                          m v' = R f - m g e3
-    attitude' = attitude (0, w)/2   I w' = torque - w x (I w + h e3) - h' e3,   h = -J sum_i s_i n_i
-
-The force f and the torque are those of the rotors and of the air, in the body's axes; h is the angular
-momentum that the rotors have because they spin. As printed, (1) has Euler angles in place of body rates,
-which has the wrong sign of the coupling even at zero tilt, and g in place of m g.
-
-A body's state is its position, velocity (world), attitude w, x, y, z (body to world) and rates p, q, r: 13
-components. Everything is written in plain arithmetic on components, so that the same lines serve floats,
-which are quickest for one flight, and arrays for flights side by side, or for samples in time. Of rotors
-there are then as many floats, or a single array with a row for each; see `Coefficients`. The kernels perform
-no checks.
-"""
+"""Dynamics of the rigid body: coefficients and effective parameters."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from eivor.errors import ShapeError
-from eivor.motions.rigid_body.coefficients import Coefficients, Value
-from eivor.shapes import Float
+from eivor.errors import ShapeError, UsageError
+from eivor.motions.rigid_body.vehicle import Vehicle
+from eivor.motions.vertical.model import GRAVITY
+from eivor.tools import Float
+
+# -- Coefficients --
+
+#: A number of one flight, or those of several, or of several samples.
+Value: TypeAlias = float | Float[np.ndarray, "..."]
+#: Where a rotor is, three components, and its spin; or all rotors as arrays of shape (rotors, flights).
+Place: TypeAlias = tuple[Value, Value, Value, Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficients:
+    """Every number of the equations of motion; see `Vehicle` and `Rotors` for what they mean.
+
+    Parameters
+    ----------
+    rotors : int
+        How many.
+    gyroscopic : bool
+        Whether rotors have inertia.
+    weight_acceleration : float
+        g [m/s^2].
+    mass : float or ndarray, shape (flights,)
+        [kg].
+    inertia, inverse_inertia : tuple
+        Elements xx, yy, zz, xy, xz, yz of the matrix and of its inverse [kg m^2 and its inverse].
+    places : tuple
+        Position [m] and spin of each rotor; or one entry with all of them.
+    thrust_linear, thrust_quadratic, torque_ratio, rotor_inertia : float or ndarray, shape (flights,)
+        Of the rotors.
+    rate_up, rate_down : float or ndarray, shape (flights,)
+        One over the rotors' time constants [1/s].
+    drag, inflow, translational_lift, flapping : float or ndarray, shape (flights,)
+        Of the rotors.
+    body_linear, body_quadratic, body_rotational : tuple
+        Drag of the body on three axes.
+    """
+
+    rotors: int
+    gyroscopic: bool
+    weight_acceleration: float
+    mass: Value
+    inertia: tuple[Value, ...]
+    inverse_inertia: tuple[Value, ...]
+    places: tuple[Place, ...]
+    thrust_linear: Value
+    thrust_quadratic: Value
+    torque_ratio: Value
+    rotor_inertia: Value
+    rate_up: Value
+    rate_down: Value
+    drag: Value
+    inflow: Value
+    translational_lift: Value
+    flapping: Value
+    body_linear: tuple[Value, ...]
+    body_quadratic: tuple[Value, ...]
+    body_rotational: tuple[Value, ...]
+
+
+def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
+    """Coefficients of one vehicle, all of them floats.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What flies.
+    gravity : float
+        Acceleration of gravity [m/s^2].
+    """
+    rotors, drag = vehicle.rotors, vehicle.drag
+    matrix = vehicle.inertia_matrix
+    inverse = np.linalg.solve(matrix, np.eye(3))
+    return Coefficients(
+        rotors=rotors.count,
+        gyroscopic=rotors.inertia > 0.0,
+        weight_acceleration=gravity,
+        mass=vehicle.mass,
+        inertia=_elements(matrix),
+        inverse_inertia=_elements(inverse),
+        places=tuple(
+            (x, y, z, float(spin)) for (x, y, z), spin in zip(rotors.positions, rotors.spins, strict=True)
+        ),
+        thrust_linear=rotors.thrust_linear,
+        thrust_quadratic=rotors.thrust_quadratic,
+        torque_ratio=rotors.torque_ratio,
+        rotor_inertia=rotors.inertia,
+        rate_up=1.0 / rotors.lag_up,
+        rate_down=1.0 / rotors.lag_down,
+        drag=rotors.drag,
+        inflow=rotors.inflow,
+        translational_lift=rotors.translational_lift,
+        flapping=rotors.flapping,
+        body_linear=drag.linear,
+        body_quadratic=drag.quadratic,
+        body_rotational=drag.rotational,
+    )
+
+
+def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coefficients:
+    """Coefficients of several vehicles as arrays, or of one for arrays of any length.
+
+    Parameters
+    ----------
+    vehicles : sequence of Vehicle
+        One for each flight, with equally many rotors.
+    gravity : float
+        Acceleration of gravity [m/s^2].
+
+    Raises
+    ------
+    UsageError
+        When they have not equally many rotors.
+    """
+    counts = sorted({vehicle.rotors.count for vehicle in vehicles})
+    if len(counts) != 1:
+        raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
+    each = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
+    parts = {name: stacked([getattr(one, name) for one in each]) for name in _STACKED}
+    # (rotors, 4, flights): of every rotor position and spin
+    places = np.array([one.places for one in each]).transpose(1, 2, 0)
+    x, y, z, spin = (np.ascontiguousarray(places[:, part]) for part in range(4))
+    return replace(
+        each[0], places=((x, y, z, spin),), gyroscopic=any(one.gyroscopic for one in each), **parts
+    )
+
+
+#: What differs from vehicle to vehicle, but for the places.
+_STACKED = tuple(
+    name
+    for name in Coefficients.__slots__
+    if name not in {"rotors", "gyroscopic", "weight_acceleration", "places"}
+)
+
+
+def _elements(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
+    return tuple(float(matrix[pair]) for pair in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+
+
+def stacked(values: Sequence[Any]) -> Any:
+    """Tuples element by element, numbers as an array."""
+    if isinstance(values[0], tuple):
+        return tuple(stacked(parts) for parts in zip(*values, strict=True))
+    return np.array(values, dtype=np.float64)
+
+
+# -- Effective --
+
+
+@dataclass(frozen=True, slots=True)
+class EffectiveParameters:
+    """What the equations of motion hold, at hover in still air.
+
+    Parameters
+    ----------
+    gyroscopic_ratios : tuple of float
+        beta_1, beta_2, beta_3.
+    torque_gains : tuple of float
+        alpha_p, alpha_q [rad/s^2 per metre and unit of phi], alpha_r [rad/s^2 per unit of phi].
+    rate_damping : tuple of float
+        d_p, d_q, d_r [1/s].
+    thrust_gain : float
+        alpha_z [m/s^2 per unit of phi].
+    drag : tuple of float
+        d_x, d_y, d_z [1/s].
+    rotor_rate_drag : tuple of float
+        e_p, e_q, e_r [1/s per m^2 and rad/s].
+    rotor_drag : tuple of float
+        e_x, e_y, e_z [1/s per rad/s].
+    quadratic_drag : tuple of float
+        c_x, c_y, c_z [1/m].
+    translational_lift : float
+        h [1/m].
+    rotor_reaction : float
+        j, inertia of a rotor over that of the body about z.
+    lag_up, lag_down, delay : float
+        Of the rotors [s].
+    """
+
+    gyroscopic_ratios: tuple[float, float, float]
+    torque_gains: tuple[float, float, float]
+    rate_damping: tuple[float, float, float]
+    thrust_gain: float
+    drag: tuple[float, float, float]
+    rotor_rate_drag: tuple[float, float, float]
+    rotor_drag: tuple[float, float, float]
+    quadratic_drag: tuple[float, float, float]
+    translational_lift: float
+    rotor_reaction: float
+    lag_up: float
+    lag_down: float
+    delay: float
+
+
+def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
+    """Combinations that a flight of the vehicle shows.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Elements of its inertia off the diagonal are left out.
+    """
+    rotors, mass, speed = vehicle.rotors, vehicle.mass, vehicle.hover_speed
+    ix, iy, iz = vehicle.inertia[:3]
+    gain = rotors.thrust_quadratic or rotors.thrust_linear
+    forward = sum(x * x for x, _, _ in rotors.positions)
+    sideways = sum(y * y for _, y, _ in rotors.positions)
+    heights, upward = (sum(z**power for _, _, z in rotors.positions) for power in (1, 2))
+    drag, inflow = rotors.drag * speed, rotors.inflow * speed
+    linear, quadratic, rotational = (
+        vehicle.drag.linear,
+        vehicle.drag.quadratic,
+        vehicle.drag.rotational,
+    )
+    high = drag * upward - rotors.flapping * speed * heights  # of rotors above or below the centre of mass
+    of_rotors = (rotors.count * drag, rotors.count * drag, rotors.count * inflow)
+    dx, dy, dz = ((own + body) / mass for own, body in zip(of_rotors, linear, strict=True))
+    cx, cy, cz = (body / mass for body in quadratic)
+    return EffectiveParameters(
+        gyroscopic_ratios=((iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz),
+        torque_gains=(gain / ix, gain / iy, rotors.torque_ratio * gain / iz),
+        rate_damping=(
+            (inflow * sideways + high + rotational[0]) / ix,
+            (inflow * forward + high + rotational[1]) / iy,
+            (drag * (forward + sideways) + rotational[2]) / iz,
+        ),
+        thrust_gain=gain / mass,
+        drag=(dx, dy, dz),
+        rotor_rate_drag=(rotors.inflow / ix, rotors.inflow / iy, rotors.drag / iz),
+        rotor_drag=(rotors.drag / mass, rotors.drag / mass, rotors.inflow / mass),
+        quadratic_drag=(cx, cy, cz),
+        translational_lift=rotors.count * rotors.translational_lift / mass,
+        rotor_reaction=rotors.inertia / iz,
+        lag_up=rotors.lag_up,
+        lag_down=rotors.lag_down,
+        delay=rotors.delay,
+    )
+
+
+# -- Dynamics --
 
 Triple: TypeAlias = tuple[Value, Value, Value]
 #: The components of a body's state: a list of floats, or an array of shape (13, flights).

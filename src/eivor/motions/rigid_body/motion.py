@@ -1,4 +1,4 @@
-"""A multirotor as a rigid body, as the recipe and the reports see it."""
+"""The motion of the rigid body."""
 
 from __future__ import annotations
 
@@ -8,54 +8,319 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.estimation.estimate import Estimate
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
-from eivor.estimation.weighting.whitening import SpectralWhitening
-from eivor.flights import without_lag
-from eivor.flights.ahead import Ahead
-from eivor.flights.airborne import Active
-from eivor.flights.allowance import Allowance
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.estimated import EFFECTIVE_LAG, joint_quantities, lag_quantities
-from eivor.flights.grid import Grid
-from eivor.flights.implied import Implications, Implied
-from eivor.flights.motion import Motion
+from eivor.estimation.weighting import SpectralWhitening
+from eivor.flights import quantity
+from eivor.flights.grid import Active, Grid
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS, joint_quantities, lag_quantities
+from eivor.flights.motion import Ahead, Circumstances, Motion, Strength
 from eivor.flights.options import FlightOptions
-from eivor.flights.predicted import SimpleModel
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Unjudged
-from eivor.flights.selection import Selection
-from eivor.flights.shown import Panel, Trace
-from eivor.flights.words import CardSection
-from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule, NoInstruments
-from eivor.models.lagged_runs import LaggedRuns
-from eivor.motions.rates.axes import AXES
-from eivor.motions.rates.rate_panel import rate_panel
-from eivor.motions.rates.select import active
-from eivor.motions.rigid_body.allowances import all_allowances
-from eivor.motions.rigid_body.combinations import Combinations
-from eivor.motions.rigid_body.filters_shown import filters_not_passed
-from eivor.motions.rigid_body.flights import rigid_body_problem
-from eivor.motions.rigid_body.known_vehicle import KnownVehicle
-from eivor.motions.rigid_body.lags_apart import lags_apart
-from eivor.motions.rigid_body.layout import RotorLayout
-from eivor.motions.rigid_body.one_spin import settled_spin, spin_moments
-from eivor.motions.rigid_body.parameters import ALONG, DRIVING, FORCE_X, GAIN, THRUST, TURNING
-from eivor.motions.rigid_body.physical import PhysicalParameter, physical_parameters
-from eivor.motions.rigid_body.quantities import at_hover, viscous_friction
-from eivor.motions.rigid_body.rotor_order import order_shown
-from eivor.motions.rigid_body.rule import all_grounds
+from eivor.flights.prepared import PreparedFlight, Selection
+from eivor.flights.quantity import (
+    Allowance,
+    CardSection,
+    Implications,
+    Implied,
+    Kind,
+    Panel,
+    SimpleModel,
+    Trace,
+    Unjudged,
+    Wording,
+    Words,
+)
+from eivor.inference.verdict import Reason, Status
+from eivor.logs.read import advising_format
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.separable import Begun, InstrumentRule, NoInstruments, Nuisance
+from eivor.motions.rates.motion import active, rate_panel
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body.inertia import Combinations
+from eivor.motions.rigid_body.physical_parameters import PhysicalParameter, physical_parameters
+from eivor.motions.rigid_body.predict import rigid_body_ahead
+from eivor.motions.rigid_body.regression import (
+    BAND_SHARE,
+    RotorColumns,
+    noises_known,
+    noisier,
+    rigid_body_problem,
+)
 from eivor.motions.rigid_body.select import INPUTS, REFERENCES, selected
-from eivor.motions.rigid_body.surrogate import noises_known, noisier
-from eivor.motions.rigid_body.told_vehicle import vehicle_told
-from eivor.motions.rigid_body.vehicle_file import load_vehicle, shipped_vehicles
-from eivor.motions.rigid_body.whole_band import settled_band
-from eivor.motions.rigid_body.wind_shown import steady_wind
-from eivor.motions.rigid_body.wording import EQUATION, QUANTITIES, SHOWN, WORDS, rigid_body_card
-from eivor.shapes import Float
+from eivor.motions.rigid_body.vehicle import (
+    ALONG,
+    COUPLING,
+    DAMPING,
+    DRAG,
+    DRAG_MOMENT,
+    DRIVING,
+    FORCE_X_EQUATION,
+    FORCE_Z_EQUATION,
+    FRICTION,
+    GAIN,
+    LIFT,
+    LIFT_MOMENT,
+    OFFSET,
+    QUADRATIC_DRAG,
+    REACTION,
+    SPIN_MOMENT,
+    THRUST,
+    TURNING,
+    KnownVehicle,
+    RotorLayout,
+    load_vehicle,
+    shipped_vehicles,
+    vehicle_told,
+)
+from eivor.motions.rigid_body.verdict import (
+    FLY,
+    all_allowances,
+    all_grounds,
+    filters_not_passed,
+    lags_apart,
+    order_shown,
+    settled_spin,
+    spin_moments,
+    steady_wind,
+)
+from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.recording import Recording
+from eivor.signals.thrust_map import input_map
+from eivor.tools import Float
+
+# -- Quantities --
+
+
+def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Unjudged]:
+    """Parameters with drag and damping for the rotors' state at hover, where thrust tells that.
+
+    What rotors drag grows with their state; the estimate is for that of the flight's mean thrust, which
+    differs from hover's by little: the ratio is taken as known.
+    """
+    found, ratio = dict(joint), _hover_over_usual(problem, joint)
+    for parameter in (*DRAG, *DAMPING):
+        one = found.get(parameter.name)
+        if one is not None:
+            found[parameter.name] = one.times(ratio)
+    return found
+
+
+def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Unjudged]:
+    """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2.
+
+    It is what the vertical motion calls viscous friction. Where speeds are alike, what rotors and what the
+    body drag trade, and each has a long interval; their sum has a short one. Nothing where either is unknown.
+    """
+    linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
+    climbs = [one for one in problem.columns if one.axis == FORCE_Z_EQUATION]
+    if not {linear, quadratic} <= set(estimate.parameters) or not climbs:
+        return {}
+    products = np.sum([_climbed(one) for one in climbs], axis=0)
+    if not products[1] > 0.0:
+        return {}
+    ratio = _hover_over_usual(problem, joint_quantities(estimate))
+    share = float(products[0] / products[1])
+    gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
+    places = [estimate.names.index(name) for name in (linear, quadratic)]
+
+    def friction(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
+        of_rotors, of_body = candidate.values[places].tolist()
+        return ratio * of_rotors + share * of_body, gradient
+
+    value, _ = friction(estimate.best)
+    error = estimate.best.covariance.std_error(gradient)
+    return {FRICTION.name: Unjudged(value, FRICTION.unit, error, estimate.interval_of(friction))}
+
+
+def _climbed(one: AxisColumns) -> Float[np.ndarray, " 2"]:
+    """Sums of |v| v_z^2 and of v_z^2 over what counts of a flight."""
+    if not isinstance(one.moving, RotorColumns):
+        return np.zeros(2)
+    velocity = one.moving.states.velocity
+    counted = np.zeros(velocity.shape[1], dtype=np.bool_)
+    for run in one.runs:
+        inside = one.counted(run)
+        counted[run] = True if inside is None else inside
+    squared = velocity[2, counted] ** 2
+    return np.array([np.linalg.norm(velocity[:, counted], axis=0) @ squared, squared.sum()])
+
+
+def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> float:
+    """State of a rotor at hover over that which drag and damping are told for; one where nothing tells it."""
+    columns = problem.columns[0].moving
+    if THRUST.name not in joint or not isinstance(columns, RotorColumns):
+        return 1.0
+    gain = joint[THRUST.name].value * columns.states.layout.count
+    if not gain > 0.0:
+        return 1.0
+    return input_map(columns.states.flight.input_map).inverse(GRAVITY / gain) / columns.usual
+
+
+# -- Full-band fit --
+
+#: Its upper end [Hz]: further up is next to nothing but vibration.
+WHOLE_BAND_HZ = 60.0
+#: It is worth its rows where it is so many times the lower one.
+WIDER = 1.5
+#: Estimates in it, each with the weights of the one before: those of a biased one are not yet the noise's.
+PASSES = 2
+#: Lags within this factor of the one of the lower band are searched.
+NEAR = 2.0
+
+
+def settled_band(
+    problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
+) -> tuple[LaggedRuns, Estimate]:
+    """The problem in the whole band, and its estimate, where axes disagree about the lag; else as they were.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        Of the flights.
+    estimate : Estimate
+        Its estimate.
+    estimated : callable
+        From a problem to its estimate.
+    """
+    if lags_apart(estimate) is None:
+        return problem, estimate
+    whole = in_whole_band(problem)
+    if whole is problem:
+        return problem, estimate
+    for _ in range(PASSES):
+        best = estimate.best
+        nuisances = tuple(_near(one, best.at[one.name]) for one in problem.nuisances)
+        whole = replace(whole, nuisances=nuisances, begun=Begun(best.theta, best.at))
+        estimate = estimated(whole)
+    return whole, estimate
+
+
+def in_whole_band(problem: LaggedRuns) -> LaggedRuns:
+    """The same problem with rows of turning up to `WHOLE_BAND_HZ`; itself where the logs do not reach far."""
+    columns = tuple(_whole(one) for one in problem.columns)
+    pairs = zip(columns, problem.columns, strict=True)
+    if not any(new.band_hz[1] >= WIDER * old.band_hz[1] for new, old in pairs):
+        return problem
+    noisier = None if problem.noisier is None else in_whole_band(problem.noisier)
+    return replace(problem, columns=columns, noisier=noisier)
+
+
+def _whole(one: AxisColumns) -> AxisColumns:
+    if one.axis >= FORCE_X_EQUATION or not isinstance(one.moving, RotorColumns):
+        return one
+    flight, (low, high) = one.moving.states.flight, one.band_hz
+    reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[one.axis].name, "command"))
+    return replace(one, band_hz=(low, max(high, min(WHOLE_BAND_HZ, reaches))))
+
+
+def _near(one: Nuisance, value: float) -> Nuisance:
+    """A lag with the values of its grid near the one that was found."""
+    if one.name != ACTUATOR_LAG.name or not one.refined:
+        return one
+    near = one.grid[(one.grid >= value / NEAR) & (one.grid <= value * NEAR)]
+    return replace(one, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else one
+
+
+# -- Wording --
+
+EQUATION = (
+    "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; "
+    "s_z = alpha_z sum phi - d_z v_z - c_z |v| v_z + h (v_x^2 + v_y^2) + b",
+    "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
+)
+_RATES = "pqr"
+QUANTITIES = {
+    THRUST.name: Wording("thrust gain", "α_z", "m/s^2", shown_unit="m/s²", optional=True),
+    **{
+        one.name: Wording(f"{name} gain", f"α_{rate}", one.unit, shown_unit=unit)
+        for one, name, rate, unit in zip(
+            GAIN, TURNING, _RATES, ("rad/s²/m", "rad/s²/m", "rad/s²"), strict=True
+        )
+    },
+    **{
+        one.name: Wording(f"{name} coupling", f"β_{number}", "")
+        for number, (one, name) in enumerate(zip(COUPLING, TURNING, strict=True), start=1)
+    },
+    **{
+        one.name: Wording(f"{name} damping", f"d_{rate}", "1/s", shown_unit="1/s")
+        for one, name, rate in zip(DAMPING, TURNING, _RATES, strict=True)
+    },
+    **{
+        one.name: Wording(f"drag along {axis}", f"d_{axis}", "1/s", shown_unit="1/s", optional=True)
+        for one, axis in zip(DRAG, ALONG, strict=True)
+    },
+    **{
+        one.name: Wording(f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True)
+        for one, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
+    },
+    FRICTION.name: Wording(
+        "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
+    ),
+    LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
+    **{
+        one.name: Wording(f"{name} by lift", f"h_{rate}", one.unit, shown_unit="1/m³", optional=True)
+        for one, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
+    },
+    **{
+        one.name: Wording(
+            f"{name} by drag along {axis}", f"{letter}_{axis}", one.unit, shown_unit="1/(m s)", optional=True
+        )
+        for name, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
+        for one, axis in zip(pair, axes, strict=True)
+    },
+    **{
+        one.name: Wording(f"{name} by spin", f"j_{rate}", "")
+        for one, name, rate in zip(SPIN_MOMENT, TURNING, _RATES, strict=False)
+    },
+    REACTION.name: Wording("rotor reaction", "j", ""),
+    **{
+        one.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
+        for one, name, rate in zip(OFFSET, TURNING, _RATES, strict=False)
+    },
+    **LAG_WORDINGS,
+}
+#: The same in the order of reports.
+SHOWN = (
+    THRUST.name,
+    *(one.name for one in GAIN),
+    "effective_lag",
+    *(name for name in QUANTITIES if name not in {THRUST.name, "effective_lag"} | {one.name for one in GAIN}),
+)
+WORDS = Words(
+    title="Rigid body",
+    meanings={
+        Status.IDENTIFIED: "the flight tells thrust, roll and pitch gain and the lag within the intervals.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
+        Status.REFUSED: "the flight cannot tell the gains of thrust, roll and pitch.",
+    },
+    fly=FLY,
+    no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
+    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+)
+_MANOEUVRES = (
+    "Calm air, at least 3 m above the ground.",
+    "60 s: steps of roll and pitch of about 15°, of yaw of about 45°, and of height of 1 m, at uneven times, "
+    "each by itself and some together; a few fast straight legs along the body's axes.",
+)
+
+
+def rigid_body_card(log_format_name: str) -> tuple[CardSection, ...]:
+    """What to fly and to log; about logs of a format without advice, that of tables."""
+    advised = advising_format(log_format_name)
+    needed = (
+        "Rotor commands, rates, accelerometer, velocity and attitude, and what was asked of height and "
+        "attitude."
+    )
+    return (
+        CardSection("Fly", _MANOEUVRES),
+        CardSection("Log", (needed, *advised.advice(""))),
+        CardSection("Setpoints", (advised.setpoints,)),
+    )
+
+
+# -- Motion --
 
 #: The method whose rows are whitened, as those of the motion's own methods are.
 TOTAL_LEAST_SQUARES = "total_least_squares"
@@ -173,13 +438,13 @@ class RigidBody(Motion[LaggedRuns]):
         _at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """What the log does not say of commands and filters, see `eivor.motions.rigid_body.allowances`."""
+        """What the log does not say of commands and filters, see `eivor.motions.rigid_body.verdict`."""
         return all_allowances(flights, quantities, self.layout.vehicle)
 
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
     ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.rigid_body.rule`."""
+        """The rule of the verdict, see `eivor.motions.rigid_body.verdict`."""
         return all_grounds(quantities, strength, at)
 
     def implications(self, estimate: Estimate) -> Implications:
@@ -221,7 +486,7 @@ class RigidBody(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {without_lag.NAME: without_lag.least_squares_without_lag(problem, estimate.best.at)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.at)}
 
     def ahead(
         self,
@@ -229,9 +494,7 @@ class RigidBody(Motion[LaggedRuns]):
         models: Mapping[str, SimpleModel],
         refused: frozenset[str],
     ) -> Ahead:
-        """The state of the rotors alone, see `eivor.motions.rigid_body.ahead`."""
-        from eivor.motions.rigid_body.ahead import rigid_body_ahead
-
+        """The state of the rotors alone, see `eivor.motions.rigid_body.predict`."""
         return rigid_body_ahead(flights, self.layout, models, refused)
 
     def told_vehicle(self) -> Mapping[str, object] | None:
@@ -253,11 +516,11 @@ class RigidBody(Motion[LaggedRuns]):
         found = []
         for axis in problem.axes:
             series = problem.series_in_band(estimate.best.at, axis, estimate.best.theta, driving)
-            turning = axis < FORCE_X
+            turning = axis < FORCE_X_EQUATION
             words = (
                 f"{TURNING[axis]} acceleration"
                 if turning
-                else f"specific force along {ALONG[axis - FORCE_X]}"
+                else f"specific force along {ALONG[axis - FORCE_X_EQUATION]}"
             )
             unit, band = "rad/s²" if turning else "m/s²", problem.band_hz(axis)
             measured, predicted, driven = series.T

@@ -1,26 +1,792 @@
-"""A vehicle as a physicist describes it: mass, inertia, rotors, drag.
-
-Conventions of everything in this folder, settled here once:
-
-* The world's z points up; the body's axes are forward, left, up, with their origin in the centre of mass.
-* Body rates p, q, r [rad/s] turn about these axes by the right-hand rule.
-* A rotor's thrust points along the body's z. Its spin is +1 where its reaction torque on the body points up:
-  it turns clockwise, seen from above.
-* SI units. Rotor speeds are in rad/s; any other unit does, as long as it is the same throughout, for a
-  vehicle whose rotors have no inertia.
-"""
+"""Description of a vehicle: rotors, known numbers, files and parameter names."""
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
 
 import numpy as np
 
-from eivor.errors import ParameterError
-from eivor.motions.rigid_body.parameter_ranges import non_negative, positive, triple
-from eivor.motions.rigid_body.rotors import Rotors
+from eivor import checks
+from eivor.errors import EivorError, InputError, ParameterError, UsageError, did_you_mean
+from eivor.inference.distributions import normal_quantile
+from eivor.models.regression import Parameter
 from eivor.motions.vertical.model import GRAVITY
-from eivor.shapes import Float
+from eivor.signals.thrust_map import input_map
+from eivor.strict_toml import TomlTable, read_toml, toml_table
+from eivor.tools import Float
+
+# -- Parameters --
+
+TURNING = ("roll", "pitch", "yaw")
+ALONG = ("x", "y", "z")
+#: Numbers of the equations: turning first, then the specific force along each axis.
+ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION, FORCE_X_EQUATION, FORCE_Y_EQUATION, FORCE_Z_EQUATION = range(6)
+
+COUPLING = tuple(Parameter(f"{name}_coupling", "") for name in TURNING)
+DAMPING = tuple(Parameter(f"{name}_damping", "1/s") for name in TURNING)
+DRAG = tuple(Parameter(f"drag_{name}", "1/s") for name in ALONG)
+#: Of the body, which goes with the size of the velocity, beside what the rotors drag.
+QUADRATIC_DRAG = tuple(Parameter(f"quadratic_drag_{name}", "1/m") for name in ALONG)
+#: Of the linear and the quadratic drag along z together, at the speeds of a flight.
+FRICTION = Parameter("viscous_friction", "1/s")
+LIFT = Parameter("translational_lift", "1/m")
+#: What the lift of rotors that meet unequal air turns: k_h / I, which is h alpha_p / (N alpha_z) of N rotors.
+LIFT_MOMENT = (Parameter("roll_by_lift", "1/m^3"), Parameter("pitch_by_lift", "1/m^3"))
+#: What drag beside the centre of mass turns: of each axis, by the velocities along the other two.
+DRAG_MOMENT = tuple(
+    tuple(Parameter(f"{name}_by_drag_{along}", "1/(m s)") for along in others)
+    for name, others in zip(TURNING, ("yz", "xz", "xy"), strict=True)
+)
+#: Of rotors that spin: J / Ixx and J / Iyy.
+SPIN_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
+GAIN = (
+    Parameter("roll_gain", "rad/s^2/m"),
+    Parameter("pitch_gain", "rad/s^2/m"),
+    Parameter("yaw_gain", "rad/s^2"),
+)
+OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
+REACTION = Parameter("rotor_reaction", "")
+THRUST = Parameter("thrust_gain", "m/s^2")
+
+#: Parameters of what the rotors drive.
+DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)
+
+#: Parameters of each equation that move with lag and delay.
+MOVING = (
+    (
+        GAIN[ROLL_EQUATION],
+        DAMPING[ROLL_EQUATION],
+        OFFSET[ROLL_EQUATION],
+        SPIN_MOMENT[ROLL_EQUATION],
+        *DRAG_MOMENT[ROLL_EQUATION],
+    ),
+    (
+        GAIN[PITCH_EQUATION],
+        DAMPING[PITCH_EQUATION],
+        OFFSET[PITCH_EQUATION],
+        SPIN_MOMENT[PITCH_EQUATION],
+        *DRAG_MOMENT[PITCH_EQUATION],
+    ),
+    (GAIN[YAW_EQUATION], DAMPING[YAW_EQUATION], REACTION, *DRAG_MOMENT[YAW_EQUATION]),
+    (DRAG[0],),
+    (DRAG[1],),
+    (THRUST, DRAG[2], LIFT),
+)
+
+
+# -- Inertia ratios --
+
+#: Parameters that tell them.
+TELLING = (
+    GAIN[ROLL_EQUATION].name,
+    GAIN[PITCH_EQUATION].name,
+    COUPLING[ROLL_EQUATION].name,
+    COUPLING[PITCH_EQUATION].name,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class InertiaRatios:
+    """Ratios of a body's inertias.
+
+    Parameters
+    ----------
+    roll, pitch : float
+        Izz / Ixx and Izz / Iyy.
+    """
+
+    roll: float
+    pitch: float
+
+    @classmethod
+    def of_values(cls, values: Mapping[str, float]) -> InertiaRatios:
+        """Those of gains and couplings that were identified, by name; of both couplings the mean."""
+        over_roll = 0.5 * (by_roll_coupling(values) + by_pitch_coupling(values))
+        return cls(over_roll, over_roll / pitch_over_roll(values))
+
+    def of_axis(self, axis: int) -> float:
+        """That of ROLL or PITCH."""
+        return self.roll if axis == ROLL_EQUATION else self.pitch
+
+
+def pitch_over_roll(values: Mapping[str, float]) -> float:
+    """Iyy / Ixx."""
+    return values[GAIN[ROLL_EQUATION].name] / values[GAIN[PITCH_EQUATION].name]
+
+
+def by_roll_coupling(values: Mapping[str, float]) -> float:
+    """Izz / Ixx by beta_1."""
+    return pitch_over_roll(values) - values[COUPLING[ROLL_EQUATION].name]
+
+
+def by_pitch_coupling(values: Mapping[str, float]) -> float:
+    """Izz / Ixx by beta_2."""
+    return 1.0 + values[COUPLING[PITCH_EQUATION].name] * pitch_over_roll(values)
+
+
+# -- Parameter ranges --
+
+_REMEDY = "Correct the vehicle's description."
+#: By how much inertias may be those of no body before it is said: some that were published are by 1 %.
+NO_BODY_ALLOWANCE = 0.05
+
+
+def finite(name: str, *values: float) -> None:
+    """Refuse NaN and infinity."""
+    for value in values:
+        if not math.isfinite(value):
+            raise ParameterError(f"a finite {name}", f"{name}={value}", _REMEDY)
+
+
+def positive(name: str, *values: float) -> None:
+    """Refuse what is not finite and above zero."""
+    for value in values:
+        if not (math.isfinite(value) and value > 0.0):
+            raise ParameterError(f"a finite {name} above zero", f"{name}={value}", _REMEDY)
+
+
+def non_negative(name: str, *values: float) -> None:
+    """Refuse what is not finite and zero or more."""
+    for value in values:
+        if not (math.isfinite(value) and value >= 0.0):
+            raise ParameterError(f"a finite {name} of zero or more", f"{name}={value}", _REMEDY)
+
+
+def triple(name: str, values: Sized) -> None:
+    """Refuse what has not three numbers, one for each axis."""
+    if len(values) != 3:
+        raise ParameterError(f"three numbers for {name}, forward, left, up", f"{len(values)}", _REMEDY)
+
+
+def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
+    """Refuse attributes that are out of their ranges."""
+    for name, (low, high) in ranges.items():
+        value = getattr(given, name)
+        if not low <= value <= high:
+            raise ParameterError(f"{name} between {low:g} and {high:g}", f"{value}", remedy)
+
+
+# -- Known number --
+
+
+@dataclass(frozen=True, slots=True)
+class KnownNumber:
+    """A value from outside the flight.
+
+    Parameters
+    ----------
+    value : float
+        In the unit of what it is.
+    std : float
+        Standard deviation of its error; zero for a number that counts as exact.
+
+    Raises
+    ------
+    ParameterError
+        When the value is not finite, or the standard deviation below zero.
+    """
+
+    value: float
+    std: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite("value", self.value)
+        non_negative("std", self.std)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 %, of the normal distribution."""
+        half = normal_quantile(0.95) * self.std
+        return self.value - half, self.value + half
+
+    def check(self, name: str, low: float, high: float, unit: str) -> None:
+        """Refuse what cannot be such a number, or is not told from zero by its own uncertainty.
+
+        Parameters
+        ----------
+        name : str
+            What messages call it.
+        low, high : float
+            Least and greatest value.
+        unit : str
+            With a blank before it, or empty.
+
+        Raises
+        ------
+        ParameterError
+            With what came instead.
+        """
+        if not low <= self.value <= high:
+            raise ParameterError(
+                f"a {name} between {low:g} and {high:g}{unit}",
+                f"{self.value:g}",
+                "Check its unit." if unit else "Correct the vehicle's description.",
+            )
+        if self.value > 0.0 and self.std > LARGEST_STD * self.value:
+            raise ParameterError(
+                f"a standard deviation of the {name} of at most {LARGEST_STD:g} of its value",
+                f"{self.value:g} with {self.std:g}",
+                "Leave it out: so little known, it tells nothing.",
+            )
+
+
+#: Largest standard deviation, as a share of the value.
+LARGEST_STD = 0.4
+
+
+# -- Rotors --
+
+#: A vehicle has at least two, and more than this is a mistake.
+MOST_ROTORS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Rotors:
+    """Equal rotors at several places.
+
+    With n the speed of one of them, l the air velocity there on the body's axes, and s its spin:
+
+        thrust = c1 n + c2 n^2 + k_h (l_x^2 + l_y^2) - k_z n l_z
+        drag   = -k_d n (l_x, l_y)
+        torque = s kappa (c1 n + c2 n^2) + s J n'
+        n'     = (command(t - delay) - n) / lag
+
+    The drag terms are those of the simulator RotorPy.
+
+    Parameters
+    ----------
+    positions : tuple of tuple of float
+        Of each rotor from the centre of mass, forward, left, up [m].
+    spins : tuple of int
+        Of each rotor: +1 where its reaction torque on the body points up, which turns clockwise as seen from
+        above, and else -1.
+    highest_speed : float
+        Commands above it are cut off [rad/s].
+    thrust_quadratic : float
+        c2 [N/(rad/s)^2].
+    thrust_linear : float
+        c1 [N/(rad/s)].
+    torque_ratio : float
+        kappa, reaction torque over thrust [m].
+    inertia : float
+        J of one rotor with what turns of its motor, about its axis [kg m^2].
+    lag_up, lag_down : float
+        Time constants towards a higher and towards a lower speed [s].
+    delay : float
+        From a command to its first effect on the speed [s].
+    lowest_speed : float
+        Commands below it are raised to it [rad/s].
+    drag, inflow : float
+        k_d across the axis and k_z along it [N/(m/s) per rad/s].
+    translational_lift : float
+        k_h [N/(m/s)^2].
+    flapping : float
+        Torque -k n (l_y, -l_x) on the hub [N m/(m/s) per rad/s].
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of its range, or positions and spins do not fit.
+    """
+
+    positions: tuple[tuple[float, ...], ...]
+    spins: tuple[int, ...]
+    highest_speed: float
+    thrust_quadratic: float
+    torque_ratio: float
+    lag_up: float
+    lag_down: float
+    thrust_linear: float = 0.0
+    inertia: float = 0.0
+    delay: float = 0.0
+    lowest_speed: float = 0.0
+    drag: float = 0.0
+    inflow: float = 0.0
+    translational_lift: float = 0.0
+    flapping: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 2 <= len(self.positions) <= MOST_ROTORS or len(self.spins) != len(self.positions):
+            raise ParameterError(
+                f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
+                f"{len(self.positions)} positions and {len(self.spins)} spins",
+                "Give both in the order of the rotors' commands.",
+            )
+        for position in self.positions:
+            triple("position", position)
+            finite("position", *position)
+        if not all(spin in (1, -1) for spin in self.spins):
+            raise ParameterError(
+                "spins of +1 or -1",
+                f"{self.spins}",
+                "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
+            )
+        positive("highest_speed", self.highest_speed)
+        positive("lag_up", self.lag_up)
+        positive("lag_down", self.lag_down)
+        for name in _NOT_NEGATIVE:
+            non_negative(name, getattr(self, name))
+        if not self.thrust_linear + self.thrust_quadratic > 0.0:
+            raise ParameterError("rotors with thrust", "none", "Give thrust_quadratic or thrust_linear.")
+        if not self.lowest_speed < self.highest_speed:
+            raise ParameterError(
+                "a lowest_speed below the highest_speed",
+                f"{self.lowest_speed:g} and {self.highest_speed:g}",
+                "Correct the limits.",
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of rotors."""
+        return len(self.positions)
+
+    def thrust(self, speed: float) -> float:
+        """Thrust of one rotor in still air [N]."""
+        return (self.thrust_linear + self.thrust_quadratic * speed) * speed
+
+    def speed_of_thrust(self, thrust: float) -> float:
+        """Speed at which one rotor has this thrust [N] in still air; zero where there is none."""
+        linear, quadratic = self.thrust_linear, self.thrust_quadratic
+        if thrust <= 0.0:
+            return 0.0
+        # the root that also serves without a quadratic part
+        return 2.0 * thrust / (linear + math.sqrt(linear**2 + 4.0 * quadratic * thrust))
+
+
+_NOT_NEGATIVE = (
+    "thrust_quadratic",
+    "thrust_linear",
+    "torque_ratio",
+    "inertia",
+    "delay",
+    "lowest_speed",
+    "drag",
+    "inflow",
+    "translational_lift",
+    "flapping",
+)
+
+
+# -- Known vehicle --
+
+#: What each known number may be, with its unit.
+RANGES = {
+    "mass": (1e-3, 1e3, " kg"),
+    "arm_scale": (0.5, 2.0, ""),
+    "speed_scale": (1e-6, 1e6, " rad/s per unit of command"),
+    "torque_ratio": (1e-4, 1.0, " m"),
+    "yaw_inertia_ratio": (0.2, 2.0, ""),
+    "delay": (0.0, 0.5, " s"),
+}
+#: Cutoffs of filters [Hz].
+CUTOFFS_HZ = (1.0, 10_000.0)
+#: Radii of rotors [m].
+RADII = (0.005, 5.0)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownVehicle:
+    """What is known of a vehicle; None for what is not.
+
+    Parameters
+    ----------
+    name : str
+        For people.
+    positions : tuple of (float, float)
+        Of each rotor forward and left of the centre, in the order of the commands: in metres where
+        `arm_scale` is known, else in arms (the distance from the centre to a rotor).
+    spins : tuple of int
+        Of each rotor: +1 where its reaction torque on the body points up (clockwise from above), and else -1.
+    arm_scale : KnownNumber, optional
+        What all positions have to be multiplied by: one, with the relative error of the lengths. None when
+        they are in arms of an unknown length.
+    mass : KnownNumber, optional
+        With everything on board [kg].
+    speed_scale : KnownNumber, optional
+        From the logged commands to rotor speeds [rad/s per unit of command].
+    torque_ratio : KnownNumber, optional
+        kappa, a rotor's reaction torque over its thrust [m].
+    yaw_inertia_ratio : KnownNumber, optional
+        Izz over the mean of Ixx and Iyy, where it is assumed.
+    delay : KnownNumber, optional
+        From a command to its first effect [s].
+    thrust_map : str
+        From a rotor's state to phi, which its thrust is proportional to: ``square``, ``linear``,
+        ``power:EXPONENT`` or ``mixed:SHARE``; for c1 n + c2 n^2 the share is c2 / (c1 + c2), with n in the
+        unit of the commands.
+    gyro_cutoff_hz, accelerometer_cutoff_hz : float, optional
+        Of the onboard filters that the logged values have passed, low-passes of second order [Hz].
+    rotor_radius : float, optional
+        Of a rotor [m]; heights over the ground are counted in it.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of its range, or the rotors cannot turn the vehicle about every axis.
+    UsageError
+        When there is no such thrust map.
+    """
+
+    name: str
+    positions: tuple[tuple[float, ...], ...]
+    spins: tuple[int, ...]
+    arm_scale: KnownNumber | None = None
+    mass: KnownNumber | None = None
+    speed_scale: KnownNumber | None = None
+    torque_ratio: KnownNumber | None = None
+    yaw_inertia_ratio: KnownNumber | None = None
+    delay: KnownNumber | None = None
+    thrust_map: str = "square"
+    gyro_cutoff_hz: float | None = None
+    accelerometer_cutoff_hz: float | None = None
+    rotor_radius: float | None = None
+
+    def __post_init__(self) -> None:
+        _check_rotors(self.positions, self.spins)
+        for name, (low, high, unit) in RANGES.items():
+            number: KnownNumber | None = getattr(self, name)
+            if number is not None:
+                number.check(name, low, high, unit)
+        for name in ("gyro_cutoff_hz", "accelerometer_cutoff_hz"):
+            cutoff: float | None = getattr(self, name)
+            if cutoff is not None:
+                KnownNumber(cutoff).check(name, *CUTOFFS_HZ, " Hz")
+        if self.rotor_radius is not None:
+            KnownNumber(self.rotor_radius).check("rotor_radius", *RADII, " m")
+        input_map(self.thrust_map)
+
+    @property
+    def count(self) -> int:
+        """Number of rotors."""
+        return len(self.positions)
+
+    @property
+    def in_metres(self) -> bool:
+        """Whether the positions are in metres; in arms of an unknown length when not."""
+        return self.arm_scale is not None
+
+    @property
+    def arm(self) -> float:
+        """Mean distance of the rotors from the centre, in the unit of the positions."""
+        return float(np.mean([math.hypot(*position) for position in self.positions]))
+
+
+def _check_rotors(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:
+    if not 2 <= len(positions) <= MOST_ROTORS or len(spins) != len(positions):
+        raise ParameterError(
+            f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
+            f"{len(positions)} positions and {len(spins)} spins",
+            "Give both in the order of the rotors' commands.",
+        )
+    if not all(len(position) == 2 for position in positions):
+        raise ParameterError(
+            "two numbers for a rotor's position, forward and left",
+            f"{positions}",
+            "Leave its height out.",
+        )
+    for position in positions:
+        finite("position", *position)
+    if not all(spin in (1, -1) for spin in spins):
+        raise ParameterError(
+            "spins of +1 or -1",
+            f"{spins}",
+            "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
+        )
+    size = max(max(abs(x), abs(y)) for x, y in positions) or 1.0
+    turning = np.array(
+        [[y / size, x / size, spin, 1.0] for (x, y), spin in zip(positions, spins, strict=True)]
+    )
+    if np.linalg.matrix_rank(turning) < turning.shape[1]:
+        raise ParameterError(
+            "rotors that turn the vehicle about each of its axes",
+            f"positions {positions} with spins {spins}, which do not",
+            "Correct the positions and the spins: four rotors or more, on all sides, of both spins.",
+        )
+
+
+# -- Layout --
+
+
+@dataclass(frozen=True)
+class RotorLayout:
+    """Arms and signs of a vehicle's rotors, in the order of their commands. Performs no checks.
+
+    Parameters
+    ----------
+    vehicle : KnownVehicle
+        Whose rotors; in metres, or in arms where nobody knows how long these are.
+    """
+
+    vehicle: KnownVehicle
+
+    @property
+    def count(self) -> int:
+        """Number of rotors."""
+        return len(self.vehicle.spins)
+
+    @cached_property
+    def roll(self) -> Float[np.ndarray, " rotors"]:
+        """Arm of each thrust about the forward axis: y."""
+        return np.array([place[1] for place in self.vehicle.positions], dtype=np.float64)
+
+    @cached_property
+    def pitch(self) -> Float[np.ndarray, " rotors"]:
+        """Arm of each thrust about the left axis: -x."""
+        return np.array([-place[0] for place in self.vehicle.positions], dtype=np.float64)
+
+    @cached_property
+    def yaw(self) -> Float[np.ndarray, " rotors"]:
+        """Sign of each reaction torque."""
+        return np.array(self.vehicle.spins, dtype=np.float64)
+
+    @cached_property
+    def sums(self) -> Float[np.ndarray, "7 rotors"]:
+        """Weights of the rotors in sums over them: 1, x, y, x^2, x y, y^2, and the spin."""
+        x, y = -self.pitch, self.roll
+        return np.stack([np.ones(self.count), x, y, x * x, x * y, y * y, self.yaw])
+
+
+# -- Numberings --
+
+CLOCKWISE, COUNTERCLOCKWISE = 1, -1
+
+#: A place forward and left of the centre, and the spin there.
+Rotor = tuple[float, float, int]
+
+_SIDE = math.sqrt(0.5)
+_FRONT_LEFT, _FRONT_RIGHT = (_SIDE, _SIDE), (_SIDE, -_SIDE)
+_REAR_LEFT, _REAR_RIGHT = (-_SIDE, _SIDE), (-_SIDE, -_SIDE)
+_FRONT, _REAR, _LEFT, _RIGHT = (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
+
+_ARDUPILOT_X = (
+    (*_FRONT_RIGHT, COUNTERCLOCKWISE),
+    (*_REAR_LEFT, COUNTERCLOCKWISE),
+    (*_FRONT_LEFT, CLOCKWISE),
+    (*_REAR_RIGHT, CLOCKWISE),
+)
+_ARDUPILOT_PLUS = (
+    (*_RIGHT, COUNTERCLOCKWISE),
+    (*_LEFT, COUNTERCLOCKWISE),
+    (*_FRONT, CLOCKWISE),
+    (*_REAR, CLOCKWISE),
+)
+#: Rotors by layout and numbering.
+LAYOUTS: dict[str, dict[str, tuple[Rotor, ...]]] = {
+    "quad-x": {
+        "px4": _ARDUPILOT_X,
+        "ardupilot": _ARDUPILOT_X,
+        "betaflight": (
+            (*_REAR_RIGHT, CLOCKWISE),
+            (*_FRONT_RIGHT, COUNTERCLOCKWISE),
+            (*_REAR_LEFT, COUNTERCLOCKWISE),
+            (*_FRONT_LEFT, CLOCKWISE),
+        ),
+        "crazyflie": (
+            (*_FRONT_RIGHT, COUNTERCLOCKWISE),
+            (*_REAR_RIGHT, CLOCKWISE),
+            (*_REAR_LEFT, COUNTERCLOCKWISE),
+            (*_FRONT_LEFT, CLOCKWISE),
+        ),
+    },
+    "quad-plus": {
+        "px4": _ARDUPILOT_PLUS,
+        "ardupilot": _ARDUPILOT_PLUS,
+        "betaflight": (
+            (*_REAR, CLOCKWISE),
+            (*_RIGHT, COUNTERCLOCKWISE),
+            (*_LEFT, COUNTERCLOCKWISE),
+            (*_FRONT, CLOCKWISE),
+        ),
+    },
+}
+
+
+# -- Vehicle of a result --
+
+
+def vehicle_told(told: object) -> KnownVehicle:
+    """Vehicle of what `dataclasses.asdict` made of it, and JSON of that.
+
+    Raises
+    ------
+    InputError
+        When it is no vehicle.
+    """
+    try:
+        if not isinstance(told, Mapping):
+            raise TypeError("there is none")
+        fields = dict(told)
+        for name in RANGES:
+            if fields[name] is not None:
+                fields[name] = KnownNumber(**fields[name])
+        fields["positions"] = tuple(tuple(float(one) for one in place) for place in fields["positions"])
+        fields["spins"] = tuple(int(spin) for spin in fields["spins"])
+        return KnownVehicle(**fields)
+    except (KeyError, TypeError, ValueError, EivorError) as error:
+        raise InputError(
+            "a result that says what flies, under prediction.vehicle",
+            f"one that does not ({error})",
+            "Identify the flight again, with --vehicle.",
+        ) from error
+
+
+# -- Vehicle file --
+
+#: Positions, spins, and what the positions have to be multiplied by.
+RotorTable = tuple[tuple[tuple[float, float], ...], tuple[int, ...], KnownNumber | None]
+
+WHAT = "a vehicle"
+ENDING = ".toml"
+TEMPLATE = "vehicle_template.toml"
+#: Lengths of arms [m].
+LEAST_ARM, LARGEST_ARM = 5e-3, 10.0
+SPIN_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
+
+
+def shipped_vehicles() -> tuple[str, ...]:
+    """Names of the vehicles that come with Eivor."""
+    folder = resources.files("eivor.motions.rigid_body") / "vehicles"
+    return tuple(
+        sorted(entry.name.removesuffix(ENDING) for entry in folder.iterdir() if entry.name.endswith(ENDING))
+    )
+
+
+def load_vehicle(source: str | os.PathLike[str]) -> KnownVehicle:
+    """Vehicle by the name of a shipped one, or from a file.
+
+    Parameters
+    ----------
+    source : str or path
+        A name, or the path of a file, which ends in .toml or has a folder before it.
+
+    Raises
+    ------
+    UsageError
+        When the source is neither text nor a path.
+    InputError
+        When there is no such vehicle, the file cannot be read, or a key of it is wrong; says where and why.
+    """
+    checks.path("source", source)
+    name, path = os.fspath(source), Path(source)
+    if name in shipped_vehicles():
+        return _vehicle(toml_table(_shipped(name).read_text(encoding="utf-8"), path, WHAT))
+    if not name.endswith(ENDING) and path.name == name:
+        raise InputError(
+            f"a vehicle file that ends in {ENDING}, or one of the vehicles {', '.join(shipped_vehicles())}",
+            f"'{name}'",
+            did_you_mean(name, shipped_vehicles(), "`eivor vehicle new` writes a file to begin with."),
+        )
+    return _vehicle(read_toml(path, WHAT))
+
+
+def vehicle_text(source: str) -> str:
+    """Text of the file of a vehicle that `load_vehicle` has loaded."""
+    file = _shipped(source) if source in shipped_vehicles() else Path(source)
+    return file.read_text(encoding="utf-8")
+
+
+def _shipped(name: str) -> Traversable:
+    return resources.files("eivor.motions.rigid_body") / "vehicles" / f"{name}{ENDING}"
+
+
+def vehicle_template() -> str:
+    """Text of a file to begin with: every key, with what it means."""
+    return (resources.files("eivor.motions.rigid_body") / TEMPLATE).read_text(encoding="utf-8")
+
+
+def _vehicle(top: TomlTable) -> KnownVehicle:
+    """Vehicle of a file's top table, all of whose keys are taken."""
+    rotors = top.section("rotors")
+    try:
+        vehicle = KnownVehicle(
+            top.text("name", top.file.removesuffix(ENDING)),
+            *_rotors(rotors),
+            _known(top, "mass"),
+            _known(rotors, "speed_scale"),
+            _known(rotors, "torque_ratio"),
+            _known(top, "yaw_inertia_ratio"),
+            _known(top, "delay_ms", unit=1e-3),
+            rotors.text("thrust_map", "square"),
+            _plain(top, "gyro_cutoff_hz"),
+            _plain(top, "accelerometer_cutoff_hz"),
+            _plain(rotors, "radius"),
+        )
+    except UsageError as error:
+        raise InputError(f"{error.expected} in {top.file}", error.received, error.remedy) from error
+    rotors.finish()
+    top.finish()
+    return vehicle
+
+
+def _rotors(table: TomlTable) -> RotorTable:
+    if table.has("layout") == table.has("positions"):
+        raise table.wrong(
+            "",
+            "either a layout, or positions and spins,",
+            "both" if table.has("layout") else "neither",
+            f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.',
+        )
+    return _of_layout(table) if table.has("layout") else _of_positions(table)
+
+
+def _of_layout(table: TomlTable) -> RotorTable:
+    layout = table.choice("layout", tuple(LAYOUTS))
+    chosen = LAYOUTS[layout][table.choice("numbering", tuple(LAYOUTS[layout]))]
+    arm = _known(table, "arm")
+    if arm is not None and not LEAST_ARM <= arm.value <= LARGEST_ARM:
+        raise table.wrong("arm", f"{LEAST_ARM:g} to {LARGEST_ARM:g} m", f"{arm.value:g}", "Check its unit.")
+    length = 1.0 if arm is None else arm.value
+    positions = tuple((length * x, length * y) for x, y, _ in chosen)
+    scale = None if arm is None else KnownNumber(1.0, arm.std / arm.value)
+    return positions, tuple(spin for _, _, spin in chosen), scale
+
+
+def _of_positions(table: TomlTable) -> RotorTable:
+    rows = table.rows("positions")
+    positions = []
+    for key in rows.values:
+        pair = rows.numbers(key)
+        if len(pair) != 2:
+            remedy = "Give forward and left of the centre, in metres."
+            raise rows.wrong(key, "two numbers", f"{len(pair)} of them", remedy)
+        if not max(abs(pair[0]), abs(pair[1])) <= LARGEST_ARM:
+            raise rows.wrong(key, f"at most {LARGEST_ARM:g} m", f"{list(pair)}", "Check the unit.")
+        positions.append((pair[0], pair[1]))
+    return tuple(positions), _spins(table), KnownNumber(1.0, table.number("positions_std", 0.0))
+
+
+def _spins(table: TomlTable) -> tuple[int, ...]:
+    """Spins as words or as signs."""
+    rows = table.rows("spins")
+    if any(isinstance(value, str) for value in rows.values.values()):
+        return tuple(SPIN_WORDS[rows.choice(key, tuple(SPIN_WORDS))] for key in rows.values)
+    return tuple(rows.whole(key) for key in rows.values)
+
+
+def _known(table: TomlTable, key: str, unit: float = 1.0) -> KnownNumber | None:
+    """A number in units of SI, plain or with its standard deviation; None where there is none."""
+    if not isinstance(table.values.get(key), dict):
+        plain = _plain(table, key)
+        return None if plain is None else KnownNumber(unit * plain)
+    section = table.section(key)
+    value, std = section.number("value"), section.number("std", 0.0)
+    section.finish()
+    return KnownNumber(unit * value, unit * std)
+
+
+def _plain(table: TomlTable, key: str) -> float | None:
+    number = table.number(key, 0.0)
+    return number if table.has(key) else None
+
+
+# -- Vehicle --
 
 
 @dataclass(frozen=True, slots=True)

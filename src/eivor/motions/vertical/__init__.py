@@ -1,1 +1,1 @@
-"""The vertical motion of a multirotor."""
+"""Vertical motion."""

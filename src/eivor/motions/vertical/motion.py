@@ -1,7 +1,8 @@
-"""The vertical motion of a multirotor, as the recipe and the reports see it."""
+"""The vertical motion."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -9,51 +10,468 @@ from types import MappingProxyType
 import numpy as np
 
 from eivor.errors import InputError, UsageError
-from eivor.estimation.estimate import Estimate
-from eivor.flights.agreement import SensorAgreement, sensor_agreement
-from eivor.flights.allowance import Allowance
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.drawn import Drawn
-from eivor.flights.estimated import reciprocal
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.flights.grid import on_grid
-from eivor.flights.motion import Motion
+from eivor.flights.lag_prior import (
+    EFFECTIVE_LAG,
+    joint_quantities,
+    lag_quantities,
+    ratio_quantity,
+    reciprocal,
+)
+from eivor.flights.motion import Circumstances, Motion, Strength
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.predicted import Predicted, SimpleModel
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Quantity, Unjudged
-from eivor.flights.selection import Selection
-from eivor.flights.shown import Panel, Trace
-from eivor.flights.tracked import Followed
-from eivor.flights.words import CardSection
-from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule
-from eivor.models.separable import Values
-from eivor.motions.vertical.allowances import all_allowances
-from eivor.motions.vertical.balance import apparent_gravity, balance_sums
-from eivor.motions.vertical.curve_told import curve_findings
-from eivor.motions.vertical.flights import VerticalFlight, VerticalFlights
-from eivor.motions.vertical.followed import followed_gain
-from eivor.motions.vertical.height import near_ground
-from eivor.motions.vertical.hover import HOVER_PARAMETERS, hover_findings
-from eivor.motions.vertical.left_out import left_out, left_out_numbers, left_out_told, voltage_numbers
-from eivor.motions.vertical.map_evidence import map_numbers
-from eivor.motions.vertical.model import VerticalMotion
-from eivor.motions.vertical.quantities import all_quantities, drawn_quantities, thrust_curve
-from eivor.motions.vertical.row_noise import input_variance
-from eivor.motions.vertical.rule import all_grounds
-from eivor.motions.vertical.select import INPUTS, REFERENCES, TELEMETRY, open_loop_findings, selected
-from eivor.motions.vertical.sensor_rule import APPARENT_GRAVITY
-from eivor.motions.vertical.sensors import LEAST, aligned, difference_problem, sideways_speed, told
-from eivor.motions.vertical.sideways import SIDEWAYS
-from eivor.motions.vertical.supply import supply_findings
-from eivor.motions.vertical.term_channels import check_flights, check_terms, mean_voltage, with_surroundings
-from eivor.motions.vertical.terms import SUPPLY, TERMS, GroundEffect, OptionalTerm
-from eivor.motions.vertical.wording import ACROSS, EQUATION, QUANTITIES, SHOWN, WORDS, vertical_card
-from eivor.shapes import Float
-from eivor.signals.input_map import input_map
+from eivor.flights.prepared import Difference, PreparedFlight, Selection, SensorAgreement, sensor_agreement
+from eivor.flights.quantity import (
+    NAN,
+    Allowance,
+    CardSection,
+    Drawn,
+    Followed,
+    Panel,
+    Predicted,
+    Quantity,
+    SimpleModel,
+    Trace,
+    Unjudged,
+)
+from eivor.inference.distributions import chi_square_quantile, chi_square_tail
+from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import InstrumentRule, Prior, Values
+from eivor.motions.rigid_body.vehicle import load_vehicle
+from eivor.motions.vertical.misspecification import (
+    CURVATURE,
+    LEAST_SENSOR_DIFFERENCE,
+    aligned,
+    difference_problem,
+    left_out,
+    left_out_numbers,
+    left_out_told,
+    sideways_speed,
+    told,
+    voltage_numbers,
+)
+from eivor.motions.vertical.model import (
+    CURVE_PARAMETERS,
+    DECLARE,
+    GRAVITY,
+    INPUT_GAIN,
+    AutopilotParameter,
+    Interval,
+    VerticalMotion,
+    curve_in_force,
+    family_of_fitted,
+    proposed,
+)
+from eivor.motions.vertical.predict import flown, predictions, simple_models
+from eivor.motions.vertical.regression import (
+    SUPPLY,
+    TERMS,
+    Balance,
+    GroundEffect,
+    OptionalTerm,
+    VerticalFlight,
+    VerticalFlights,
+    apparent_gravity,
+    balance,
+    balance_sums,
+    check_flights,
+    check_terms,
+    hover_mapped,
+    hover_of_sums,
+    input_variance,
+    intercept,
+    intercepts_by_run,
+    mean_voltage,
+    with_surroundings,
+)
+from eivor.motions.vertical.select import (
+    ACROSS,
+    EQUATION,
+    INPUTS,
+    QUANTITIES,
+    REFERENCES,
+    SHOWN,
+    TELEMETRY,
+    WORDS,
+    open_loop_findings,
+    selected,
+    vertical_card,
+)
+from eivor.motions.vertical.thrust_curve import curve_quantities, settled_curve
+from eivor.motions.vertical.verdict import (
+    APPARENT_GRAVITY,
+    CLEAR_INTERCEPT,
+    HOVER_PARAMETERS,
+    IS_THRUST,
+    LEAST_INTERCEPT,
+    MAP_EXPONENT,
+    MAP_P_VALUE,
+    SIDEWAYS,
+    THRUST_EXPONENT,
+    all_allowances,
+    all_grounds,
+    hover_findings,
+    near_ground,
+)
+from eivor.signals.channels import CurveSide, common_side
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Finding, Recording
 from eivor.signals.signals import Signals
+from eivor.signals.thrust_map import Mixed, input_map
+from eivor.tools import Float
+
+# -- Reported thrust curve --
+
+#: Why nothing is proposed of a command before a curve that is not known.
+NOT_IN_FORCE = (
+    "The command is before the autopilot's thrust curve, and no value of it that is in force is known "
+    "(THR_MDL_FAC, MOT_THST_EXPO): no parameter is proposed."
+)
+
+
+def curve_findings(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+) -> tuple[Finding, ...]:
+    """The parameter that a curve would set; none where the curve or the hover input is not told."""
+    curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
+    if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
+        return ()
+    side = common_side(flight.curve_side for flight in flights)
+    in_force = curve_in_force([flight.recording.parameters for flight in flights])
+    if Status.REFUSED in (curve.verdict, hover.verdict):
+        return _overdone(side, in_force, curve)
+    if side is CurveSide.UNKNOWN:
+        sentence = (
+            f"The log does not say whether {flights[0].input.name} is before or behind the autopilot's "
+            f"thrust curve: no parameter is proposed. {DECLARE}"
+        )
+        return (Finding("thrust_curve", sentence),)
+    family = family_of_fitted(input_map(flights[0].input_map))
+    before = side is CurveSide.BEFORE
+    sentences = []
+    for parameter in [one for one in CURVE_PARAMETERS if one.name in in_force or not (in_force or before)]:
+        value = in_force.get(parameter.name)
+        if before and value is not None and not parameter.takes(value):
+            continue
+        share, _ = proposed(
+            parameter,
+            family,
+            (curve.value, curve.interval),
+            (hover.value, hover.interval),
+            value if before else None,
+        )
+        sentences.append(_sentence(parameter, share, value, curve.verdict))
+    return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
+
+
+def _overdone(side: CurveSide, in_force: Mapping[str, float], curve: Quantity) -> tuple[Finding, ...]:
+    """Say that a curve in force bends too much, which no share of the square brings back."""
+    large = [f"{name} {value:.2g}" for name, value in in_force.items() if value > 0.0]
+    if side is not CurveSide.BEFORE or not large or not curve.interval[1] < 0.0:
+        return ()
+    sentence = (
+        f"Thrust grows more slowly than its setpoint: {' and '.join(large)}, which is in force, is too large "
+        "for this vehicle, unless the supply sags. Identify with motor signals behind the curve, or fly with "
+        "a smaller value."
+    )
+    return (Finding("thrust_curve", sentence),)
+
+
+def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | None, verdict: Status) -> str:
+    """What the curve would set a parameter to, or why it does not."""
+    now = "" if in_force is None else f" The log has {parameter.name} {in_force:.2g}."
+    beyond = parameter.beyond(share)
+    if beyond:
+        return f"No {parameter.name} is proposed: {beyond}{now}"
+    value, (low, high) = share
+    return (
+        f"{parameter.name} ({parameter.autopilot}) would be set to {value:.2f} [{low:.2f}, {high:.2f}] by "
+        f"the thrust curve that was fitted, which is {verdict.value}.{now}"
+    )
+
+
+# -- Tracked parameter --
+
+#: Friction of a multirotor of which nothing is known [1/s].
+ANY_FRICTION = Prior(0.3, 0.3)
+
+
+def followed_gain(
+    problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
+) -> Followed:
+    """Rows that tell K_u over a flight, and what is known of K and the intercept.
+
+    Parameters
+    ----------
+    problem : VerticalFlights
+        Of one flight.
+    quantities : mapping of str to Quantity
+        Of the flight as a whole.
+    options : FlightOptions
+        With the standard deviation of the accelerometer's bias.
+    """
+    found = quantities["viscous_friction"]
+    friction = ANY_FRICTION
+    source = "as of any multirotor: the flight does not tell it"
+    if found.verdict is not Status.REFUSED and 0.0 < found.half_width < math.inf:
+        friction = Prior(found.value, max(found.std_error, 0.5 * found.half_width))
+        source = "as the whole flight tells it"
+    bias = options.accelerometer_bias
+    known_bias = math.isfinite(bias)
+    intercept = Prior(-GRAVITY, bias) if known_bias else None
+    level = (
+        f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias small "
+        "(--accelerometer-bias)."
+        if known_bias
+        else "Nothing is known of the intercept: only movement tells the gain."
+    )
+    return Followed(
+        "input_gain",
+        problem.runs,
+        {"viscous_friction": friction},
+        intercept,
+        (f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}.", level),
+    )
+
+
+# -- Map evidence --
+
+#: Level of the set of the intercept.
+SET_LEVEL = 0.95
+#: Half-widths are not below this [m/s^2].
+LEAST_HALF_WIDTH = 1e-9
+
+PerDelay = Float[np.ndarray, " k"]
+
+
+def map_numbers(
+    problem: VerticalFlights, estimate: Estimate, left_out: Mapping[str, Difference]
+) -> dict[str, float]:
+    """Least intercept, and the p-value of the test that the input map fits.
+
+    Parameters
+    ----------
+    problem : VerticalFlights
+        What was estimated.
+    estimate : Estimate
+        Of it.
+    left_out : mapping of str to Difference
+        Terms that the model leaves out, the bend among them where the instruments tell it.
+    """
+    found = []
+    for candidate in estimate.candidates:
+        terms = balance(problem, candidate)
+        value, gradient = intercept(candidate, terms)
+        half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
+        found.append((value, half))
+    values, halves = np.array(found).T
+    excesses = np.array(estimate.excesses)
+    best = float(values[np.argmin(excesses)])
+    return {
+        LEAST_INTERCEPT: least_in_set(values, halves, excesses),
+        MAP_P_VALUE: fitting_p_value(beyond(values, halves, excesses), best, left_out.get(CURVATURE)),
+    }
+
+
+def least_in_set(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
+    """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it.
+
+    Parameters
+    ----------
+    values, halves : ndarray, shape (k,)
+        Intercept and half-width of its 95 % interval at each delay [m/s^2].
+    excesses : ndarray, shape (k,)
+        What the criterion of each is above the least.
+    """
+    allowance = chi_square_quantile(SET_LEVEL, 1)
+    fits = excesses <= allowance
+    left = halves[fits] * np.sqrt(1.0 - excesses[fits] / allowance)
+    return max(float(np.min(values[fits] - left)), -float(np.max(values[fits] + left)), 0.0)
+
+
+def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
+    """Squared distance of the same intercepts from what a fitting map leaves, in standard errors."""
+    allowance = chi_square_quantile(SET_LEVEL, 1)
+    away = np.maximum(np.abs(values) - CLEAR_INTERCEPT, 0.0) / np.maximum(halves, LEAST_HALF_WIDTH)
+    return float(np.min(excesses + allowance * away**2))
+
+
+def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
+    """P-value of the test that the input map fits; one where the intercept is within what it leaves.
+
+    Parameters
+    ----------
+    distance : float
+        Squared distance of the intercept from there, in standard errors.
+    value : float
+        The intercept [m/s^2].
+    bend : Difference or None
+        Of the thrust curve.
+    """
+    if not 0.0 < distance < np.inf:
+        return 1.0
+    bent = 0.0
+    if bend is not None and bend.value * value < 0.0:
+        bent = chi_square_quantile(1.0 - bend.p_value, 1)
+    both = distance + bent
+    return 0.5 * chi_square_tail(both, 1) + 0.25 * chi_square_tail(both, 2)
+
+
+# -- Quantities --
+
+#: Values of all nuisances, which tell a candidate from the others.
+Place = tuple[float, ...]
+
+
+def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
+    """Every quantity, in the order of results; none has a verdict yet."""
+    terms = {_place(c): balance(problem, c) for c in estimate.candidates}
+    joint = joint_quantities(estimate)
+    found = {
+        "viscous_friction": joint["viscous_friction"],
+        "input_gain": joint["input_gain"],
+        "intercept": _intercept(estimate, terms),
+        **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
+        **lag_quantities(problem, estimate),
+        "hover_input": _hover(problem, estimate, terms),
+        "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
+    }
+    if problem.curve is None:
+        return found
+
+    moved = curve_quantities(problem, estimate, problem.curve)
+    moved["intercept"] = replace(moved["intercept"], by_run=found["intercept"].by_run)
+    return {**found, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
+
+
+def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
+    """Quantities of a draw of flights; lags only where they were searched for."""
+    K, K_u = drawn.parameters["viscous_friction"], drawn.parameters["input_gain"]
+    found = {
+        "viscous_friction": K,
+        "input_gain": K_u,
+        **{term.parameter.name: drawn.parameters[term.parameter.name] for term in problem.terms},
+        "hover_input": problem.motion.input_map.inverse(hover_of_sums(drawn.parameters, drawn.sums)),
+    }
+    lag_s, delay_s = drawn.at[ACTUATOR_LAG.name], drawn.at[DELAY.name]
+    if problem.lag.searched:
+        found[ACTUATOR_LAG.name] = lag_s
+    if problem.lag.searched or problem.delay.searched:
+        found[EFFECTIVE_LAG] = lag_s + delay_s
+    return found
+
+
+def _intercept(estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
+    """Intercept over all runs, and that of each."""
+    interval = estimate.interval_of(
+        lambda c: intercept(c, terms[_place(c)]),
+        extra_variance=lambda c: terms[_place(c)].residual_variance,
+    )
+    value, gradient = intercept(estimate.best, terms[_place(estimate.best)])
+    extra = terms[_place(estimate.best)].residual_variance
+    by_run = tuple(intercepts_by_run(estimate.best, terms[_place(estimate.best)]).tolist())
+    error = _std_error(estimate.best, gradient, extra)
+    return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
+
+
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
+    """Hover input: the interval of U_h through the input map's inverse."""
+
+    def extra(candidate: Candidate) -> float:
+        return terms[_place(candidate)].residual_variance / float(candidate.theta[1]) ** 2
+
+    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[_place(c)]), extra_variance=extra)
+    mapped, gradient = hover_mapped(estimate.best, terms[_place(estimate.best)])
+    inverse = problem.motion.input_map.inverse
+    value = inverse(mapped)
+    slope = problem.motion.input_map.slope(value)
+    error = _std_error(estimate.best, gradient, extra(estimate.best))
+    std_error = error / slope if slope > 0.0 else NAN
+    return Unjudged(value, "", std_error, (inverse(low), inverse(high)))
+
+
+def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
+    """Exponents at hover: of thrust, m K_u U_h / g, see `map_rule`, and of the input map."""
+    best = estimate.best
+    linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.at).items()}
+    mapped = hover_of_sums(linear, sums)
+    chosen = problem.motion.input_map
+    hover = chosen.inverse(mapped)
+    of_map = hover * chosen.slope(hover) / mapped if mapped > 0.0 else NAN
+    return {
+        THRUST_EXPONENT: of_map * linear[INPUT_GAIN.name] * mapped / GRAVITY,
+        MAP_EXPONENT: of_map,
+        IS_THRUST: float(isinstance(chosen, Mixed) or chosen.name == "linear"),
+    }
+
+
+def _place(candidate: Candidate) -> Place:
+    return tuple(candidate.at.values())
+
+
+def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:
+    return float(np.sqrt(candidate.covariance.std_error(gradient) ** 2 + extra))
+
+
+# -- Supply --
+
+VOLTAGE = "battery_voltage"
+#: A fall by a larger share over the time used is told; thrust goes with its first or second power.
+LARGE_FALL = 0.03
+#: A flight without its voltage that is longer may have sagged as much [s].
+LONG_S = 120.0
+#: Ends of the time used whose medians are compared, as a share of it.
+END_SHARE = 0.1
+
+
+def supply_findings(flights: tuple[PreparedFlight, ...]) -> tuple[Finding, ...]:
+    """What is known of the supply of flights by commands."""
+    prefixed = len(flights) > 1
+    found: list[Finding] = []
+    for flight in flights:
+        if flight.runs and not flight.input.measured:
+            name = f"{flight.recording.name}: " if prefixed else ""
+            found.extend(Finding(one.name, name + one.message) for one in _of_flight(flight))
+    return tuple(found)
+
+
+def _of_flight(flight: PreparedFlight) -> list[Finding]:
+    start, end = flight.span_s
+    channel = flight.recording.channels.get(VOLTAGE)
+    within = np.zeros(0)
+    if channel is not None:
+        stamps, volts = channel.time_s, channel.values
+        known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
+        stamps, within = stamps[known], volts[known]
+    if channel is None or within.size < 2.0 / END_SHARE:
+        return [_not_logged(end - start)] if end - start > LONG_S else []
+    margin = END_SHARE * (end - start)
+    ends = within[stamps <= start + margin], within[stamps >= end - margin]
+    if not all(one.size for one in ends):
+        return []
+    first, last = (float(np.median(one)) for one in ends)
+    fall = 1.0 - last / first
+    if fall <= LARGE_FALL:
+        return []
+    sentence = (
+        f"The battery's voltage fell by {fall:.1%}, from {first:.3g} to {last:.3g} V: the same command gave "
+        "less thrust at the end, and gain and hover input are means over the flight."
+    )
+    return [Finding("voltage_sag", sentence)]
+
+
+def _not_logged(length_s: float) -> Finding:
+    sentence = (
+        f"No battery voltage is logged with {length_s / 60.0:.2g} minutes of flight: it may have sagged, "
+        "and the same command then gives less thrust at the end. Log it."
+    )
+    return Finding("voltage_not_logged", sentence)
+
+
+# -- Motion --
 
 
 @dataclass(frozen=True)
@@ -133,8 +551,6 @@ class Vertical(Motion[VerticalFlights]):
         UsageError
             When the vehicle tells none.
         """
-        from eivor.motions.rigid_body.vehicle_file import load_vehicle  # late: few name one
-
         radius = load_vehicle(vehicle).rotor_radius
         if radius is None:
             raise UsageError(
@@ -214,10 +630,9 @@ class Vertical(Motion[VerticalFlights]):
         estimated: Callable[[VerticalFlights], Estimate],
         options: FlightOptions,
     ) -> tuple[VerticalFlights, Estimate]:
-        """Estimate with the map that was chosen, or find it out: see `eivor.motions.vertical.curve`."""
+        """Estimate with the chosen map, or estimate the map: see `eivor.motions.vertical.thrust_curve`."""
         if options.input_map != FIT_MAP:
             return problem, estimated(problem)
-        from eivor.motions.vertical.curve import settled_curve  # late: few ask for it
 
         return settled_curve(problem, estimated, options.accelerometer_bias)
 
@@ -234,7 +649,7 @@ class Vertical(Motion[VerticalFlights]):
     def followed(
         self, problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
     ) -> Followed:
-        """The input's gain, see `eivor.motions.vertical.followed`."""
+        """The input's gain, see `eivor.motions.vertical.motion`."""
         return followed_gain(problem, quantities, options)
 
     def allowances(
@@ -246,14 +661,14 @@ class Vertical(Motion[VerticalFlights]):
         at: Circumstances,
         /,
     ) -> Mapping[str, tuple[Allowance, ...]]:
-        """Systematic parts, see `eivor.motions.vertical.allowances`."""
+        """Systematic parts, see `eivor.motions.vertical.verdict`."""
         return all_allowances(flights, quantities, at)
 
     def sensors(
         self, problem: VerticalFlights, flights: tuple[PreparedFlight, ...]
     ) -> SensorAgreement | None:
-        """Whether velocity and accelerometer agree, see `eivor.motions.vertical.sensors`."""
-        return sensor_agreement(difference_problem(problem, flights), LEAST)
+        """Whether velocity and accelerometer agree, see `eivor.motions.vertical.misspecification`."""
+        return sensor_agreement(difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE)
 
     def sensors_told(self, sensors: SensorAgreement) -> str:
         """By how much they differ, or may differ."""
@@ -272,7 +687,7 @@ class Vertical(Motion[VerticalFlights]):
     def grounds(
         self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
     ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.vertical.rule`."""
+        """The rule of the verdict, see `eivor.motions.vertical.verdict`."""
         return all_grounds(quantities, strength, at)
 
     def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
@@ -334,22 +749,16 @@ class Vertical(Motion[VerticalFlights]):
 
     def simple_models(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
-        from eivor.motions.vertical.predict import simple_models
-
         return simple_models(problem, estimate)
 
     def predictions(self, problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
         """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
-        from eivor.motions.vertical.predict import predictions
-
         return predictions(problem, values)
 
     def flown(
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, object]:
         """Residual, controller and tilt of the flights, see `Motion.flown`."""
-        from eivor.motions.vertical.flown import flown
-
         return flown(problem, estimate, flights)
 
     def symbols(self, flight: PreparedFlight) -> str:

@@ -1,20 +1,195 @@
-"""Channels of the vertical motion: velocity, specific force, tilt, and what drives the rotors."""
+"""Selection of channels for the vertical motion, and its words."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.errors import InputError
+from eivor.errors import InputError, ShapeError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import PreparedFlight
+from eivor.flights.prepared import InputFamily, Limit, PreparedFlight, Selection, chosen_input
+from eivor.flights.quantity import AcrossFlights, CardSection, Covariate, Kind, Wording, Words
 from eivor.flights.references import ReferenceSource
-from eivor.flights.selection import InputFamily, Limit, Selection, chosen_input
-from eivor.motions.vertical.attitude import vertical_row
-from eivor.motions.vertical.model import GRAVITY
-from eivor.shapes import Float
+from eivor.inference.verdict import Status
+from eivor.logs.read import advising_format
+from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.motions.vertical.model import GRAVITY, CurveFamily
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+from eivor.tools import Float
+
+# -- Attitude --
+
+
+def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+    """Stamps [s], and the last row of the rotation from body to world at each.
+
+    Its last element is the cosine of the tilt. Quaternions are normalised; those of no length give NaN.
+
+    Raises
+    ------
+    ShapeError
+        When the four parts are on different clocks.
+    """
+    if any(not np.array_equal(channel.time_s, attitude[0].time_s) for channel in attitude[1:]):
+        raise ShapeError(
+            "the four parts of an attitude on one clock",
+            f"{', '.join(f'{channel.time_s.size} stamps of {channel.name}' for channel in attitude)}",
+            "Bring them to the same stamps first: quaternions are not interpolated part by part.",
+        )
+    w, x, y, z = (channel.values for channel in attitude)
+    square = w**2 + x**2 + y**2 + z**2
+    square = np.where(square > 0.0, square, np.nan)
+    row = np.stack([2.0 * (x * z - w * y), 2.0 * (y * z + w * x), square - 2.0 * (x**2 + y**2)], axis=1)
+    return attitude[0].time_s, row / square[:, None]
+
+
+# -- Fitted curve --
+
+
+@dataclass(frozen=True)
+class FittedCurve:
+    """A map that was found out, and estimates with maps to either side.
+
+    Parameters
+    ----------
+    family : CurveFamily
+        Of which maps.
+    value : float
+        Its parameter.
+    bias_std : float
+        Standard deviation of the accelerometer's bias that was assumed; infinite for none [m/s^2].
+    below, above : tuple of (float, Estimate)
+        Parameter and estimate to either side.
+    curvature_error : float
+        Standard error by curvature alone, where no bias is assumed; infinite where it cannot tell.
+    """
+
+    family: CurveFamily
+    value: float
+    bias_std: float
+    below: tuple[float, Estimate]
+    above: tuple[float, Estimate]
+    curvature_error: float = math.inf
+
+
+# -- Remedies --
+
+FLY = (
+    "Fly vertical position steps or a sine sweep of about 2 m/s and 2 m for 60 s in position mode, calm air."
+)
+QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more."
+LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
+
+
+# -- Wording --
+
+EQUATION = (
+    "z'' + g = K_u U - K z' + b",
+    "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)",
+)
+#: Every quantity, in the order of results.
+QUANTITIES = {
+    "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),
+    "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
+    "quadratic_drag": Wording("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
+    "ground_effect": Wording("ground effect", "k", "", optional=True),
+    "voltage_exponent": Wording("voltage exponent", "n", "", optional=True),
+    "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
+    **LAG_WORDINGS,
+    "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
+    "thrust_curve": Wording("thrust curve", "c", "", optional=True),
+    "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
+}
+#: The same in the order of reports.
+SHOWN = (
+    "viscous_friction",
+    "time_constant",
+    "input_gain",
+    "hover_input",
+    "effective_lag",
+    "actuator_lag",
+    "delay",
+    "intercept",
+    "quadratic_drag",
+    "ground_effect",
+    "voltage_exponent",
+    "thrust_curve",
+)
+#: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
+#: What hovers goes against both, by half as much where thrust goes with the square of the command.
+#: Forces that a payload leaves as they are accelerate a larger mass less.
+ACROSS = (
+    AcrossFlights(
+        "viscous_friction",
+        covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
+        told_by=("viscous_friction",),
+    ),
+    AcrossFlights(
+        "input_gain",
+        logarithm=True,
+        covariates=(
+            Covariate("air_density", 1.0, 0.3),
+            Covariate("battery_voltage", 1.0, 1.0),
+            Covariate("mass", -1.0, 0.1),
+        ),
+        told_by=("input_gain",),
+    ),
+    AcrossFlights(
+        EFFECTIVE_LAG,
+        logarithm=True,
+        covariates=(Covariate("battery_voltage", 0.0, 1.0),),
+        told_by=(ACTUATOR_LAG.name,),
+    ),
+    AcrossFlights(
+        "hover_input",
+        logarithm=True,
+        largest=1.0,
+        covariates=(
+            Covariate("air_density", -0.75, 0.3),
+            Covariate("battery_voltage", -0.75, 0.75),
+            Covariate("mass", 0.75, 0.25),
+        ),
+    ),
+)
+WORDS = Words(
+    title="Vertical motion",
+    meanings={
+        Status.IDENTIFIED: "the flight tells the viscous friction within the interval.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
+        Status.REFUSED: "the flight cannot tell the viscous friction.",
+    },
+    fly=FLY,
+    limits="inside the window and below the largest tilt",
+    limited_by="tilt, window and gaps",
+    loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
+    no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
+    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+)
+
+_MANOEUVRES = (
+    "Calm air, at least 3 m above the ground, position (or altitude) mode, tilt below 20°.",
+    "60 s of height steps of 2 m, up and down, a new one every 3 to 6 s at uneven times; or a sweep of the "
+    "height setpoint of ±1 m from 0.1 to 0.5 Hz. Climb and descend at about 2 m/s.",
+    "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
+)
+
+
+def vertical_card(log_format_name: str) -> tuple[CardSection, ...]:
+    """What to fly and to log; about logs of a format without advice, that of tables."""
+    advised = advising_format(log_format_name)
+    return (
+        CardSection("Fly", _MANOEUVRES),
+        CardSection("Log", advised.advice("")),
+        CardSection("Setpoints", (advised.setpoints,)),
+    )
+
+
+# -- Select --
 
 #: Families of channels that may drive the model, in order of preference; telemetry of a few hertz is none
 #: where commands are logged.
@@ -40,7 +215,7 @@ REFERENCES = (
     ReferenceSource("feedback_reference_velocity_z"),
 )
 #: Band of spectral rows [Hz]; the upper end is lower when velocity is logged near 10 Hz.
-BAND_HZ = (0.04, 5.0)
+VERTICAL_BAND_HZ = (0.04, 5.0)
 SLOW_BAND_HZ = (0.04, 4.0)
 SLOW_VELOCITY_HZ = 15.0
 #: The logged acceleration is preferred to the accelerometer and attitude unless it is slower than this.
@@ -76,7 +251,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         conditions=() if tilt is None else (tilt,),
         constants={"cos_tilt": 1.0},
         limits=(Limit("cos_tilt", low=float(np.cos(np.deg2rad(options.max_tilt_deg)))),),
-        band_hz=SLOW_BAND_HZ if velocity.rate_hz < SLOW_VELOCITY_HZ else BAND_HZ,
+        band_hz=SLOW_BAND_HZ if velocity.rate_hz < SLOW_VELOCITY_HZ else VERTICAL_BAND_HZ,
         findings=tuple(findings),
     )
 

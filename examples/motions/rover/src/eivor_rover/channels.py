@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import InputFamily, Selection, chosen_input
 from eivor.flights.references import ReferenceSource
-from eivor.flights.selection import InputFamily, Selection, chosen_input
-from eivor.signals.canonical import CanonicalChannel
+from eivor.signals.channels import CanonicalChannel
 from eivor.signals.recording import Recording
 
 SPEED, ACCELERATION, REFERENCE = "forward_speed", "forward_acceleration", "reference_forward_speed"

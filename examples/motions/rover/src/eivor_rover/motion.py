@@ -8,20 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.airborne import Active
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.estimated import joint_quantities, lag_quantities, ratio_quantity
-from eivor.flights.grid import Grid
-from eivor.flights.motion import Motion
+from eivor.flights.grid import Active, Grid
+from eivor.flights.lag_prior import joint_quantities, lag_quantities, ratio_quantity
+from eivor.flights.motion import Circumstances, Motion, Strength
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Unjudged
-from eivor.flights.selection import Selection
-from eivor.flights.shown import Panel, Trace
-from eivor.flights.words import CardSection
+from eivor.flights.prepared import PreparedFlight, Selection
+from eivor.flights.quantity import CardSection, Panel, Trace, Unjudged
 from eivor.inference.verdict import Reason
-from eivor.models.instruments import InstrumentRule
 from eivor.models.lagged_runs import LaggedRuns
+from eivor.models.separable import InstrumentRule
 from eivor.signals.recording import Recording
 from eivor_rover.channels import CHANNELS, INPUTS, REFERENCES, SPEED, selected
 from eivor_rover.problem import rover_runs

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.flights.prepared import PreparedFlight
-from eivor.models.equation import Parameter
-from eivor.models.instruments import DrivenSignals, InstrumentRule
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
-from eivor.models.separable import Values
-from eivor.signals.actuator import actuator_state
+from eivor.models.regression import Parameter
+from eivor.models.separable import DrivenSignals, InstrumentRule, Values
+from eivor.signals.filters import actuator_state
 from eivor.signals.signals import Signals
 from eivor_rover.channels import ACCELERATION, SPEED
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from eivor.flights.circumstances import Circumstances, Strength
-from eivor.flights.grounds import instrument_reasons, moved
+from eivor.flights.motion import Circumstances, Strength
 from eivor.flights.quantity import Unjudged
+from eivor.flights.verdict import instrument_reasons, moved
 from eivor.inference.verdict import Reason, Status
 
 DRIVE = "Drive to and fro for 60 s with speeds that change every few seconds, on level ground."

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from eivor.flights.quantity import Kind, Wording
-from eivor.flights.words import CardSection, Words
+from eivor.flights.quantity import CardSection, Kind, Wording, Words
 from eivor.inference.verdict import Status
 from eivor_rover.rule import DRIVE
 

@@ -1,1 +1,0 @@
-"""What people ask for in words, on the command line or in the page, as what the library takes."""

@@ -1,0 +1,156 @@
+"""Files that are written whole or not at all, and processes that may crash on hostile input."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from eivor.errors import InputError
+
+# -- Folder lock --
+
+#: File that is locked; it stays, empty.
+LOCK = ".lock"
+
+
+@contextmanager
+def folder_lock(folder: Path) -> Iterator[None]:
+    """Hold a folder for the block."""
+    descriptor = os.open(folder / LOCK, os.O_CREAT | os.O_RDWR)
+    try:
+        try:
+            _take(descriptor)
+        except BlockingIOError as error:
+            raise InputError(
+                "a folder that no other run works on",
+                f"'{folder}', on which one works now",
+                "Wait for it, or choose another folder with -o.",
+            ) from error
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _take(descriptor: int) -> None:
+    if sys.platform == "win32":
+        import msvcrt
+
+        try:
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError from error
+    else:
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+# -- Atomic writes --
+
+#: How files that are being written are called: hidden, and of nobody else's making.
+PREFIX, SUFFIX = ".eivor-", ".part"
+#: A file that nobody has written to for so long [s] belongs to a process that was killed.
+ABANDONED_S = 60.0
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """File to write to, which takes its place when the block ends without an error.
+
+    Parameters
+    ----------
+    path : Path
+        Where to. A link stays one, and what it points to is replaced; permissions of an earlier file stay.
+        What is no file (a device, a pipe) is written to as it is.
+
+    Raises
+    ------
+    OSError
+        When the system refuses; an earlier file is as it was, and nothing is left beside it.
+    """
+    mode = _mode(path)
+    if mode is not None and not stat.S_ISREG(mode):
+        with path.open("wb") as device:
+            yield device
+        return
+    target, temporary = _places(path)
+    try:
+        with temporary.open("xb") as file:
+            if mode is not None:
+                temporary.chmod(stat.S_IMODE(mode))
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Write a file at once, see `whole_file`; text in UTF-8.
+
+    Raises
+    ------
+    OSError
+        When the system refuses.
+    """
+    with whole_file(path) as file:
+        file.write(content.encode("utf-8") if isinstance(content, str) else content)
+
+
+def try_place(path: Path) -> None:
+    """Find out whether `whole_file` could begin: a file appears beside the place and goes again.
+
+    Raises
+    ------
+    OSError
+        What the system says if it could not.
+    """
+    mode = _mode(path)
+    if mode is not None and not stat.S_ISREG(mode):
+        return
+    _, temporary = _places(path)
+    temporary.open("xb").close()
+    temporary.unlink()
+
+
+def remove_abandoned(folder: Path) -> None:
+    """Remove what killed processes left in a folder; a file that is being written is younger than that."""
+    oldest = time.time() - ABANDONED_S
+    for path in folder.glob(f"{PREFIX}*{SUFFIX}"):
+        with suppress(FileNotFoundError):
+            if path.stat().st_mtime < oldest:
+                path.unlink()
+
+
+def _mode(path: Path) -> int | None:
+    """Kind and permissions of what is there; None when there is nothing.
+
+    Raises
+    ------
+    OSError
+        When it may not be written to, is a folder, or its name is none for the system.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return None
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+    return mode
+
+
+def _places(path: Path) -> tuple[Path, Path]:
+    """Where the file goes once links are followed, and a new name beside it."""
+    target = Path(os.path.realpath(path))
+    return target, target.with_name(f"{PREFIX}{os.urandom(8).hex()}{SUFFIX}")

@@ -1,0 +1,584 @@
+"""Parsing of command line and page options into library objects."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
+from eivor.tools import Progress, silent
+
+if TYPE_CHECKING:
+    from eivor.exports.fitted import Supplied
+    from eivor.flights.motion import Motion
+    from eivor.flights.options import FlightOptions
+    from eivor.flights.references import Declared
+    from eivor.flights.result import FlightEstimate
+    from eivor.models.separable import Bounds, Prior
+    from eivor.motions.rigid_body.vehicle import KnownNumber
+    from eivor.planning.plan import Place
+    from eivor.planning.vehicle import FlightLimits
+    from eivor.signals.recording import DataSheet, Recording
+
+
+# -- Windows, lags and names --
+
+Window = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class LogArgument:
+    """A log as given on the command line.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    window : tuple of float or None
+        Its own window [s], when one was given as LOG@START:END.
+    """
+
+    path: Path
+    window: Window | None = None
+
+
+def log_argument(text: str) -> LogArgument:
+    """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins.
+
+    Raises
+    ------
+    UsageError
+        When what follows the last @ has a colon and is no window.
+    """
+    name, at, tail = text.rpartition("@")
+    if not at or not name or ":" not in tail or os.path.lexists(text):
+        return LogArgument(Path(text))
+    return LogArgument(Path(name), parse_window(tail))
+
+
+def parse_window(text: str) -> Window:
+    """Window of ``START:END`` in seconds; an end left out is that of the log.
+
+    Raises
+    ------
+    UsageError
+        When it is not two numbers, or START is not before END.
+    """
+    start, end = parse_ends(text)
+    if not start < end:
+        raise UsageError(
+            "a window START:END with START before END",
+            f"'{text}'",
+            "Give both in seconds from the log's start, such as 4:67; one of them may be left out.",
+        )
+    return start, end
+
+
+def parse_ends(text: str) -> Window:
+    """Numbers on both sides of a colon, infinite where one is left out; NaN where there are none."""
+    low_text, colon, high_text = text.partition(":")
+    try:
+        low = float(low_text) if low_text.strip() else -math.inf
+        high = float(high_text) if high_text.strip() else math.inf
+    except ValueError:
+        colon = ""
+    return (low, high) if colon else (math.nan, math.nan)
+
+
+def parse_lag(text: str) -> Prior | Bounds:
+    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH`` or ``none``.
+
+    Raises
+    ------
+    UsageError
+        When it is none of them: two numbers above zero, or two that are not below zero, in order.
+    """
+    from eivor.flights.lag_prior import NO_LAG
+    from eivor.models.separable import Bounds, Prior
+
+    if text.strip().lower() == "none":
+        return NO_LAG
+    between = ".." in text
+    first_text, _, second_text = text.partition(".." if between else ":")
+    try:
+        first, second = 1e-3 * float(first_text), 1e-3 * float(second_text)
+    except ValueError:
+        first = second = math.nan
+    if between and 0.0 <= first <= second < math.inf:
+        return Bounds(first, second)
+    if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:
+        return Prior(first, second)
+    raise UsageError(
+        "a lag MS:STD, mean and standard deviation in milliseconds, both above zero; or bounds LOW..HIGH; or "
+        "none",
+        f"'{text}'",
+        "Give 70:15 or 50..90, for example.",
+    )
+
+
+def parse_names(text: str) -> tuple[str, ...]:
+    """Names of a list with commas.
+
+    Raises
+    ------
+    UsageError
+        When the list is empty, or "references" or "lags" stand beside other names.
+    """
+    found = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not found or (len(found) > 1 and {"references", "lags"} & set(found)):
+        raise UsageError(
+            "instruments: references, lags, or names of channels with commas between them",
+            f"'{text}'",
+            "Give references or lags alone. `eivor inspect LOG` lists the channels.",
+        )
+    return found
+
+
+@contextmanager
+def named(name: str, *, several: bool) -> Iterator[None]:
+    """Say in an error which of several logs it is about, unless it does so already.
+
+    Raises
+    ------
+    EivorError
+        The same kind that was raised inside.
+    """
+    try:
+        yield
+    except EivorError as error:
+        if not several or Path(name).name in str(error):
+            raise
+        raise type(error)(error.expected, f"{error.received}, in {name}", error.remedy) from error
+
+
+# -- Flights --
+
+
+def told_apart(given: Sequence[LogArgument], recordings: list[Recording]) -> list[Recording]:
+    """Recordings of one file name renamed: to their paths, and to path and window for parts of one log."""
+    paths: dict[str, set[Path]] = {}
+    parts: Counter[Path] = Counter()
+    for log, recording in zip(given, recordings, strict=True):
+        paths.setdefault(recording.name, set()).add(log.path)
+        parts[log.path] += 1
+    renamed = []
+    for log, recording in zip(given, recordings, strict=True):
+        name = str(log.path) if len(paths[recording.name]) > 1 else recording.name
+        if parts[log.path] > 1 and log.window is not None:
+            name += f"@{log.window[0]:g}:{log.window[1]:g}"
+        renamed.append(recording if name == recording.name else replace(recording, name=name))
+    return renamed
+
+
+def check_windows(recordings: list[Recording], windows: Sequence[Window | None]) -> None:
+    """Refuse windows outside their logs, and name the log.
+
+    Raises
+    ------
+    UsageError
+        For the first one.
+    """
+    from eivor.signals.recording import interval_within
+
+    for recording, window in zip(recordings, windows, strict=True):
+        if window is not None:
+            with named(recording.name, several=len(recordings) > 1):
+                interval_within(window, recording.span_s)
+
+
+def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
+    """Refuse instruments that a log does not have.
+
+    Raises
+    ------
+    UsageError
+        With the channels that there are.
+    """
+    for recording in recordings:
+        absent = [name for name in wanted if name not in {"references", "lags", *recording.channels}]
+        if absent:
+            raise UsageError(
+                f"channels of {recording.name} as instruments: {', '.join(sorted(recording.channels))}",
+                ", ".join(f"'{name}'" for name in absent),
+                "Name those, or references, or lags.",
+            )
+
+
+def identified(
+    recordings: list[Recording],
+    motion: Motion[Any],
+    options: FlightOptions,
+    windows: list[Window | None],
+    progress: Progress = silent,
+) -> FlightEstimate:
+    """Result of the logs.
+
+    Raises
+    ------
+    UsageError
+        For instruments that a log does not have.
+    MissingChannelError
+        With what to log so that the channel is there.
+    """
+    from eivor.motions.identify import identify_flight
+
+    check_named_instruments(recordings, options.instruments)
+    try:
+        return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
+    except MissingChannelError as error:
+        raise MissingChannelError(
+            error.expected, error.received, " ".join((error.remedy, *_advice(recordings, motion)))
+        ) from error
+
+
+def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
+    from eivor.report.wording import logging_advice_for, missing_channels
+
+    sentences = [
+        sentence
+        for recording in recordings
+        for channel in missing_channels(recording, motion)
+        for sentence in logging_advice_for(recording, channel)
+    ]
+    return tuple(dict.fromkeys(sentences))
+
+
+# -- Noise --
+
+_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf))\s*(.*)", re.IGNORECASE)
+#: Words of a data sheet.
+_SHEET = ("density", "bandwidth", "step")
+_REMEDY = (
+    "Give --noise velocity_z=0.02, with a unit where it is not SI (2cm/s), --noise "
+    "velocity_z=density:0.002,bandwidth:50,step:0.01, or --noise estimate."
+)
+
+
+def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
+    """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``.
+
+    Parameters
+    ----------
+    texts : iterable of str
+        Each with one channel or, between commas, several.
+
+    Raises
+    ------
+    UsageError
+        When it is none of them, the number is no standard deviation, or the unit is not the channel's.
+    """
+    from eivor.flights.references import ESTIMATE
+
+    given = [text.strip() for text in texts]
+    if not given:
+        return None
+    if ESTIMATE in given:
+        if len(given) > 1:
+            raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
+        return ESTIMATE
+    found: dict[str, Declared] = {}
+    for text in given:
+        for name, values in _by_name(text).items():
+            if name in found:
+                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
+            found[name] = _declared(name, values)
+    return found
+
+
+def _by_name(text: str) -> dict[str, list[str]]:
+    """What is said of each channel: ``a=1,b=density:2,step:3`` is one thing of a and two of b."""
+    parts: dict[str, list[str]] = {}
+    name = ""
+    for piece in text.split(","):
+        before, equals, value = piece.partition("=")
+        if equals:
+            name = before.strip()
+            if name in parts:
+                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
+        else:
+            value = piece
+        if not name or not value.strip():
+            raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
+        parts.setdefault(name, []).append(value.strip())
+    return parts
+
+
+def _declared(name: str, values: list[str]) -> Declared:
+    if len(values) == 1 and ":" not in values[0]:
+        return _size(name, values[0], "standard deviation")
+    return _sheet(name, values)
+
+
+def _sheet(name: str, values: list[str]) -> DataSheet:
+    from eivor.signals.recording import DataSheet
+
+    told: dict[str, float] = {}
+    for value in values:
+        word, colon, number = value.partition(":")
+        word = word.strip()
+        if not colon or word not in _SHEET:
+            remedy = did_you_mean(word, _SHEET, _REMEDY)
+            raise UsageError(f"of the data sheet of {name}: {', '.join(_SHEET)}", f"'{value}'", remedy)
+        if word == "bandwidth":
+            told["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
+        else:
+            told[word] = _size(name, number, word)
+    if not (told.get("density") or told.get("step")):
+        raise UsageError(
+            f"a noise density or a quantisation step above zero of the data sheet of {name}",
+            f"'{','.join(values)}'",
+            _REMEDY,
+        )
+    return DataSheet(**told)
+
+
+def _number(name: str, text: str, what: str) -> tuple[float, str]:
+    """A number of zero or more, and what stands behind it."""
+    matched = _NUMBER.fullmatch(text)
+    value = float(matched.group(1)) if matched else math.nan
+    if matched is None or not 0.0 <= value < math.inf:
+        raise UsageError(f"a {what} of zero or more for {name}", f"'{text}'", _REMEDY)
+    return value, matched.group(2).strip()
+
+
+def _size(name: str, text: str, what: str) -> float:
+    """A size in the channel's SI unit; a noise density may be in its unit over the root of a hertz."""
+    from eivor.logs.common import UNITS, unit_fits
+    from eivor.signals.channels import canonical_channel
+
+    value, unit = _number(name, text, what)
+    if what == "density":
+        unit = unit.removesuffix("/sqrt(Hz)").removesuffix("/rtHz")
+    if not unit:
+        return value
+    channel = canonical_channel(name)
+    si_unit, to_si = UNITS.get(unit, ("", math.nan))
+    if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
+        own = channel.unit if channel is not None else ""
+        raise UsageError(
+            f"a {what} of {name} in {own or 'its unit'}" + (", or a unit of that kind" if own else ""),
+            f"'{text}', in {unit}",
+            f"Units are {', '.join(word for word in UNITS if word)}.",
+        )
+    return value * to_si
+
+
+# -- Options of an identification --
+
+
+def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
+    """Return the motion of a name, of a vehicle where one is given; its channels are known from then on.
+
+    Raises
+    ------
+    UsageError
+        With the motions that there are; and when the motion does not ask what flies.
+    """
+    from eivor.motions import motion_by_name
+
+    motion = motion_by_name(name)
+    return motion.of_vehicle(vehicle) if vehicle else motion
+
+
+def flight_options(
+    motion: Motion[Any],
+    *,
+    window: str = "",
+    max_tilt: float | None = None,
+    input_channel: str = "",
+    input_map: str = "",
+    accelerometer_bias: float | None = None,
+    instruments: str = "",
+    method: str = "reference_iv",
+    compare: bool = False,
+    lag: str = "",
+    lag_from: str = "",
+    align: bool = False,
+    pool_friction: str = "auto",
+    terms: Sequence[str] = (),
+    rotor_radius: float | None = None,
+    noise: Sequence[str] = (),
+) -> FlightOptions:
+    """Options of the library, checked before any log is read.
+
+    Raises
+    ------
+    UsageError
+        When one of them does not exist or makes no sense.
+    """
+    from eivor.estimation.methods import by_name
+    from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
+    from eivor.flights.prepare import check_options
+
+    chosen = by_name(method)
+    if instruments and not (compare or chosen.of_flights.needs_instruments):
+        raise UsageError(
+            "--instruments with a method that has instruments, or with --compare",
+            f"--instruments {instruments} with --method {method}",
+            f"Leave them out: {method} uses none.",
+        )
+    if max_tilt is not None and not math.isfinite(max_tilt):
+        max_tilt = 0.0  # refused below, in the library's words
+    if accelerometer_bias is not None and input_map != FIT_MAP:
+        raise UsageError(
+            "--accelerometer-bias with --input-map fit, which rests on it",
+            f"--input-map {input_map}" if input_map else "it alone",
+            "Leave it out.",
+        )
+    options = FlightOptions(
+        window=parse_window(window) if window else None,
+        input=input_channel,
+        input_map=input_map,
+        instruments=parse_names(instruments) if instruments else (),
+        method=method,
+        compare=compare,
+        lag=given_lag(lag, lag_from),
+        align=align,
+        accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
+        pool_friction=pool_friction,
+        terms=tuple(terms),
+        rotor_radius=rotor_radius,
+        noise=declared_noise(noise),
+    )
+    check_options(motion, options)
+    return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
+
+
+def given_lag(text: str, file: str) -> Prior | Bounds | None:
+    """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing.
+
+    Raises
+    ------
+    UsageError
+        When both are given, or the other flight could not tell its lag.
+    InputError
+        When the file is no result.
+    """
+    from eivor.models.separable import Prior
+
+    if text and file:
+        raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
+    if text:
+        return parse_lag(text)
+    if not file:
+        return None
+    from eivor.flights.lag_prior import EFFECTIVE_LAG
+    from eivor.inference.verdict import Status
+    from eivor.report.saved_fit import load_fit
+
+    found = load_fit(file).quantities.get(EFFECTIVE_LAG)
+    if found is None or found.verdict is Status.REFUSED or not 0.0 < found.half_width < math.inf:
+        raise UsageError(
+            f"a result in '{file}' that tells the effective lag",
+            "one without" if found is None else f"one whose lag is {found.verdict.value}",
+            "Give the lag by --lag MS:STD, or the result of a flight that tells it.",
+        )
+    # half a 95 % interval, the choice of the delay included, is two standard deviations at most
+    return Prior(found.value, max(found.half_width / 2.0, found.std_error))
+
+
+# -- Options of a plan --
+
+
+def check_mission(qgc: str, home: str, shape: str) -> None:
+    """Refuse a mission without a place, a place without a mission, and a mission of another shape than steps.
+
+    Raises
+    ------
+    UsageError
+        For the first of them.
+    """
+    if bool(qgc) != bool(home):
+        raise UsageError(
+            "--qgc FILE.plan together with --home LAT,LON",
+            "one without the other",
+            "A mission of QGroundControl is at a place: --qgc flight.plan --home 47.3977,8.5456.",
+        )
+    if qgc and shape not in ("", "steps"):
+        raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
+
+
+def place_of(text: str) -> Place:
+    """Place of ``LAT,LON`` [deg].
+
+    Raises
+    ------
+    UsageError
+        When it is not two numbers.
+    """
+    latitude, comma, longitude = text.partition(",")
+    try:
+        return float(latitude), float(longitude if comma else "")
+    except ValueError:
+        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.") from None
+
+
+def flight_limits(
+    height: str = "3:8",
+    speed: float = 2.0,
+    acceleration: float = 3.0,
+    tilt: float = 20.0,
+    time: float = 60.0,
+) -> FlightLimits:
+    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m].
+
+    Raises
+    ------
+    UsageError
+        When the heights are not two numbers, or no flight can be within the limits.
+    """
+    from eivor.planning.vehicle import FlightLimits
+
+    low, high = parse_ends(height)
+    if not -math.inf < low < high < math.inf:
+        expected = "--height LOW:HIGH with both ends, LOW below HIGH"
+        raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
+    return FlightLimits((low, high), speed, acceleration, tilt, time)
+
+
+# -- Known numbers --
+
+
+def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
+    """What is known beside a flight, of ``KG[:STD]``, ``NAME=VALUE[:STD]`` and a vehicle's name or file.
+
+    Raises
+    ------
+    UsageError
+        When one is no such text, or no such number can be.
+    InputError
+        When the vehicle cannot be read.
+    """
+    from eivor.exports.fitted import Supplied
+    from eivor.motions.rigid_body.vehicle import load_vehicle
+
+    known = {}
+    for text in priors:
+        name, equals, number = text.partition("=")
+        if not equals:
+            raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
+        known[name.strip()] = _known(number, "--prior")
+    return Supplied(
+        _known(mass, "--mass") if mass else None, known, load_vehicle(vehicle) if vehicle else None
+    )
+
+
+def _known(text: str, option: str) -> KnownNumber:
+    """Number of ``VALUE`` or ``VALUE:STD``."""
+    from eivor.exports.fitted import known_number
+
+    value_text, colon, std_text = text.partition(":")
+    try:
+        value, std = float(value_text), float(std_text) if colon else 0.0
+    except ValueError:
+        value = std = math.nan
+    if not math.isfinite(value):
+        raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
+    return known_number(value, std)

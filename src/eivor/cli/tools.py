@@ -1,0 +1,673 @@
+"""Commands around a result: inspect, export, plan, vehicle and example."""
+
+from __future__ import annotations
+
+import io
+import os
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eivor.atomic_file import write_whole
+from eivor.cli import outputs
+from eivor.cli.identify import chosen_logs
+from eivor.cli.outputs import (
+    STANDARD_OUTPUT,
+    ExitCode,
+    ReadableCommand,
+    ReadableGroup,
+    Reads,
+    Writes,
+    complain,
+    deliver,
+    guarded,
+    show,
+    step,
+    write,
+    write_out,
+    writing,
+)
+from eivor.cli.parsing import check_mission, flight_limits, flight_options, named_motion, place_of, supplied
+from eivor.errors import CorruptLogError, InputError, NotIdentifiedError, UsageError
+from eivor.motions import DEFAULT as DEFAULT_MODEL
+
+if TYPE_CHECKING:
+    from eivor.exports.fitted import Exported, Supplied
+    from eivor.planning.plan import FlightPlan
+    from eivor.planning.vehicle import VehicleGuess
+    from eivor.report.inspection import Inspection, PooledInspection
+    from eivor.report.saved_fit import SavedFit
+
+
+# -- Examples --
+
+EXAMPLE_FLIGHT = "example_flight.parquet"
+REGISTRY = "public_logs.toml"
+#: Folder of the downloads, in place of the user's cache folder.
+CACHE_VARIABLE = "EIVOR_CACHE"
+TIMEOUT_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class PublicLog:
+    """A real log that others published.
+
+    Parameters
+    ----------
+    name : str
+        What to call it on the command line.
+    url : str
+        Where it is, at a fixed version.
+    sha256 : str
+        Hash of its bytes.
+    about : str
+        What it is, in one sentence.
+    licence : str
+        Of the repository it comes from.
+    """
+
+    name: str
+    url: str
+    sha256: str
+    about: str
+    licence: str
+
+    @property
+    def file_name(self) -> str:
+        """Name of the file at its origin."""
+        return self.url.rpartition("/")[2]
+
+
+def public_logs() -> Mapping[str, PublicLog]:
+    """Every public log by name, in the order of the registry."""
+    text = resources.files("eivor.data").joinpath(REGISTRY).read_text(encoding="utf-8")
+    registry = tomllib.loads(text)
+    return {
+        entry["name"]: PublicLog(
+            entry["name"],
+            f"{source['base']}/{entry['file']}",
+            entry["sha256"],
+            entry["about"],
+            source["licence"],
+        )
+        for source in registry["source"]
+        for entry in source["log"]
+    }
+
+
+def cache_folder() -> Path:
+    """Folder of the downloads: EIVOR_CACHE, or the user's cache folder."""
+    chosen = os.environ.get(CACHE_VARIABLE)
+    if chosen:
+        return Path(chosen).expanduser()
+    import pooch
+
+    return Path(pooch.os_cache("eivor"))
+
+
+def fetched(log: PublicLog, *, folder: Path) -> Path:
+    """Local file of a public log; downloaded when it is not there yet, its hash checked in any case.
+
+    Raises
+    ------
+    InputError
+        When it cannot be downloaded or stored.
+    CorruptLogError
+        When what came is not the file that the registry knows.
+    """
+    import pooch
+
+    pooch.get_logger().setLevel("ERROR")
+    downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
+    kept = folder / log.file_name
+    try:
+        found = pooch.retrieve(
+            log.url, f"sha256:{log.sha256}", fname=log.file_name, path=folder, downloader=downloader
+        )
+    except ValueError as error:
+        raise CorruptLogError(
+            f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}...",
+            f"another content from {log.url}",
+            "Try again later; nothing was kept. If it persists, the file has changed at its origin.",
+        ) from error
+    except OSError as error:  # every error of requests is one
+        wrong = f"; and '{kept}' is there with another content" if kept.is_file() else ""
+        raise InputError(
+            f"a download of {log.url} to {folder}",
+            f"{_cause(error)}{wrong}",
+            f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
+        ) from error
+    return Path(found)
+
+
+def _copied(url: str, output_file: str, _pooch: object) -> None:
+    """Download of a file: URL."""
+    import shutil
+    from urllib.parse import unquote, urlparse
+
+    shutil.copyfile(unquote(urlparse(url).path), output_file)
+
+
+def _cause(error: OSError) -> str:
+    """What went wrong, in a few words: libraries' messages about networks go on for lines."""
+    import requests
+
+    if isinstance(error, requests.Timeout):
+        return f"no answer within {TIMEOUT_S:.0f} s"
+    if isinstance(error, requests.HTTPError) and error.response is not None:
+        return f"the answer {error.response.status_code} {error.response.reason}"
+    if isinstance(error, requests.RequestException):
+        return "no connection"
+    return error.strerror or str(error)
+
+
+example_app = typer.Typer(
+    name="example",
+    help="The example flight that comes with Eivor, and public real logs to try it on.",
+    no_args_is_help=True,
+    add_completion=False,
+    cls=ReadableGroup,
+)
+
+
+@example_app.command("list", cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@guarded
+def list_logs() -> ExitCode:
+    """List the public real logs that can be fetched."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for title in ("name", "what it is", "licence"):
+        table.add_column(title, overflow="fold")
+    for log in public_logs().values():
+        table.add_row(Text(log.name, style="bold"), Text(log.about), Text(log.licence))
+    show(table)
+    return ExitCode.IDENTIFIED
+
+
+@example_app.command(
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 the file is there; 1 no network, wrong content, or a folder that "
+    "cannot be written; 2 wrong usage.",
+)
+@guarded
+def fetch(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="A name out of eivor example list.")],
+) -> ExitCode:
+    """Download a public real log, check it, and print its path. A second time it works without a network.
+
+    The folder is the user's cache; EIVOR_CACHE names another one.
+    """
+    logs = public_logs()
+    by_file = {log.file_name: log for log in logs.values()}
+    log = logs.get(name) or by_file.get(name)
+    if log is None:
+        raise UsageError(f"a log out of {', '.join(logs)}", f"'{name}'", "See: eivor example list")
+    with step(f"Downloading {log.file_name}"):
+        path = fetched(log, folder=cache_folder())
+    write(f"{path}\n")
+    return ExitCode.IDENTIFIED
+
+
+@example_app.command(cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@guarded
+def path() -> ExitCode:
+    """Print where the bundled example flight is."""
+    with resources.as_file(resources.files("eivor.data").joinpath(EXAMPLE_FLIGHT)) as file:
+        write(f"{file}\n")
+    return ExitCode.IDENTIFIED
+
+
+# -- Export --
+
+EXPORT_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "
+    "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
+    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
+    "or written.\n\n"
+    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
+    "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
+    "gazebo (SDF), drone-models (TOML)."
+)
+
+
+class Delays(StrEnum):
+    """At which delays draws are taken."""
+
+    BEST = "best"
+    ALL = "all"
+
+
+@guarded
+def export(
+    fit: Annotated[
+        Path,
+        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        Reads(),
+    ],
+    *,
+    to: Annotated[
+        str,
+        typer.Option("--to", metavar="TARGET", help="What for: see Targets below.", show_default=False),
+    ] = "",
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            "--draws",
+            metavar="N",
+            help="N joint draws of the identified parameters: without --to as Parquet, else as the "
+            "simulator's randomisation (rotorpy, mujoco, isaaclab).",
+            show_default=False,
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", metavar="SEED", help="Of the draws.")] = 0,
+    delays: Annotated[
+        Delays,
+        typer.Option(
+            "--delays",
+            metavar="best|all",
+            help="Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
+        ),
+    ] = Delays.BEST,
+    mass: Annotated[
+        str,
+        typer.Option(
+            "--mass",
+            metavar="KG[:STD]",
+            help="Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
+            "draws. Without it that of the vehicle.",
+            show_default=False,
+        ),
+    ] = "",
+    prior: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prior",
+            metavar="NAME=VALUE[:STD]",
+            help="What is known of a quantity that the flight does not tell; several times for several.",
+            show_default=False,
+        ),
+    ] = None,
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            "--vehicle",
+            metavar="FILE.toml",
+            help="Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
+            "Without it that of the result, when it has one.",
+            show_default=False,
+        ),
+        Reads(),
+    ] = "",
+    output: Annotated[
+        str,
+        typer.Option("-o", "--output", metavar="FILE", help="Where to; without it on standard output."),
+        Writes(),
+    ] = STANDARD_OUTPUT,
+) -> ExitCode:
+    """Write a result's numbers where they are used, with intervals; only what is identified."""
+    if not to and draws is None:
+        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
+    if delays is Delays.ALL and (to or draws is None):
+        raise UsageError(
+            "--delays all with a table of draws",
+            f"--to {to}",
+            "Simulators have no delay: their draws are at the one that fits best.",
+        )
+    given = supplied(mass, prior or [], vehicle)
+    if not to and output == STANDARD_OUTPUT:
+        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
+    from eivor.report.saved_fit import load_fit
+
+    result = load_fit(fit)
+    try:
+        if draws is None or to:
+            return _export(result.exported(to, given, draws, seed), output)
+        return _draw_vehicles(result, draws, seed, given, Path(output), delays)
+    except NotIdentifiedError as error:
+        complain(str(error))
+        return ExitCode.NOT_IDENTIFIED
+
+
+def _export(made: Exported, output: str) -> ExitCode:
+    write_out(made.text, output)
+    if made.left_out:
+        complain(*made.left_out)
+    return ExitCode.NOT_IDENTIFIED if made.left_out else ExitCode.IDENTIFIED
+
+
+def _draw_vehicles(
+    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
+) -> ExitCode:
+    from eivor.report.other_results import draws_table
+
+    replace(supplied, mass=None).check_only((), "draws of a table", body=False)
+    table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    with writing(path):
+        write_whole(path, buffer.getvalue())
+    left_out = [name for name in result.names if name not in table.columns]
+    if left_out:
+        complain(f"Not identified, hence no column: {', '.join(left_out)}.")
+    return ExitCode.NOT_IDENTIFIED if left_out else ExitCode.IDENTIFIED
+
+
+# -- Inspect --
+
+INSPECT_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say; 2 wrong usage; 1 a log "
+    "that cannot be read, or a file that cannot be written (the list is printed all the same)."
+)
+
+
+@guarded
+def inspect(
+    logs: outputs.LogsArgument = None,
+    *,
+    example: outputs.ExampleOption = False,
+    window: outputs.WindowOption = "",
+    max_tilt: outputs.MaxTiltOption = None,
+    input_channel: outputs.InputOption = "",
+    input_map: outputs.InputMapOption = "",
+    model: outputs.ModelOption = DEFAULT_MODEL,
+    vehicle: outputs.VehicleOption = "",
+    channel_map: outputs.MapOption = "",
+    json: outputs.JsonOption = "",
+) -> ExitCode:
+    """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
+    motion = named_motion(model, vehicle)
+    chosen = chosen_logs(logs, example=example, channel_map=channel_map)
+    options = flight_options(
+        motion, window=window, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map
+    )
+    recordings, windows = chosen.read(options)
+
+    from eivor.report.inspection import pooled_inspection
+
+    names = ", ".join(recording.name for recording in recordings)
+    with step(f"Inspecting {names}"):
+        found = pooled_inspection(recordings, options, windows, motion)
+    deliver(*_inspection_deliveries(found if len(recordings) > 1 else found.logs[0], json))
+    return ExitCode.IDENTIFIED
+
+
+def _inspection_deliveries(found: Inspection | PooledInspection, json: str) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield partial(_print_inspection, found)
+    if json:
+        yield partial(_write_inspection_json, found, json)
+
+
+def _print_inspection(found: Inspection | PooledInspection) -> None:
+    from eivor.report.inspection import PooledInspection, inspection_document, pooled_documents
+    from eivor.report.terminal import on_terminal
+
+    if isinstance(found, PooledInspection):
+        show(on_terminal(*pooled_documents(found)))
+    else:
+        show(on_terminal(inspection_document(found)))
+
+
+def _write_inspection_json(found: Inspection | PooledInspection, place: str) -> None:
+    from eivor.report.inspection import PooledInspection
+    from eivor.report.json_document import inspection_json, json_text, pooled_json
+
+    document = pooled_json(found) if isinstance(found, PooledInspection) else inspection_json(found)
+    write_out(json_text(document), place)
+
+
+# -- Plan --
+
+PLAN_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights; 3 planned, and not "
+    "identified in most of them: give it more time, height or speed; 2 wrong usage; 1 a file that cannot be "
+    "read or written, or limits that no flight keeps.\n\n"
+    "[bold]JSON[/bold] (schema eivor.plan/1): the setpoint in words, the limits, and for friction, gain and "
+    "lag the half-width that is expected."
+)
+
+
+@guarded
+def plan(
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="[FIT.json|VEHICLE.toml]",
+            help="A result (eivor identify LOG --json FIT.json), refused ones included, or a vehicle's rough "
+            "numbers. Without it the options below.",
+            show_default=False,
+        ),
+        outputs.Reads(),
+    ] = "",
+    *,
+    for_what: Annotated[
+        str,
+        typer.Option(
+            "--for",
+            metavar="NAME",
+            help="friction, gain or lag (default: what the result could not tell).",
+            show_default=False,
+        ),
+    ] = "",
+    hover: Annotated[
+        float | None,
+        typer.Option(metavar="SHARE", help="Input at hover, of full input (0.5).", show_default=False),
+    ] = None,
+    friction: Annotated[
+        float | None, typer.Option(metavar="1/S", help="A guess of the friction (0.3).", show_default=False)
+    ] = None,
+    lag: Annotated[
+        float | None,
+        typer.Option(metavar="MS", help="A guess of lag and delay together (50).", show_default=False),
+    ] = None,
+    gusts: Annotated[
+        float | None,
+        typer.Option(metavar="M/S", help="Vertical gusts, standard deviation (0.3).", show_default=False),
+    ] = None,
+    height: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Heights above take-off [m].")] = "3:8",
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Largest climb and sink rate.")] = 2.0,
+    acceleration: Annotated[
+        float, typer.Option(metavar="M/S2", help="Largest acceleration of the setpoint.")
+    ] = 3.0,
+    tilt: Annotated[float, typer.Option(metavar="DEG", help="Tilt beyond which the flight ends.")] = 20.0,
+    time: Annotated[float, typer.Option(metavar="S", help="Length of the flight.")] = 60.0,
+    shape: Annotated[
+        str,
+        typer.Option(
+            metavar="KIND", help="multisine or steps (default: the better one).", show_default=False
+        ),
+    ] = "",
+    seed: Annotated[int, typer.Option(metavar="N", help="Of phases, step heights and wind.")] = 0,
+    csv: Annotated[
+        str,
+        typer.Option("--csv", metavar="FILE", help="Write the setpoints as a table.", show_default=False),
+        outputs.Writes(),
+    ] = "",
+    mavsdk: Annotated[
+        str,
+        typer.Option(
+            "--mavsdk", metavar="FILE.py", help="Write a MAVSDK program that flies it.", show_default=False
+        ),
+        outputs.Writes(),
+    ] = "",
+    qgc: Annotated[
+        str,
+        typer.Option(
+            "--qgc", metavar="FILE.plan", help="Write a QGroundControl plan; steps only.", show_default=False
+        ),
+        outputs.Writes(),
+    ] = "",
+    home: Annotated[
+        str,
+        typer.Option(metavar="LAT,LON", help="Place of the QGroundControl plan [deg].", show_default=False),
+    ] = "",
+    rotorpy: Annotated[
+        str,
+        typer.Option(
+            "--rotorpy", metavar="FILE.py", help="Write a trajectory of RotorPy.", show_default=False
+        ),
+        outputs.Writes(),
+    ] = "",
+    json: outputs.JsonOption = "",
+) -> ExitCode:
+    """Plan the flight that would tell what another one could not, and say how well it will."""
+    rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
+    files = {"--csv": csv, "--mavsdk": mavsdk, "--qgc": qgc, "--rotorpy": rotorpy}
+    check_mission(qgc, home, shape)
+    outputs = {option: Path(text) for option, text in files.items() if text}
+    limits = flight_limits(height, speed, acceleration, tilt, time)
+    vehicle = _vehicle(source, rough)
+    from eivor.report.other_results import plan as planned
+
+    with step("Planning"):
+        made = planned(
+            vehicle, target=for_what, limits=limits, shape=shape or ("steps" if qgc else ""), seed=seed
+        )
+    texts = _texts(made, outputs, home)
+    deliver(*_plan_deliveries(made, json, texts))
+    if not made.telling:
+        complain(
+            "the planned flight is not identified in most of its simulations",
+            "Give it more time, height or speed, or wait for calmer air.",
+        )
+    return ExitCode.IDENTIFIED if made.telling else ExitCode.NOT_IDENTIFIED
+
+
+def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
+    """Vehicle of a file or of the numbers that were given; a result stays its path."""
+    given = {name: value for name, value in rough.items() if value is not None}
+    if source and given:
+        raise UsageError(
+            "a result or a vehicle's file, or rough numbers as options",
+            f"'{source}' and {', '.join(f'--{name}' for name in given)}",
+            "Leave out one of them.",
+        )
+    from eivor.planning.vehicle import read_vehicle, rough_vehicle
+
+    if source.lower().endswith(".toml"):
+        return read_vehicle(Path(source))
+    return Path(source) if source else rough_vehicle(**given)
+
+
+def _texts(made: FlightPlan, outputs: dict[str, Path], home: str) -> dict[Path, str]:
+    """Text of every file that was asked for."""
+    from eivor.planning.plan import WRITTEN
+
+    place = place_of(home) if home else None
+    written = {name: outputs[f"--{name}"] for name in WRITTEN if f"--{name}" in outputs}
+    return {path: WRITTEN[name].text(made, place) for name, path in written.items()}
+
+
+def _plan_deliveries(made: FlightPlan, json: str, texts: dict[Path, str]) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield partial(_print_plan, made)
+    if json:
+        yield partial(_write_plan_json, made, json)
+    for path, text in texts.items():
+        yield partial(write_out, text, str(path))
+
+
+def _print_plan(made: FlightPlan) -> None:
+    from eivor.report.other_results import plan_document
+    from eivor.report.terminal import on_terminal
+
+    show(on_terminal(plan_document(made)))
+
+
+def _write_plan_json(made: FlightPlan, place: str) -> None:
+    from eivor.report.json_document import json_text
+    from eivor.report.other_results import plan_json
+
+    write_out(json_text(plan_json(made)), place)
+
+
+# -- Vehicle --
+
+vehicle_app = typer.Typer(
+    name="vehicle",
+    help="Vehicle files: what is known of a vehicle before its flight is identified.",
+    no_args_is_help=True,
+    add_completion=False,
+    cls=ReadableGroup,
+)
+
+
+@vehicle_app.command(
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 written; 2 wrong usage, such as a file that exists; 1 a file that "
+    "cannot be written.",
+)
+@guarded
+def new(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="[FILE.toml]", help="Where to; without it, it is printed.", show_default=False
+        ),
+        Writes(),
+    ] = STANDARD_OUTPUT,
+) -> ExitCode:
+    """Write a vehicle file to begin with: every key, with what it means."""
+    from eivor.motions.rigid_body.vehicle import ENDING, vehicle_template
+
+    if file != STANDARD_OUTPUT:
+        path = Path(file)
+        if path.suffix != ENDING:
+            raise UsageError(f"a vehicle file that ends in {ENDING}", f"'{file}'", "Add the ending.")
+        if os.path.lexists(path):
+            raise UsageError(
+                "a file that does not exist yet", f"'{file}', which would be lost", "Choose another name."
+            )
+    write_out(vehicle_template(), file)
+    if file != STANDARD_OUTPUT:
+        write(f"{file}: fill in what you know\n")
+    return ExitCode.IDENTIFIED
+
+
+@vehicle_app.command("list", cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@guarded
+def list_vehicles() -> ExitCode:
+    """List the vehicles that come with Eivor."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for title in ("name", "what it is"):
+        table.add_column(title, overflow="fold")
+    for name in shipped_vehicles():
+        table.add_row(Text(name, style="bold"), Text(load_vehicle(name).name))
+    show(table)
+    return ExitCode.IDENTIFIED
+
+
+@vehicle_app.command(
+    "show",
+    cls=ReadableCommand,
+    epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage; 1 a vehicle that is not known, or a file with "
+    "something wrong in it.",
+)
+@guarded
+def show_vehicle(
+    vehicle: Annotated[
+        str,
+        typer.Argument(metavar="NAME|FILE.toml", help="A name out of eivor vehicle list, or a file."),
+        Reads(),
+    ],
+) -> ExitCode:
+    """Check a vehicle's file, and print it."""
+    from eivor.motions.rigid_body.vehicle import load_vehicle, vehicle_text
+
+    load_vehicle(vehicle)
+    write(vehicle_text(vehicle))
+    return ExitCode.IDENTIFIED

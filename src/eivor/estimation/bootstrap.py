@@ -1,0 +1,688 @@
+"""Block bootstrap of an estimate, of moments and of pooled flights."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from eivor import checks
+from eivor.errors import EivorError, UsageError
+from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.methods import by_name
+from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
+from eivor.estimation.nuisance_grids import Nodes, nodes_of
+from eivor.estimation.variable_projection import least_place
+from eivor.estimation.weighting import SpectralWhitening, WeightedRows, whitened_by_residuals
+from eivor.inference.bootstrap import (
+    BlockPlan,
+    BlockScheme,
+    Bootstrap,
+    automatic_block_length,
+    block_plan,
+    check_draws,
+    piece_sums,
+)
+from eivor.inference.products import Products, products_of_rows
+from eivor.linalg.system import LinearSystem, Solver, triangular_root
+from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
+from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.tools import Float, Int
+
+# -- Several flights --
+
+
+def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
+    """Products of all columns of weighted rows, flight after flight, a block for each of some values.
+
+    Flights are in the order of their numbers; those without rows are not among them.
+    """
+    tables = [products_by_flight(weights.rows(at)) for at in points]
+    counts, sums = (
+        np.stack(parts, axis=1)
+        for parts in zip(*((table.counts, table.sums) for table in tables), strict=True)
+    )
+    return replace(tables[0], counts=counts.ravel(), sums=sums.reshape(-1, *sums.shape[2:]))
+
+
+def products_by_flight(rows: Regression) -> Products:
+    """Products of all columns of rows, a block for each flight."""
+    flights = rows.layout.flight_of_row
+    order = np.argsort(flights, kind="stable")
+    edges = np.append(np.flatnonzero(np.diff(flights[order], prepend=-1)), order.size)
+    return products_of_rows(
+        rows.instruments[order], rows.regressors[order], rows.response[order], edges=edges
+    )
+
+
+# -- Pool replicates --
+
+#: Directions of a replicate's instruments with smaller shares of power are dropped.
+SMALLEST_POWER = 1e-8
+
+
+@dataclass(frozen=True)
+class Replicate:
+    """The estimate of one draw of flights.
+
+    Parameters
+    ----------
+    at : mapping of str to float
+        Value of every nuisance.
+    theta : ndarray, shape (n,)
+        Linear parameters.
+    criterion : float
+        J, with what is known of nuisances beforehand.
+    candidate : int
+        Place of its combination of discrete nuisances among the estimate's candidates.
+    weights : ndarray, shape (T,)
+        What each node of that candidate counts.
+    """
+
+    at: Values
+    theta: Float[np.ndarray, " n"]
+    criterion: float
+    candidate: int
+    weights: Float[np.ndarray, " T"]
+
+
+@dataclass(frozen=True)
+class CandidateFlights:
+    """Flights at one combination of discrete nuisances.
+
+    Parameters
+    ----------
+    number : int
+        Its place among the estimate's candidates.
+    fixed : mapping of str to float
+        Values of all nuisances; those of continuous ones are the pool's.
+    nodes : Nodes
+        Of the continuous nuisances.
+    products : Products
+        Of the whitened rows, flight after flight, a block for each node.
+    misfit : ndarray, shape (q,)
+        Q'e of the pool at its best candidate's estimate.
+    variance : float
+        s^2 of the pool's whitened rows.
+    """
+
+    number: int
+    fixed: Values
+    nodes: Nodes
+    products: Products
+    misfit: Float[np.ndarray, " q"]
+    variance: float
+
+    @property
+    def points(self) -> list[dict[str, float]]:
+        """Values of all nuisances at every node."""
+        return [{**self.fixed, **point} for point in self.nodes.points]
+
+    def estimated(
+        self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior], solver: Solver
+    ) -> Replicate:
+        """Search the continuous nuisances and solve for the linear parameters.
+
+        Parameters
+        ----------
+        times : ndarray, shape (F,)
+            How often each flight counts.
+        known : mapping of str to Prior
+            What is known of nuisances beforehand, in this replicate.
+        solver : Solver
+            How the equations are solved.
+
+        Raises
+        ------
+        EivorError
+            When these flights do not determine the parameters.
+        """
+        drawn = self.products.weighted(times)
+        known = self._of_one(known)
+        equations = drawn.equations.copy()
+        equations[:, :, -1] -= self.misfit
+        equations = _half(drawn.instruments[0]) @ equations
+
+        def objective(box: Sequence[Float[np.ndarray, " _"]]) -> Float[np.ndarray, " points"]:
+            left = left_over(self.nodes.over(equations, box))
+            return left + self.variance * self.nodes.misfit(box, known) if known else left
+
+        place = least_place(objective, self.nodes.places)
+        weights = self.nodes.weights(place)
+        both = np.tensordot(weights, equations, 1)
+        solution = solver.solve(LinearSystem(both[:, :-1], both[:, -1]))
+        at = {**self.fixed, **self.nodes.at(place)}
+        whole = drawn.weighted(weights).with_residual(solution.theta)
+        unknowns = solution.theta.size + len(self.nodes.axes)
+        variance = float(whole.power[0]) / (whole.count - unknowns)
+        criterion = solution.objective / variance
+        criterion += sum(prior.misfit(at[name]) for name, prior in known.items())
+        return Replicate(at, solution.theta, criterion, self.number, weights)
+
+    def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
+        """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
+        others = {
+            axis.nuisance.name: sum(self.fixed[other] for other in axis.nuisance.known_with)
+            for axis in self.nodes.axes
+        }
+        return {
+            name: replace(prior, mean=prior.mean - others.get(name, 0.0)) for name, prior in known.items()
+        }
+
+
+@dataclass(frozen=True)
+class PoolFlights:
+    """A pool, ready to be estimated again from any draw of its flights.
+
+    Parameters
+    ----------
+    flights : tuple of int
+        Numbers of the flights that have rows.
+    candidates : tuple of CandidateFlights
+        One for each combination of discrete nuisances.
+    parameters : tuple of Parameter
+        Linear parameters.
+    solver : Solver
+        The method's.
+    known : mapping of str to Prior
+        What is known beforehand of nuisances that were searched for, its mean moved to the pool's value.
+    """
+
+    flights: tuple[int, ...]
+    candidates: tuple[CandidateFlights, ...]
+    parameters: tuple[Parameter, ...]
+    solver: Solver
+    known: Mapping[str, Prior]
+
+    @property
+    def whole(self) -> Replicate:
+        """Every flight once."""
+        return self._estimated(np.ones(len(self.flights)), self.known)
+
+    def replicate(self, random: np.random.Generator) -> tuple[Replicate, Float[np.ndarray, " F"]]:
+        """As many flights as there are, drawn with replacement: their estimate, and how often each counts.
+
+        Raises
+        ------
+        EivorError
+            When these flights do not determine the parameters.
+        """
+        count = len(self.flights)
+        times = np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
+        known = {
+            name: replace(prior, mean=random.normal(prior.mean, prior.std))
+            for name, prior in self.known.items()
+        }
+        return self._estimated(times, known), times
+
+    def _estimated(self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior]) -> Replicate:
+        found = (one.estimated(times, known, self.solver) for one in self.candidates)
+        return min(found, key=lambda replicate: replicate.criterion)
+
+
+def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
+    """Multiply the flights of a pool.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        The pool.
+    estimate : Estimate
+        Of it, by whitened instruments.
+
+    Raises
+    ------
+    UsageError
+        For another method, and for fewer flights than two.
+    """
+    method = by_name(estimate.method)
+    if not (
+        isinstance(method, LinearMethod)
+        and isinstance(method.assembler, Instrumental)
+        and isinstance(method.row_weighting, SpectralWhitening)
+    ):
+        raise UsageError(
+            "an estimate by whitened instruments (reference_iv)",
+            f"one by {method.name}",
+            "Identify the pool with the default method.",
+        )
+    flights = np.unique(problem.bins(estimate.best.at).layout.flight_of_row).tolist()
+    if len(flights) < 2:
+        raise UsageError(
+            "a pool of two flights or more with usable runs",
+            f"{len(flights)}",
+            "Give several flights to identify_flight; ten or more make good intervals.",
+        )
+    nodes = nodes_of(problem.nuisances)
+    candidates = tuple(
+        _candidate_flights(problem, nodes, estimate.best, candidate, number)
+        for number, candidate in enumerate(estimate.candidates)
+    )
+    known = _known(problem.nuisances, estimate.best)
+    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
+
+
+def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]:
+    return {
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.at))
+        for nuisance in nuisances
+        if nuisance.searched and nuisance.prior is not None
+    }
+
+
+def _candidate_flights(
+    problem: SeparableProblem, nodes: Nodes, best: Candidate, candidate: Candidate, number: int
+) -> CandidateFlights:
+    weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
+    products = flight_products(weights, [{**candidate.at, **point} for point in nodes.points])
+    residual = products_by_flight(weights.rows(best.at)).total.with_residual(best.theta)
+    misfit = residual.instrument_response[0]
+    variance = candidate.solved.residual_variance()
+    return CandidateFlights(number, candidate.at, nodes, products, misfit, variance)
+
+
+def _half(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "k q"]:
+    """H with H'H the inverse of a Gram matrix on its own space: what makes instruments orthonormal."""
+    powers, directions = scipy.linalg.eigh(gram)
+    kept = powers > SMALLEST_POWER * powers[-1]
+    return np.asarray((directions[:, kept] / np.sqrt(powers[kept])).T)
+
+
+def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray, " k"]:
+    """What least squares leaves of the last column of many small systems [A b], squared.
+
+    Columns are taken out of those that follow one after the other (modified Gram-Schmidt, which for least
+    squares is as stable as Householder's reflections, Bjorck 1967). Columns of zeros take nothing.
+    """
+    columns = np.moveaxis(equations, 2, 0).copy()
+    for j, column in enumerate(columns[:-1]):
+        power = np.einsum("kq,kq->k", column, column)
+        shares = np.einsum("mkq,kq->mk", columns[j + 1 :], column)
+        shares = np.divide(shares, power, out=np.zeros(shares.shape), where=power > 0.0)
+        columns[j + 1 :] -= shares[:, :, None] * column
+    return np.asarray(np.einsum("kq,kq->k", columns[-1], columns[-1]))
+
+
+# -- Replicate moments --
+
+
+class PieceMoments(ABC):
+    """Products of pieces of a record, which the moments of any replicate are added up from.
+
+    Attributes
+    ----------
+    products : Products
+        A block for each piece.
+    """
+
+    products: Products
+
+    @abstractmethod
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> Moments:
+        """Moments of a replicate of those pieces."""
+
+    @abstractmethod
+    def influence(
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float, /
+    ) -> Float[np.ndarray, "k n"]:
+        """What each of some pieces moves the parameters by, to first order: M^-1 times the sum of its scores.
+
+        Parameters
+        ----------
+        pieces : ndarray of int, shape (k,), or slice
+            Which.
+        solved : Solved
+            What the scores are taken at.
+        count : float
+            Rows of the replicate that was solved.
+        """
+
+
+@dataclass(frozen=True)
+class CrossPieces(PieceMoments):
+    """Cross-products of the instruments with [Phi y].
+
+    Parameters
+    ----------
+    products : Products
+        Of [psi phi y]; whole when psi psi' is needed.
+    noise : ndarray, shape (p, n + 1), optional
+        C and c.
+    """
+
+    products: Products
+    noise: Float[np.ndarray, "p n_plus_1"] | None
+
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
+        """Mean cross-products."""
+        return CrossMoments(self.products.resampled(drawn), self.noise)
+
+    def influence(
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
+    ) -> Float[np.ndarray, "k n"]:
+        """Of A'W (psi e + C theta - c)."""
+        away = np.append(-solved.solution.theta, 1.0)
+        products = self.products.equations[pieces] @ away
+        if self.noise is not None:
+            products = products - self.products.counts[pieces, None] * (self.noise @ away)
+        A = solved.system.matrix
+        if solved.factor is not None:
+            A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
+            products = scipy.linalg.solve_triangular(solved.factor, products.T, lower=True).T
+        return over_sensitivity(products @ A, A) / count
+
+
+@dataclass(frozen=True)
+class RootPieces(PieceMoments):
+    """Gram matrices of [Phi y] in the coordinates of its triangular root.
+
+    Parameters
+    ----------
+    products : Products
+        Of Q = [Phi y] R^-1, without instruments.
+    root : ndarray, shape (n + 1, n + 1)
+        R.
+    noise : ndarray, shape (n + 1, n + 1), optional
+        Covariance of the measurement noises of [Phi y].
+    solver : Solver
+        Which corrects the scores.
+    """
+
+    products: Products
+    root: Float[np.ndarray, "n_plus_1 n_plus_1"]
+    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
+    solver: Solver
+
+    def moments(self, drawn: Int[np.ndarray, " k"]) -> TriangularMoments:
+        """Root of the replicate: that of its Gram matrix, times R."""
+        replicate = self.products.resampled(drawn)
+        powers, directions = np.linalg.eigh(replicate.sums[0])
+        half = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
+        return TriangularMoments(replicate.count, half @ self.root, self.noise)
+
+    def influence(
+        self,
+        pieces: Int[np.ndarray, " k"] | slice,
+        solved: Solved,
+        _count: float,  # a root is of the sum already
+        /,
+    ) -> Float[np.ndarray, "k n"]:
+        """Of Phi e + c e^2, with the solver's correction."""
+        theta = solved.solution.theta
+        A, b = solved.system.matrix, solved.system.right
+        away = self.root @ np.append(-theta, 1.0)
+        products = self.products.sums[pieces] @ away
+        covariance = solved.system.error_covariance
+        pull = self.solver.score_correction(np.ones(1), theta, covariance).rows[0]
+        scores = products @ self.root[:, :-1] + np.outer(products @ away, pull)
+        return over_sensitivity(
+            scores, A, self.solver.score_correction(b - A @ theta, theta, covariance).sensitivity
+        )
+
+
+def over_sensitivity(
+    scores: Float[np.ndarray, "k n"],
+    A: Float[np.ndarray, "m n"],
+    correction: Float[np.ndarray, "n n"] | None = None,
+) -> Float[np.ndarray, "k n"]:
+    """Rows of scores times (A'A + correction)^-1, without A'A.
+
+    Notes
+    -----
+    With A = Q R it is R^-1 (I + R^-T correction R^-1)^-1 R^-T. Performs no checks.
+    """
+    R = triangular_root(A)
+    inner = scipy.linalg.solve_triangular(R, scores.T, trans="T")
+    if correction is not None and correction.any():
+        half = scipy.linalg.solve_triangular(R, correction, trans="T")
+        S = scipy.linalg.solve_triangular(R, half.T, trans="T")
+        inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
+    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(R, inner).T
+    return solution
+
+
+def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
+    """Products of the pieces of a plan.
+
+    Parameters
+    ----------
+    rows : Regression
+        The rows.
+    method : LinearMethod
+        What they will be estimated by.
+    whole : Moments
+        Moments of all rows, from the method's assembler.
+    plan : BlockPlan
+        The pieces.
+
+    Notes
+    -----
+    One pass over the rows: O(rows p n), and in memory one block of products for each piece.
+    """
+    Phi, y = rows.regressors, rows.response
+    if isinstance(whole, TriangularMoments):
+        Q = _orthonormal(np.column_stack([Phi, y]), whole.root)
+        of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
+        return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
+    psi = method.assembler.test_functions(rows)
+    own = method.equation_weighting.needs_instrument_products
+    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=own)
+    noise = whole.noise if isinstance(whole, CrossMoments) else None
+    return CrossPieces(_pieces(of_atoms, plan), noise)
+
+
+def _pieces(atoms: Products, plan: BlockPlan) -> Products:
+    """Products of each piece, from those of the atoms that it has."""
+    return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
+
+
+def _orthonormal(
+    both: Float[np.ndarray, "rows n_plus_1"], root: Float[np.ndarray, "n_plus_1 n_plus_1"]
+) -> Float[np.ndarray, "rows n_plus_1"]:
+    """[Phi y] R^-1, with zeros for a direction that no row has (an exact fit)."""
+    diagonal = np.diag(root)
+    safe = root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
+    Q: Float[np.ndarray, "rows n_plus_1"] = scipy.linalg.solve_triangular(safe, both.T, trans="T").T
+    return Q
+
+
+# -- Resampling --
+
+#: Replicates that are made when their number is not named; with one more, tails are whole numbers.
+RUNS = 999
+
+
+def bootstrap(
+    problem: LinearProblem,
+    method: LinearMethod,
+    *,
+    runs: int = RUNS,
+    block_length: int | None = None,
+    scheme: BlockScheme | str = BlockScheme.CIRCULAR,
+    seed: int | np.random.Generator = 0,
+) -> Bootstrap:
+    """Bootstrap an estimate by blocks of successive rows.
+
+    Parameters
+    ----------
+    problem : Regression or SignalRegression
+        Rows in time order. Where a mask left some out, the gaps are closed.
+    method : LinearMethod
+        One of `eivor.methods`.
+    runs : int
+        Replicates to make.
+    block_length : int, optional
+        Rows of a block. Default: Politis and White's automatic length for the estimate's influence of
+        each row, the longest over the parameters. One makes it the bootstrap of independent rows.
+    scheme : BlockScheme or str
+        "circular", "moving" or "stationary".
+    seed : int or numpy.random.Generator
+        The same seed gives the same replicates.
+
+    Returns
+    -------
+    Bootstrap
+        Replicates of the parameters, with standard errors of their own for studentised intervals unless
+        the scheme is stationary.
+
+    Raises
+    ------
+    UsageError
+        For flights and moments, whose rows are not samples of one record, and for numbers out of range.
+    EstimationError, TooFewSamplesError
+        When the problem itself has no estimate.
+
+    Notes
+    -----
+    A replicate is the sum of its blocks' moments, made once in a pass over the rows. It costs as much as
+    there are blocks (many short ones where scores are white, some N^(2/3) where they are not), and one
+    solution of the method's equations. The noise that
+    compensated methods subtract, C and c, is the declared one in every replicate; so is a weight that is
+    made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
+    """
+    check_linear(method)
+    rows, kind = _sample_rows(problem), _scheme(scheme)
+    check_draws(runs, seed)
+    whole = method.moments(problem)
+    solved = method.determined(whole, problem)
+    plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
+    renewed = method.equation_weighting.passes == 1
+    again = _Again(method, piece_moments(rows, method, whole, plan), None if renewed else solved.factor)
+    random = np.random.default_rng(seed)
+    studentised = kind is not BlockScheme.STATIONARY
+    found = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
+    kept = [one for one in found if one is not None]
+    made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
+    theta = solved.solution.theta
+    errors = again.expected_errors(plan.blocks, solved) if studentised else None
+    return Bootstrap(
+        rows.names,
+        rows.units,
+        theta,
+        made[:, 0],
+        runs - len(kept),
+        plan.blocks,
+        plan.block_length,
+        None if isinstance(seed, np.random.Generator) else seed,
+        errors,
+        (made[:, 0] - theta) / made[:, 1] if studentised else None,
+    )
+
+
+@dataclass(frozen=True)
+class _Again:
+    """How a replicate is estimated.
+
+    Parameters
+    ----------
+    method : LinearMethod
+        By what.
+    pieces : PieceMoments
+        From what.
+    factor : ndarray, shape (p, p), optional
+        Factor of a weighting that is kept as the whole sample has it.
+    """
+
+    method: LinearMethod
+    pieces: PieceMoments
+    factor: Float[np.ndarray, "p p"] | None
+
+    def replicate(self, drawn: Int[np.ndarray, " k"], *, errors: bool) -> Float[np.ndarray, "2 n"] | None:
+        """Parameters and, if asked for, their standard errors; None without an estimate."""
+        try:
+            solved = self.solved(self.pieces.moments(drawn))
+            theta = solved.solution.theta
+            spread = self._errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
+        except (EivorError, np.linalg.LinAlgError):
+            return None
+        both = np.stack([theta, spread])
+        return both if np.isfinite(both).all() and spread.all() else None
+
+    def solved(self, moments: Moments) -> Solved:
+        """Solution of a replicate's equations."""
+        if self.factor is None:
+            return self.method.solve_moments(moments)
+        system = self.method.assembler.system(moments)
+        stacked = np.column_stack([system.matrix, system.right])
+        divided = scipy.linalg.solve_triangular(self.factor, stacked, lower=True)
+        weighted = LinearSystem(divided[:, :-1], divided[:, -1])
+        solution = self.method.solver.solve(weighted)
+        return Solved(self.method.assembler, self.method.solver, moments, None, system, self.factor, solution)
+
+    def expected_errors(self, blocks: int, solved: Solved) -> Float[np.ndarray, " n"]:
+        """Standard errors of the estimate itself, from the spread of all pieces that may be drawn."""
+        return self._errors(slice(None), solved, float(blocks))
+
+    def _errors(
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, blocks: float
+    ) -> Float[np.ndarray, " n"]:
+        """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
+        count = blocks * float(self.pieces.products.counts[pieces].mean())
+        influence = self.pieces.influence(pieces, solved, count)
+        errors: Float[np.ndarray, " n"] = math.sqrt(blocks) * influence.std(axis=0)
+        return errors
+
+
+def _sample_rows(problem: LinearProblem) -> Regression:
+    """Rows in the time order of one record."""
+    if not isinstance(problem, LinearProblem):
+        raise UsageError(
+            "a regression of rows in time",
+            type(problem).__name__,
+            "Use bootstrap_flights for flights; moments have no rows to draw again.",
+        )
+    rows = problem.rows()
+    if not isinstance(rows.layout, SampleRows) or np.any(rows.layout.flights != rows.layout.flights[0]):
+        raise UsageError(
+            "rows that are the samples of one record",
+            "rows of several flights, or of a spectrum",
+            "Use bootstrap_flights, or one record after the other.",
+        )
+    return rows
+
+
+def _scheme(scheme: BlockScheme | str) -> BlockScheme:
+    try:
+        return BlockScheme(scheme)
+    except ValueError as error:
+        known = ", ".join(BlockScheme)
+        raise UsageError(f"a scheme out of {known}", f"'{scheme}'", "Name one of them.") from error
+
+
+def _length(
+    wanted: int | None, rows: Regression, method: LinearMethod, solved: Solved, scheme: BlockScheme
+) -> float:
+    count = rows.response.size
+    if wanted is not None:
+        checks.whole("block_length", wanted)
+    if wanted is None:
+        return automatic_block_length(_influence(rows, method, solved), scheme)
+    if not 1 <= wanted <= count // 2:
+        raise UsageError(
+            f"a block length from 1 to {count // 2} rows, half of what there is",
+            f"{wanted}",
+            "Choose another.",
+        )
+    return float(wanted)
+
+
+def _influence(rows: Regression, method: LinearMethod, solved: Solved) -> Float[np.ndarray, "rows n"]:
+    """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
+    Phi, theta, system = rows.regressors, solved.solution.theta, solved.system
+    residual = rows.response - Phi @ theta
+    A = system.matrix
+    if method.assembler.moment_equations:
+        WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
+        weighted = A
+        if solved.factor is not None:
+            weighted = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
+        psi = method.assembler.test_functions(rows) @ WA
+        return over_sensitivity(psi * residual[:, None], weighted)
+    correction = method.solver.score_correction(residual, theta, system.error_covariance)
+    psi = Phi + correction.rows
+    return over_sensitivity(psi * residual[:, None], A, correction.sensitivity)

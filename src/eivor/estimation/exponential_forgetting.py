@@ -1,0 +1,512 @@
+"""Moment products and covariances with exponential forgetting."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+
+from eivor import checks
+from eivor.errors import InstrumentError, UsageError
+from eivor.estimation.estimate import Solved
+from eivor.estimation.moments import Assembler, CrossMoments
+from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, JointCovariance
+from eivor.inference.products import ProductLayout, Products
+from eivor.linalg.system import PASSED_ROWS, row_blocks
+from eivor.models.regression import RowBlock
+from eivor.models.signal_regression import SignalRegression, shared_noise_of_rows
+from eivor.tools import Bool, Float
+
+# -- Forgetting --
+
+#: Memory [samples] when none is chosen: a factor of 0.995.
+DEFAULT_MEMORY = 200.0
+#: Shortest and longest memory [samples]: rows of a block wait in arrays, and a block is a part of the memory.
+MEMORIES = (10.0, 1e7)
+#: Blocks that a memory is divided into, and memories whose blocks are kept apart: older ones count e^-8.
+BLOCKS_PER_MEMORY, MEMORIES_KEPT = 24, 8
+#: Blocks that a change is looked for in at once: an eighth of the memory.
+BLOCKS_PER_LOOK = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Forgetting:
+    """How fast rows are forgotten.
+
+    Parameters
+    ----------
+    memory : float
+        Sum of the weights of all rows before, 1 / (1 - lambda) [samples].
+
+    Raises
+    ------
+    UsageError
+        When it is no number from 10 to 1e7.
+    """
+
+    memory: float = DEFAULT_MEMORY
+
+    def __post_init__(self) -> None:
+        checks.number("memory", self.memory)
+        least, most = MEMORIES
+        if not least <= self.memory <= most:
+            raise UsageError(
+                f"a memory of {least:g} to {most:g} samples",
+                f"{self.memory:g}",
+                "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995.",
+            )
+
+    @property
+    def factor(self) -> float:
+        """Weight of a row over that of the row after it, lambda."""
+        return 1.0 - 1.0 / self.memory
+
+    @property
+    def effective_rows(self) -> float:
+        """Rows of equal weight whose mean scatters as much."""
+        return (1.0 + self.factor) / (1.0 - self.factor)
+
+    @property
+    def block(self) -> int:
+        """Samples of a block."""
+        return max(int(self.memory / BLOCKS_PER_MEMORY), 1)
+
+    @property
+    def kept_blocks(self) -> int:
+        """Blocks that are kept apart."""
+        return int(np.ceil(MEMORIES_KEPT * self.memory / self.block))
+
+    @property
+    def look(self) -> int:
+        """Samples that a change is looked for in at once."""
+        return self.block * BLOCKS_PER_LOOK
+
+    def weights(self, count: int) -> Float[np.ndarray, " count"]:
+        """Weights of successive samples after the last of them."""
+        weights: Float[np.ndarray, " count"] = self.factor ** np.arange(count - 1, -1, -1.0)
+        return weights
+
+
+# -- Timed rows --
+
+#: Places (instrument, column) of a table of noises that vary from row to row.
+Places = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class TimedRows:
+    """Rows of successive samples.
+
+    Parameters
+    ----------
+    psi : ndarray, shape (samples, p)
+        Test functions.
+    right : ndarray, shape (samples, n + 1)
+        Regressors and response.
+    noise : ndarray, shape (samples, s)
+        What measurement noises add to the products of psi and right at `places`, on average.
+    counted : ndarray, shape (samples,)
+        One where the sample counts, zero where it does not.
+    places : tuple of tuple of int
+        Row and column of each noise.
+
+    Notes
+    -----
+    Performs no checks. Rows that do not count are zeros.
+    """
+
+    psi: Float[np.ndarray, "samples p"]
+    right: Float[np.ndarray, "samples n_plus_1"]
+    noise: Float[np.ndarray, "samples s"]
+    counted: Float[np.ndarray, " samples"]
+    places: Places = ()
+
+    @property
+    def count(self) -> int:
+        """Samples, those among them that do not count."""
+        return self.counted.size
+
+    @cached_property
+    def columns(self) -> Float[np.ndarray, "samples columns"]:
+        """[psi right noise counted]."""
+        return np.column_stack([self.psi, self.right, self.noise, self.counted])
+
+    def from_columns(self, columns: Float[np.ndarray, "samples columns"]) -> TimedRows:
+        """Other rows of the same columns."""
+        ends = np.cumsum([self.psi.shape[1], self.right.shape[1], self.noise.shape[1]])
+        psi, right, noise, counted = np.split(columns, ends, axis=1)
+        return replace(self, psi=psi, right=right, noise=noise, counted=counted[:, 0])
+
+    def between(self, start: int, stop: int) -> TimedRows:
+        """Rows of a stretch of samples."""
+        here = slice(start, stop)
+        return replace(
+            self,
+            psi=self.psi[here],
+            right=self.right[here],
+            noise=self.noise[here],
+            counted=self.counted[here],
+        )
+
+    def then(self, other: TimedRows) -> TimedRows:
+        """Rows of both, one after the other."""
+        if not self.count:
+            return other
+        return self.from_columns(np.concatenate([self.columns, other.columns]))
+
+    def stretches(self, first: int, look: int) -> Iterator[TimedRows]:
+        """Stretches that end where a multiple of `look` samples is full, of which `first` came before."""
+        start = 0
+        while start < self.count:
+            stop = min(start + look - (first + start) % look, self.count)
+            yield self.between(start, stop)
+            start = stop
+
+
+def timed_rows(problem: SignalRegression, assembler: Assembler) -> Iterator[TimedRows]:
+    """Rows of signals, stretch by stretch.
+
+    Parameters
+    ----------
+    problem : SignalRegression
+        Rows from its first on.
+    assembler : Assembler
+        Which test functions, and whether their products are compensated.
+
+    Raises
+    ------
+    InstrumentError
+        When instruments share declared noise with other columns and nothing is compensated.
+    MissingNoiseError
+        When a noise that must be compensated is not declared.
+    """
+    if assembler.plain_products and problem.instruments_share_noise():
+        raise InstrumentError(
+            "instruments whose measurement noise no regressor and no response shares",
+            "an instrument of the same channel and lag as a noisy regressor",
+            "Use lags from 1 on, another channel, or generalized_iv.",
+        )
+    signals, first = problem.signals, problem.first
+    if signals.sample_count <= first:
+        return
+    tested = problem.instrument_columns if assembler.needs_instruments else problem.regressor_columns
+    right = (*problem.regressor_columns, problem.equation.response)
+    noises = shared_noise_of_rows(tested, right, signals, first) if assembler.compensates else {}
+    for start, stop in row_blocks(first, signals.sample_count, PASSED_ROWS):
+        here = slice(start - first, stop - first)
+        used = np.ones(stop - start, dtype=np.bool_) if problem.used is None else problem.used[here]
+        block = RowBlock(
+            problem.samples_between([problem.equation.response], start, stop)[:, 0],
+            problem.samples_between(problem.regressor_columns, start, stop),
+            problem.samples_between(problem.instrument_columns, start, stop),
+            np.zeros(stop - start, dtype=np.int64),
+        )
+        noise = (
+            np.stack([noises[place][here] for place in noises], axis=1) if noises else used[:, None][:, :0]
+        )
+        yield counted_rows(
+            assembler.test_functions(block),
+            np.column_stack([block.regressors, block.response]),
+            noise.astype(np.float64),
+            used,
+            tuple(noises),
+        )
+
+
+def counted_rows(
+    psi: Float[np.ndarray, "samples p"],
+    right: Float[np.ndarray, "samples n_plus_1"],
+    noise: Float[np.ndarray, "samples s"],
+    used: Bool[np.ndarray, " samples"],
+    places: Places = (),
+) -> TimedRows:
+    """Rows with zeros where a sample does not count, whatever stands there."""
+    if not used.all():
+        psi, right, noise = (np.where(used[:, None], part, 0.0) for part in (psi, right, noise))
+    return TimedRows(psi, right, noise, used.astype(np.float64), places)
+
+
+# -- Exponentially weighted products --
+
+
+@dataclass(frozen=True)
+class BlockSums:
+    """Weighted sums of blocks of rows. Performs no checks.
+
+    Parameters
+    ----------
+    products : Products
+        Of psi, regressors and response; counts are sums of weights.
+    noise : ndarray, shape (K, s)
+        Weighted sums of what noises add to some of the products.
+    squares : ndarray, shape (K,)
+        Sums of squared weights.
+    """
+
+    products: Products
+    noise: Float[np.ndarray, "K s"]
+    squares: Float[np.ndarray, " K"]
+
+    @property
+    def blocks(self) -> int:
+        """How many."""
+        return self.squares.size
+
+    def __add__(self, other: BlockSums) -> BlockSums:
+        """Blocks of both, one after the other."""
+        return BlockSums(
+            self.products + other.products,
+            np.concatenate([self.noise, other.noise]),
+            np.concatenate([self.squares, other.squares]),
+        )
+
+    def between(self, start: int, stop: int) -> BlockSums:
+        """Some of the blocks."""
+        here = slice(start, stop)
+        products = replace(self.products, counts=self.products.counts[here], sums=self.products.sums[here])
+        return BlockSums(products, self.noise[here], self.squares[here])
+
+    def faded(self, factors: Float[np.ndarray, " K"]) -> BlockSums:
+        """One sum of all, each block with a factor."""
+        return BlockSums(
+            self.products.weighted(factors),
+            (factors @ self.noise)[None, :],
+            np.array([factors**2 @ self.squares]),
+        )
+
+
+def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> BlockSums:
+    """Sums of blocks of `length` rows each, weighted to the end of each block.
+
+    Parameters
+    ----------
+    rows : TimedRows
+        A multiple of `length`.
+    forgetting : Forgetting
+        Weights.
+    length : int
+        Rows of a block.
+    whole : bool
+        Whether all columns are multiplied with each other, see `ProductLayout`.
+    """
+    weights = forgetting.weights(length)
+    blocks = rows.count // max(length, 1)
+    left, right, noise = (
+        part.reshape(blocks, length, part.shape[1]) for part in (rows.psi, rows.right, rows.noise)
+    )
+    if whole:
+        left = right = np.concatenate([left, right], axis=2)
+    sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
+    counted = rows.counted.reshape(blocks, length)
+    layout = ProductLayout(rows.psi.shape[1], rows.right.shape[1] - 1, whole)
+    return BlockSums(
+        Products(counted @ weights, sums, layout),
+        np.tensordot(noise, weights, (1, 0)),
+        counted @ weights**2,
+    )
+
+
+@dataclass(frozen=True)
+class FadedProducts:
+    """Products of all rows so far, faded.
+
+    Parameters
+    ----------
+    forgetting : Forgetting
+        How fast.
+    whole : bool
+        Whether all columns are multiplied with each other.
+    full : BlockSums
+        One sum of all full blocks, faded to the end of the last.
+    closed : BlockSums
+        The last full blocks, each faded to its own end.
+    waiting : TimedRows
+        Rows of the block that is not full yet.
+    samples : int
+        Samples so far, those among them that did not count.
+    """
+
+    forgetting: Forgetting
+    whole: bool
+    full: BlockSums
+    closed: BlockSums
+    waiting: TimedRows
+    samples: int = 0
+
+    def then(self, rows: TimedRows) -> FadedProducts:
+        """With the rows that follow."""
+        length = self.forgetting.block
+        joined = self.waiting.then(rows)
+        full = joined.count // length * length
+        seen = replace(self, waiting=joined.between(full, joined.count), samples=self.samples + rows.count)
+        if not full:
+            return seen
+        found = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
+        faded = np.append(self.forgetting.factor**full, self._block_factors(found.blocks))
+        closed = self.closed + found
+        first = max(closed.blocks - self.forgetting.kept_blocks, 0)
+        return replace(
+            seen, full=(self.full + found).faded(faded), closed=closed.between(first, closed.blocks)
+        )
+
+    def last(self, blocks: int) -> FadedProducts:
+        """The same with the last full blocks only, and the rows that wait: all else is forgotten."""
+        kept = self.closed.between(max(self.closed.blocks - blocks, 0), self.closed.blocks)
+        return replace(self, full=kept.faded(self._block_factors(kept.blocks)), closed=kept)
+
+    def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
+        """Weights of successive full blocks at the end of the last."""
+        ages = np.arange(blocks - 1, -1, -1.0)
+        factors: Float[np.ndarray, " blocks"] = self.forgetting.factor ** (self.forgetting.block * ages)
+        return factors
+
+    @cached_property
+    def _waiting_sums(self) -> BlockSums:
+        return sums_of_rows(self.waiting, self.forgetting, self.waiting.count, whole=self.whole)
+
+    @property
+    def _since(self) -> float:
+        """Weight of the last full block's end now."""
+        return self.forgetting.factor**self.waiting.count
+
+    @cached_property
+    def recent(self) -> tuple[BlockSums, Float[np.ndarray, " K"]]:
+        """Blocks that are kept apart, rows that wait as one of them, each faded to its end; and weights."""
+        factors = self._since * self._block_factors(self.closed.blocks)
+        if not self.waiting.count:
+            return self.closed, factors
+        return self.closed + self._waiting_sums, np.append(factors, 1.0)
+
+    @cached_property
+    def total(self) -> BlockSums:
+        """One sum of all rows, with the weights that they have now."""
+        if not self.waiting.count:
+            return self.full
+        return (self.full + self._waiting_sums).faded(np.array([self._since, 1.0]))
+
+    @property
+    def effective_rows(self) -> float:
+        """Rows of equal weight whose mean scatters as much as that of all rows so far."""
+        count, squares = self.total.products.count, float(self.total.squares[0])
+        return count**2 / squares if squares > 0.0 else 0.0
+
+    @property
+    def moments(self) -> CrossMoments:
+        """Weighted means; performs no check that there are rows."""
+        total = self.total
+        return CrossMoments(total.products, self.noise_table(total)[0] / total.products.count)
+
+    def noise_table(self, sums: BlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+        """What noises add to the products psi [phi' y] of blocks."""
+        layout = sums.products.layout
+        table = np.zeros((sums.blocks, layout.instruments, layout.regressors + 1))
+        for number, place in enumerate(self.waiting.places):
+            table[:, *place] = sums.noise[:, number]
+        return table
+
+    def compensated(self, sums: BlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+        """Sums of psi [phi' y] of blocks, without what noises add to them."""
+        return sums.products.equations - self.noise_table(sums)
+
+    def scores(self, sums: BlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
+        """What an estimate leaves of each block: compensated sums of psi times the residual."""
+        left = self.compensated(sums)
+        return left[:, :, -1] - left[:, :, :-1] @ theta
+
+
+def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> FadedProducts:
+    """Products of no rows, with the columns of some."""
+    none = rows.between(0, 0)
+    empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
+    return FadedProducts(forgetting, whole, _zero(empty), empty, none)
+
+
+def _zero(sums: BlockSums) -> BlockSums:
+    """One block of nothing."""
+    layout = sums.products.layout
+    products = Products(np.zeros(1), np.zeros((1, *layout.shape)), layout)
+    return BlockSums(products, np.zeros((1, sums.noise.shape[1])), np.zeros(1))
+
+
+# -- Exponentially weighted covariance --
+
+
+def equation_map(solved: Solved) -> Float[np.ndarray, "n p"]:
+    """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
+    A, factor = solved.system.matrix, solved.factor
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    Q, R = np.linalg.qr(A)
+    if factor is not None:
+        Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
+    mapped: Float[np.ndarray, "n p"] = scipy.linalg.solve_triangular(R, Q.T)
+    return mapped
+
+
+def faded_covariance(
+    faded: FadedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
+) -> JointCovariance:
+    """Covariance of an estimate from faded products.
+
+    Parameters
+    ----------
+    faded : FadedProducts
+        Blocks of rows.
+    theta : ndarray, shape (n,)
+        The estimate.
+    mapped : ndarray, shape (n, p)
+        See `equation_map`.
+
+    Returns
+    -------
+    JointCovariance
+        Of equal-weighted cosines, and of blocks without memory beyond their own length: the wider counts.
+    """
+    scores, weights, leaks = _weighted_blocks(faded, theta, mapped)
+    count = faded.total.products.count
+    rows = scores / count
+    cosines = _cosines(weights, leaks)
+    averages = cosines.T @ rows
+    used = averages.shape[0]
+    power = float(weights @ weights)
+    meat = power * (averages.T @ averages) / max(used, 1)
+    weighted = weights[:, None] * rows
+    single = weighted.T @ weighted
+    effective = power**2 / float(np.sum(weights**4)) if power > 0.0 else 0.0
+    degrees = max(effective - theta.size, 0.0)
+    single = single * (effective / degrees if degrees > 0.0 else 1.0)
+    return JointCovariance(
+        (
+            CovariancePart("equal_weighted_cosines", meat, float(used)),
+            CovariancePart("blocks", single, degrees),
+        )
+    )
+
+
+def _weighted_blocks(
+    faded: FadedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
+) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, " K"], Float[np.ndarray, " K"]]:
+    """Scores of unit variance, weights and sensitivities of the blocks that have rows and are kept apart."""
+    blocks, factors = faded.recent
+    filled = blocks.squares > 0.0
+    size = np.sqrt(np.where(filled, blocks.squares, 1.0))
+    scores = faded.scores(blocks, theta) @ mapped.T / size[:, None]
+    return scores[filled], (factors * size)[filled], (blocks.products.counts / size)[filled]
+
+
+def _cosines(
+    weights: Float[np.ndarray, " K"], leaks: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, "K averages"]:
+    """Orthonormal cosines over the weights' own time, orthogonal to the weights and to the leaks."""
+    averages = min(COSINE_AVERAGES, weights.size - 2)
+    if averages < 1:
+        return np.zeros((weights.size, 0))
+    shares = weights**2
+    time = (np.cumsum(shares) - 0.5 * shares) / shares.sum()
+    waves = np.cos(np.pi * np.arange(1, averages + 1) * time[:, None])
+    Q, _ = np.linalg.qr(np.column_stack([weights, leaks, weights[:, None] * waves]))
+    found: Float[np.ndarray, "K averages"] = Q[:, 2:]
+    return found

@@ -1,0 +1,475 @@
+"""Whitening of paired spectral rows."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from eivor.errors import EstimationError
+from eivor.estimation.moments import FittedNoise
+from eivor.estimation.sampled_motion import (
+    NoiseModel,
+    NoisePrior,
+    Pair,
+    PairedEquations,
+    PairSpectrum,
+    fitted_noise,
+    inner,
+    prior_of,
+    told_noises,
+)
+from eivor.estimation.weighting import POWER_FLOOR, RowWeighting, WeightedRows, WhitenedRows
+from eivor.inference.diagnostics.record import orthonormal_basis
+from eivor.models.regression import Regression
+from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
+from eivor.models.spectral import BinRows, SpectralRegression
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.tools import Complex, Float
+
+# -- Paired bins --
+
+#: Frequency that strengths of noises are told at [Hz]; orders say what they are beside it.
+TOLD_AT_HZ = 1.0
+#: Share of the responses' power that counts as rounding.
+ROUNDING = 1e-8
+
+
+@dataclass(frozen=True)
+class PairedBins:
+    """Bins of all runs at some parameters.
+
+    Parameters
+    ----------
+    layout : BinRows
+        The runs.
+    theta : ndarray, shape (n,)
+        Linear parameters.
+    state : SampledState
+        Whose derivative was measured.
+    least : float
+        Power of a residual below which it counts as rounding.
+    """
+
+    layout: BinRows
+    theta: Float[np.ndarray, " n"]
+    state: SampledState
+    least: float = 0.0
+
+    @cached_property
+    def frequency_hz(self) -> Float[np.ndarray, " bins"]:
+        """Frequency of each bin [Hz]."""
+        return np.concatenate([run.frequency_hz for run in self.layout.runs])
+
+    @cached_property
+    def step_s(self) -> Float[np.ndarray, " bins"]:
+        """Time between samples of each bin's run [s]."""
+        return np.concatenate([np.full(run.count, run.step_s) for run in self.layout.runs])
+
+    @cached_property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """Logarithm of a difference's gain over that at `TOLD_AT_HZ`."""
+        gain: Float[np.ndarray, " bins"] = np.log(
+            np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * TOLD_AT_HZ * self.step_s)
+        )
+        return gain
+
+    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+        """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
+        ones, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.place])
+        moved = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
+        driven = float(np.sum((self.theta * self.state.driven_density) ** 2)) * ones
+        return (
+            PairSpectrum(driven + self.least, driven + self.least, driven.astype(complex)),
+            PairSpectrum(K * K * ones, np.abs(moved) ** 2, K * moved.conj()),
+            PairSpectrum(ones, 0.0 * ones, 0.0j * ones),
+            PairSpectrum(ones, ones, ones.astype(complex)),
+        )
+
+    @cached_property
+    def density_scale(self) -> Float[np.ndarray, " bins"]:
+        """Power per Hz, of both signs of frequency together, over a bin's: 2 T over what tapers leave."""
+        runs = self.layout.runs
+        scale: Float[np.ndarray, " bins"] = np.concatenate(
+            [np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs]
+        )
+        return scale
+
+    def residual(self, bins: SpectralRegression) -> Pair:
+        """r_1 and r_2, per root of Hz."""
+        found = responses(bins) - (bins.regressors @ self.theta)[:, None]
+        scaled: Pair = found.T * np.sqrt(self.density_scale)
+        return scaled
+
+    def fitted(self, bins: SpectralRegression) -> NoiseModel:
+        """Noises that fit the residuals, declared ones as they are."""
+        pairs, residual, prior = self._fit(bins)
+        return fitted_noise(pairs, residual, prior.centre, prior)
+
+    def told(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
+        """The same with their errors; strengths are amplitude densities at `TOLD_AT_HZ`."""
+        pairs, residual, prior = self._fit(bins)
+        model = fitted_noise(pairs, residual, prior.centre, prior)
+        return told_noises(pairs, residual, model, prior, f"per root of Hz, at {TOLD_AT_HZ:g} Hz")
+
+    def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoisePrior]:
+        order = np.argsort(self.frequency_hz, kind="stable")
+        pairs, residual = _Sorted(self, order), self.residual(bins)[:, order]
+        declared = (_declared(self.state.state_density), _declared(self.state.response_density))
+        return pairs, residual, prior_of(pairs, residual, 1.0, declared, disturbance_order=None)
+
+
+@dataclass(frozen=True)
+class _Sorted:
+    """Paired bins in the order of their frequencies, whatever their run."""
+
+    pairs: PairedBins
+    order: np.ndarray
+
+    @property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        return self.pairs.log_scale[self.order]
+
+    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+        one, two, three, four = (
+            PairSpectrum(each.first[self.order], each.second[self.order], each.cross[self.order])
+            for each in self.pairs.shapes()
+        )
+        return one, two, three, four
+
+
+def _declared(density: float) -> MeasurementNoise | None:
+    return None if np.isnan(density) else WhiteNoise(density)
+
+
+def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
+    """A and s v: central differences of v, over cos^2(pi f T)."""
+    quarter = [np.cos(np.pi * run.frequency_hz * run.step_s) for run in bins.layout.runs]
+    return np.column_stack([bins.responses[:, 0], bins.responses[:, -1] / np.concatenate(quarter) ** 2])
+
+
+def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values) -> PairedBins:
+    """Bins of a problem at some parameters.
+
+    Raises
+    ------
+    EstimationError
+        When its motion has no state whose derivative was measured.
+    """
+    state = problem.sampled_state(at)
+    if state is None:
+        raise EstimationError(
+            "a motion whose state and its derivative were both measured, for a spectral method",
+            "one of them alone",
+            "Log the accelerometer and the velocity, or use reference_iv.",
+        )
+    bins = problem.bins(at)
+    pairs = PairedBins(bins.layout, theta, state)
+    power = np.abs(bins.responses[:, 0]) ** 2 * pairs.density_scale
+    return replace(pairs, least=ROUNDING * float(np.median(power)))
+
+
+# -- Weights --
+
+#: Neighbours of a bin, on each side, that tell the power of its input without itself.
+INPUT_NEIGHBOURS = 3
+#: A bin is a line of the input where its power exceeds its noise and its neighbours' power by this factor.
+LINE = 12.0
+#: Least share of signal in the input's power.
+LEAST_SHARE = 1e-3
+#: Squared distance of a pair of residuals beyond which it is held back.
+FAR = 12.0
+#: Neighbours on each side that periodograms are averaged over, at least and at most, and how many averaged
+#: ones the identity counts for.
+FEWEST, MOST, IDENTITY = 6, 100, 6.0
+#: Largest leverage that a residual is corrected for.
+LARGEST_LEVERAGE = 3.0
+
+
+def signal_weights(
+    spectrum: Complex[np.ndarray, " bins"], noise_variance: float
+) -> Float[np.ndarray, " bins"]:
+    """w, the squared share of signal in the input's power near each bin.
+
+    The power is that of the neighbours. A bin's own power would correlate its weight with its noise, which
+    biases the equations. Only a line counts its own: its weight is near one whatever its noise.
+    """
+    own, around = np.abs(spectrum) ** 2, power_around(spectrum)
+    line = own > LINE * np.maximum(around, noise_variance)
+    share = 1.0 - noise_variance / np.where(line, own, around)
+    weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
+    return weights
+
+
+def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
+    """Power near each bin, without the bin itself."""
+    power = np.abs(spectrum) ** 2
+    index = np.arange(power.size)
+    first = np.maximum(index - INPUT_NEIGHBOURS, 0)
+    last = np.minimum(index + INPUT_NEIGHBOURS + 1, power.size)
+    sums = np.concatenate([[0.0], np.cumsum(power)])
+    around = (sums[last] - sums[first] - power) / np.maximum(last - first - 1, 1)
+    found: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
+    return found
+
+
+def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
+    """min(1, 12 / r^H C^-1 r)."""
+    distance = inner(residual, C.solved(residual)).real
+    factors: Float[np.ndarray, " bins"] = np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
+    return factors
+
+
+def corrected_spectrum(
+    model: PairSpectrum, residual: Pair, leverage: Float[np.ndarray, " bins"]
+) -> PairSpectrum:
+    """Spectrum of the residuals, the model corrected by their own periodogram.
+
+    `leverage` is the share of each bin in the information about the parameters, summed over them: a residual
+    is that much smaller than an error.
+    """
+    lost = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE) / 4.0)
+    white = model.whitened(residual) / lost
+    index = np.arange(white.shape[1])
+    half = np.clip(index + 1, FEWEST, MOST)
+    first, last = np.maximum(index - half, 0), np.minimum(index + half + 1, index.size)
+    count = (last - first).astype(np.float64)
+
+    def averaged(values: np.ndarray) -> np.ndarray:
+        sums = np.concatenate([np.zeros(1, values.dtype), np.cumsum(values)])
+        return (sums[last] - sums[first]) / count
+
+    products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2], axis=1)
+    one, two = shrunk(np.stack([averaged(each) for each in products.T], axis=1), count).T
+    across = averaged(white[0] * white[1].conj()) * (count / (count + IDENTITY))
+    return recoloured(model, one, two, across)
+
+
+def shrunk(
+    powers: Float[np.ndarray, "bins k"], count: Float[np.ndarray, " bins"]
+) -> Float[np.ndarray, "bins k"]:
+    """Averaged powers of what should be one, drawn to that by as much as it counts beside them."""
+    share = (count / (count + IDENTITY))[:, None]
+    drawn: Float[np.ndarray, "bins k"] = share * powers + 1.0 - share
+    return drawn
+
+
+def recoloured(
+    model: PairSpectrum,
+    one: Float[np.ndarray, " bins"],
+    two: Float[np.ndarray, " bins"],
+    across: Complex[np.ndarray, " bins"],
+) -> PairSpectrum:
+    """L P L^H of a model L L^H and powers P of what it whitened."""
+    top, below, bottom = model.root
+    # L = [top 0; below bottom]
+    return PairSpectrum(
+        top**2 * one,
+        np.abs(below) ** 2 * one + bottom**2 * two + 2.0 * (below * across * bottom).real,
+        top * (one * below.conj() + across * bottom),
+    )
+
+
+# -- Pair whitening --
+
+
+@dataclass(frozen=True)
+class CombinedProblem(SeparableProblem):
+    """A problem whose candidates for the response are combined, with weights of each bin.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        With two candidates.
+    weights : ndarray of complex, shape (bins, 2)
+        Of both.
+    """
+
+    problem: SeparableProblem
+    weights: Complex[np.ndarray, "bins 2"]
+    nuisances: tuple[Nuisance, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nuisances", self.problem.nuisances)
+
+    def rows(self, at: Values) -> Regression:
+        """Rows in time, of the problem itself."""
+        return self.problem.rows(at)
+
+    def bins(self, at: Values) -> SpectralRegression:
+        """Rows in frequency with one response."""
+        bins = self.problem.bins(at)
+        combined = (responses(bins) * self.weights).sum(axis=1, keepdims=True)
+        return replace(bins, responses=combined)
+
+
+class PairSpectra(ABC):
+    """What rows are weighted by, from a noise model that was fitted to residuals."""
+
+    @abstractmethod
+    def weights(
+        self, model: PairSpectrum, residual: Pair, layout: BinRows, /
+    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
+        """C, and a factor that holds back residuals far out."""
+
+    def criterion(self, _C: PairSpectrum, _residual: Pair, /) -> float | None:
+        """What candidates are compared by; by default None, so that equations are."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class ModelledSpectra(PairSpectra):
+    """The model as it is, of the likelihood."""
+
+    def weights(
+        self, model: PairSpectrum, residual: Pair, _layout: BinRows, /
+    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
+        """The model, and ones."""
+        return model, np.ones(residual.shape[1])
+
+    def criterion(self, C: PairSpectrum, residual: Pair, /) -> float:
+        """Twice the sum of log det C + r^H C^-1 r, minus twice the logarithm of the likelihood."""
+        return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedSpectra(PairSpectra):
+    """The model corrected by the residuals' own periodogram: a wrong model costs efficiency alone."""
+
+    def weights(
+        self, model: PairSpectrum, residual: Pair, layout: BinRows, /
+    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
+        """The corrected model, and min(1, 12 / r^H C^-1 r)."""
+        white = model.whitened(residual)
+        across = white[0] * white[1].conj()
+        products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
+        found, first = np.empty_like(products), 0
+        for run in layout.runs:
+            here, count = slice(first, first + run.count), run.smoothed_over
+            means = run.smoothed(products[here])
+            found[here, :2] = shrunk(means[:, :2], count)
+            found[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
+            first += run.count
+        C = recoloured(model, found[:, 0], found[:, 1], found[:, 2] + 1j * found[:, 3])
+        return C, held_back(residual, C)
+
+
+@dataclass(frozen=True)
+class PairRows(WeightedRows):
+    """Rows of one pass.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        Whose bins.
+    spectra : PairSpectra
+        What the next pass weights by.
+    C : PairSpectrum
+        What this one weights by.
+    white : WhitenedRows
+        The combined and whitened rows.
+    renewals : int
+        Passes that follow.
+    """
+
+    problem: SeparableProblem
+    spectra: PairSpectra
+    C: PairSpectrum
+    white: WhitenedRows
+    renewals: int
+
+    def rows(self, at: Values) -> Regression:
+        """Combined and whitened rows."""
+        return self.white.rows(at)
+
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances."""
+        return self.white.products(points)
+
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Combined and whitened rows of [phi y] at many values of the nuisances."""
+        return self.white.columns(points)
+
+    def criterion(self, theta: Float[np.ndarray, " n"], at: Values, /) -> float | None:
+        """The spectra's, at some parameters."""
+        residual = paired_bins(self.problem, theta, at).residual(self.problem.bins(at))
+        return self.spectra.criterion(self.C, residual)
+
+    @property
+    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], PairRows] | None:
+        """Weights by the residuals, while there are passes to follow."""
+        return self._renewed if self.renewals else None
+
+    def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> PairRows:
+        return _by_residuals(self.problem, self.spectra, theta, at, self.renewals - 1)
+
+
+def _by_residuals(
+    problem: SeparableProblem, spectra: PairSpectra, theta: Float[np.ndarray, " n"], at: Values, renewals: int
+) -> PairRows:
+    pairs, bins = paired_bins(problem, theta, at), problem.bins(at)
+    model = pairs.fitted(bins).spectrum(pairs)
+    C, factor = spectra.weights(model, pairs.residual(bins), pairs.layout)
+    return _weighted(problem, bins, spectra, (C, factor * pairs.density_scale), renewals)
+
+
+def _weighted(
+    problem: SeparableProblem,
+    bins: SpectralRegression,
+    spectra: PairSpectra,
+    weights: tuple[PairSpectrum, Float[np.ndarray, " bins"]],
+    renewals: int,
+) -> PairRows:
+    C, factor = weights
+    spread = np.maximum(C.first + C.second - 2.0 * C.cross.real, np.finfo(np.float64).tiny)
+    shares = np.stack([C.second - C.cross.conj(), C.first - C.cross], axis=1) / spread[:, None]
+    power = np.maximum(C.determinant, 0.0) / spread
+    power = np.maximum(power, POWER_FLOOR * float(np.median(power))) / factor
+    instruments = orthonormal_basis(bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None]))
+    combined = CombinedProblem(problem, shares)
+    return PairRows(
+        problem, spectra, C, WhitenedRows(combined, np.zeros(power.size), power, instruments), renewals
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PairWhitening(RowWeighting):
+    """Combine both equations of a sampled state by the spectrum of what they leave.
+
+    Parameters
+    ----------
+    spectra : PairSpectra
+        What rows are weighted by.
+    passes : int
+        Estimates made; the first with both equations alike and flat power.
+    """
+
+    spectra: PairSpectra
+    passes: int = 3
+
+    @property
+    def needs_spectra(self) -> bool:
+        """Yes."""
+        return True
+
+    def first_pass(self, problem: SeparableProblem) -> PairRows:
+        """Both alike, flat power.
+
+        Raises
+        ------
+        EstimationError
+            When the problem has no state whose derivative was measured.
+        """
+        at = problem.first_values
+        bins = problem.bins(at)
+        paired_bins(problem, np.zeros(bins.regressors.shape[1]), at)
+        ones = np.ones(bins.responses.shape[0])
+        alike = PairSpectrum(ones, ones, 0.0j * ones)
+        return _weighted(problem, bins, self.spectra, (alike, ones), self.passes - 1)
+
+    def last_pass(self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /) -> PairRows:
+        """By the residuals of an estimate."""
+        return _by_residuals(problem, self.spectra, theta, at, 0)

@@ -1,0 +1,989 @@
+"""Pooled estimation of several flights with common and own parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf
+from typing import cast
+
+import numpy as np
+import scipy.linalg
+
+from eivor.estimation.derived import DEGREES, ParameterSets
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.linear import LinearMethod, check_linear, slope
+from eivor.estimation.methods import by_name
+from eivor.estimation.nuisance_grids import (
+    Nodes,
+    NuisanceScan,
+    Places,
+    bounded_sums,
+    least_of_competitors,
+    nodes_of,
+    on_nested_grids,
+    reaching,
+)
+from eivor.estimation.variable_projection import NuisanceProfile, least_place, profiles_of
+from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
+from eivor.inference.anderson_rubin import allowed, least_ratio
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.covariance import (
+    COSINE_AVERAGES,
+    CovariancePart,
+    JointCovariance,
+    cosine_covariance,
+    sandwich,
+    unit_scale,
+)
+from eivor.inference.distributions import chi_square_quantile, chi_square_tail, t_quantile
+from eivor.inference.random_effects import moment_between, one_group, random_effects_means
+from eivor.models.regression import Regression
+from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.models.spectral import BinRows
+from eivor.tools import Bool, Float
+
+# -- Member --
+
+
+@dataclass(frozen=True)
+class PoolMember:
+    """One flight at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        The flight's.
+    weights : WeightedRows
+        Its rows, whitened by its own residual.
+    fixed : mapping of str to float
+        Every nuisance; of those that are continuous the value at which it was whitened.
+    centre : ndarray, shape (n,)
+        Linear parameters at which the response is taken.
+    equations : ndarray, shape (T, q, n + 1)
+        Q' of residual and regressors, at each node.
+    power : ndarray, shape (T, n + 1, n + 1)
+        Their products with each other.
+    rows : int
+        Number of rows.
+    """
+
+    problem: SeparableProblem
+    weights: WeightedRows
+    fixed: Values
+    centre: Float[np.ndarray, " n"]
+    equations: Float[np.ndarray, "T q n_plus_1"]
+    power: Float[np.ndarray, "T n_plus_1 n_plus_1"]
+    rows: int
+
+    def at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
+        """Values of all nuisances, those of the continuous ones as given."""
+        return {**self.fixed, **nuisances}
+
+    def rows_at(self, nuisances: Mapping[str, float]) -> Regression:
+        """Whitened rows."""
+        return self.weights.rows(self.at(nuisances))
+
+    def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
+        """The same products with the response taken elsewhere."""
+        moved = np.append(1.0, self.centre - centre)
+        equations, power = self.equations.copy(), self.power.copy()
+        equations[:, :, 0] = self.equations @ moved
+        power[:, 0, 1:] = power[:, 1:, 0] = self.power[:, 1:] @ moved
+        power[:, 0, 0] = moved @ self.power @ moved
+        return replace(self, centre=centre, equations=equations, power=power)
+
+    @property
+    def instruments(self) -> int:
+        """Number of independent instruments."""
+        return self.equations.shape[1]
+
+
+def pool_member(
+    problem: SeparableProblem,
+    nodes: Nodes,
+    at: Values,
+    theta: Float[np.ndarray, " n"],
+    centre: Float[np.ndarray, " n"],
+) -> PoolMember:
+    """Products of a flight, whitened by its residual at some values.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        The flight's.
+    nodes : Nodes
+        Of the continuous nuisances.
+    at : mapping of str to float
+        Value of every nuisance.
+    theta : ndarray, shape (n,)
+        Linear parameters there.
+    centre : ndarray, shape (n,)
+        Linear parameters near which solutions are looked for; what is shared is alike in all flights.
+    """
+    weights = whitened_by_residuals(problem, theta, at)
+    equations, power, count = [], [], 0
+    for point in nodes.points:
+        rows = weights.rows({**at, **point})
+        seen, own = products_at(rows, centre)
+        equations.append(seen)
+        power.append(own)
+        count = rows.response.size
+    return PoolMember(problem, weights, at, centre, np.stack(equations), np.stack(power), count)
+
+
+def products_at(
+    rows: Regression, centre: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "q n_plus_1"], Float[np.ndarray, "n_plus_1 n_plus_1"]]:
+    """Q' of residual and regressors, and their products with each other."""
+    columns = np.column_stack([rows.response - rows.regressors @ centre, rows.regressors])
+    return rows.instruments.T @ columns, columns.T @ columns
+
+
+# -- Criterion --
+
+Forms = Float[np.ndarray, "F k b b"]
+Box = Sequence[Float[np.ndarray, " _"]]
+
+
+@dataclass(frozen=True)
+class PoolCriterion:
+    """J of some flights at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    members : tuple of PoolMember
+        One for each flight.
+    own : tuple of int
+        Places of the linear parameters that belong to the flight; the others are shared.
+    nodes : Nodes
+        Of the continuous nuisances, which are shared.
+    known : mapping of str to Prior
+        What is known of these beforehand.
+    """
+
+    members: tuple[PoolMember, ...]
+    own: tuple[int, ...]
+    nodes: Nodes
+    known: dict[str, Prior]
+
+    @property
+    def size(self) -> int:
+        """Number of linear parameters of a flight."""
+        return self.members[0].centre.size
+
+    @property
+    def shared(self) -> tuple[int, ...]:
+        """Places of the linear parameters that are shared."""
+        return tuple(place for place in range(self.size) if place not in self.own)
+
+    @property
+    def unknowns(self) -> int:
+        """Parameters of all flights, and nuisances."""
+        return len(self.members) * len(self.own) + len(self.shared) + len(self.nodes.axes)
+
+    @property
+    def rows(self) -> int:
+        """Rows of all flights."""
+        return sum(member.rows for member in self.members)
+
+    @property
+    def instruments(self) -> int:
+        """Independent instruments of all flights."""
+        return sum(member.instruments for member in self.members)
+
+    # -- forms -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _scales(self) -> Float[np.ndarray, " b"]:
+        """Lengths of residual and regressors, by which columns are divided."""
+        lengths = np.sqrt(np.mean([np.diagonal(np.mean(m.power, axis=0)) for m in self.members], axis=0))
+        return np.where(lengths > 0.0, lengths, 1.0)
+
+    def _blocks(self, box: Box) -> tuple[Forms, Forms]:
+        """N and D of each flight, residual and regressors in their order."""
+        freedom = self.rows - self.unknowns
+        outer = np.outer(self._scales, self._scales)
+        N, D = [], []
+        for member in self.members:
+            seen = self.nodes.over(member.equations, box) / self._scales
+            N.append(seen.transpose(0, 2, 1) @ seen)
+            D.append(self.nodes.over(member.power, box) / (outer * freedom))
+        return np.stack(N), np.stack(D)
+
+    def _joined(self, blocks: Forms) -> Float[np.ndarray, "k m m"]:
+        """Form of all parameters: residual, each flight's own, and what is shared."""
+        flights, own = len(self.members), len(self.own)
+        width = 1 + flights * own + len(self.shared)
+        joined = np.zeros((blocks.shape[1], width, width))
+        for number, block in enumerate(blocks):
+            places = self._places_of(number)
+            joined[:, places[:, None], places] += block
+        return joined
+
+    def _places_of(self, number: int) -> np.ndarray:
+        """Where residual and parameters of a flight are among those of all."""
+        flights, own = len(self.members), len(self.own)
+        places = np.zeros(1 + self.size, dtype=np.int64)
+        places[[1 + place for place in self.own]] = 1 + number * own + np.arange(own)
+        places[[1 + place for place in self.shared]] = 1 + flights * own + np.arange(len(self.shared))
+        return places
+
+    def misfit(self, box: Box) -> Float[np.ndarray, " points"]:
+        """Squared distance from what is known beforehand, in standard errors."""
+        return self.nodes.misfit(box, self.known) if self.known else np.zeros(1)
+
+    def least(self, box: Box) -> Float[np.ndarray, " points"]:
+        """Least J at the points of a box."""
+        N, D = self._blocks(box)
+        return least_ratio(self._joined(N), self._joined(D)) + self.misfit(box)
+
+    # -- the minimum -----------------------------------------------------------------------------------------
+
+    @cached_property
+    def scan(self) -> NuisanceScan:
+        """The least J over the continuous nuisance, where there is one at most."""
+        return NuisanceScan(self.nodes, self._least_at)
+
+    def _least_at(self, places: Places) -> Places:
+        return self.least([places] if self.nodes.axes else [])
+
+    @cached_property
+    def minimum(self) -> tuple[Values, float]:
+        """Continuous nuisances where J is least, and J there."""
+        if len(self.nodes.axes) < 2:
+            place, J = self.scan.minimum
+            return self.nodes.at(np.array([place])[: len(self.nodes.axes)]), J
+        found = least_place(self.least, self.nodes.places)
+        return self.nodes.at(found), float(self.least([np.array([one]) for one in found.tolist()])[0])
+
+    def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
+        """Linear parameters of each flight where J is least, at values of the continuous nuisances."""
+        made = [products_at(member.rows_at(nuisances), member.centre) for member in self.members]
+        outer = np.outer(self._scales, self._scales)
+        seen = [equations / self._scales for equations, _ in made]
+        N = self._joined(np.stack([(one.T @ one)[None] for one in seen]))[0]
+        D = self._joined(np.stack([(power / outer)[None] for _, power in made]))[0]
+        x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
+        differences = -x / x[0] * self._scales[0]
+        return [
+            member.centre + differences[self._places_of(number)][1:] / self._scales[1:]
+            for number, member in enumerate(self.members)
+        ]
+
+    # -- sets ------------------------------------------------------------------------------------------------
+
+    def below(self, bound: float, place: int) -> list[list[tuple[float, float]]]:
+        """For each flight the values of one parameter at which J is at most a bound, as pieces."""
+        found: list[list[tuple[float, float]]] = [[] for _ in self.members]
+        for within, cut_short in self.scan.stretches(bound):
+            box = [within] if self.nodes.axes else []
+            N, D = self._blocks(box)
+            left = (bound - self.misfit(box))[:, None, None] * np.ones((within.size, 1, 1))
+            for number, (Q, free) in enumerate(self._others_free(N - left * D)):
+                order = [0, 1 + place, *(1 + j for j in range(self.size) if j != place)]
+                zeros = np.zeros(within.size)
+                fitting = allowed(Q[:, order][:, :, order], np.zeros(Q.shape), zeros)
+                pieces = fitting.continued() if cut_short else fitting.pieces()
+                if free.any():
+                    pieces = [(-inf, inf)]
+                scale, centre = self._scales[0] / self._scales[1 + place], self.members[number].centre[place]
+                found[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
+        return found
+
+    def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "k b b"], Bool[np.ndarray, " k"]]]:
+        """For each flight the form of its parameters, those of the other flights where the form is least.
+
+        And whether those of another flight can go to infinity at no cost.
+        """
+        own, kept = [1 + place for place in self.own], [0, *(1 + place for place in self.shared)]
+        rest = Q[:, :, kept][:, :, :, kept]
+        free = np.zeros(Q.shape[:2], dtype=np.bool_)
+        if own:
+            inner, cross = Q[:, :, own][:, :, :, own], Q[:, :, own][:, :, :, kept]
+            free = np.linalg.eigvalsh(inner)[:, :, 0] <= 0.0
+            inner = np.where(free[:, :, None, None], np.eye(len(own)), inner)
+            rest = rest - np.swapaxes(cross, 2, 3) @ np.linalg.solve(inner, cross)
+        total, some = rest.sum(axis=0), free.sum(axis=0)
+        found = []
+        for number, block in enumerate(Q):
+            whole = block.copy()
+            whole[:, np.array(kept)[:, None], kept] += total - rest[number]
+            found.append((whole, some > free[number]))
+        return found
+
+
+# -- Joint --
+
+
+@dataclass(frozen=True)
+class MemberSlopes:
+    """What a flight says of its own vector at the pool's estimate.
+
+    Parameters
+    ----------
+    seen : ndarray, shape (q, v)
+        A.
+    power : ndarray, shape (v, v)
+        G'G.
+    meat : ndarray, shape (v, v)
+        Covariance of the sum of its scores, by cosine averages.
+    nuisance_columns : ndarray, shape (rows, c)
+        Derivatives by the continuous nuisances.
+    residual_power : float
+        Sum of the squares of its whitened residual.
+    """
+
+    seen: Float[np.ndarray, "q v"]
+    power: Float[np.ndarray, "v v"]
+    meat: Float[np.ndarray, "v v"]
+    nuisance_columns: Float[np.ndarray, "rows c"]
+    residual_power: float
+
+
+def member_slopes(
+    member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
+) -> MemberSlopes:
+    """Jacobian and scores of a flight.
+
+    Parameters
+    ----------
+    member : PoolMember
+        The flight.
+    nuisances : tuple of Nuisance
+        The continuous ones.
+    values : mapping of str to float
+        Their values.
+    theta : ndarray, shape (n,)
+        Its linear parameters.
+    """
+    rows, at = member.rows_at(values), member.at(values)
+    moved = [slope(member.weights, nuisance, at, theta) for nuisance in nuisances]
+    columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
+    jacobian = np.column_stack([rows.regressors, columns])
+    seen = rows.instruments.T @ jacobian
+    residual = rows.response - rows.regressors @ theta
+    scores = rows.layout.scores(rows.instruments @ seen, residual)
+    averages = max(min(COSINE_AVERAGES, len(scores) - jacobian.shape[1]), 1)
+    meat = cosine_covariance([scores], len(scores), averages)
+    return MemberSlopes(seen, jacobian.T @ jacobian, meat, columns, float(residual @ residual))
+
+
+@dataclass(frozen=True)
+class PoolJoint:
+    """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances.
+
+    Parameters
+    ----------
+    criterion : PoolCriterion
+        Which flights, and what is shared.
+    slopes : tuple of MemberSlopes
+        One for each flight.
+    inflation : float
+        By how much more than chance flights differ in what they share: a factor of its variance.
+    """
+
+    criterion: PoolCriterion
+    slopes: tuple[MemberSlopes, ...]
+    inflation: float = 1.0
+
+    @cached_property
+    def places(self) -> list[np.ndarray]:
+        """Where the vector of each flight is in that of the pool."""
+        flights, own = len(self.slopes), len(self.criterion.own)
+        shared = self.criterion.shared
+        first = flights * own
+        found = []
+        for number in range(flights):
+            places = np.zeros(self.slopes[number].power.shape[0], dtype=np.int64)
+            places[list(self.criterion.own)] = number * own + np.arange(own)
+            places[list(shared)] = first + np.arange(len(shared))
+            places[self.criterion.size :] = first + len(shared) + np.arange(places.size - self.criterion.size)
+            found.append(places)
+        return found
+
+    @property
+    def own_count(self) -> int:
+        """Parameters that belong to flights, of all flights."""
+        return len(self.slopes) * len(self.criterion.own)
+
+    def _summed(self, blocks: list[Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
+        width = self.criterion.unknowns
+        total = np.zeros((width, width))
+        for places, block in zip(self.places, blocks, strict=True):
+            total[places[:, None], places] += block
+        return total
+
+    @cached_property
+    def variance(self) -> float:
+        """s^2 of the whitened rows."""
+        power = sum(one.residual_power for one in self.slopes)
+        return power / (self.criterion.rows - self.criterion.unknowns)
+
+    @cached_property
+    def _prior(self) -> Float[np.ndarray, "m m"]:
+        """What is known beforehand of nuisances, as information."""
+        information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
+        first = self.own_count + len(self.criterion.shared)
+        for number, axis in enumerate(self.criterion.nodes.axes):
+            prior = self.criterion.known.get(axis.nuisance.name)
+            if prior is not None:
+                information[first + number, first + number] = prior.std**-2.0
+        return information
+
+    @cached_property
+    def sensitivity(self) -> Float[np.ndarray, "m m"]:
+        """Minus the derivative of all scores."""
+        return self._summed([one.seen.T @ one.seen for one in self.slopes]) + self.variance * self._prior
+
+    @cached_property
+    def classical(self) -> Float[np.ndarray, "m m"]:
+        """Covariance for white residuals."""
+        return self._widened(sandwich(self.sensitivity, self.variance * self.sensitivity))
+
+    @cached_property
+    def by_cosines(self) -> Float[np.ndarray, "m m"]:
+        """Covariance by cosine averages in each flight, and what is known beforehand."""
+        meat = self._summed([one.meat for one in self.slopes]) + self.variance**2 * self._prior
+        return self._widened(sandwich(self.sensitivity, meat))
+
+    def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
+        """With the variance of what is shared times the inflation, and what that moves."""
+        if self.inflation <= 1.0:
+            return covariance
+        first = self.own_count
+        H = self.sensitivity
+        moved = np.vstack([-np.linalg.solve(H[:first, :first], H[:first, first:]), np.eye(len(H) - first)])
+        return covariance + (self.inflation - 1.0) * moved @ covariance[first:, first:] @ moved.T
+
+    def of(self, mapping: Float[np.ndarray, "v m"]) -> JointCovariance:
+        """Covariance of linear combinations of the pool's parameters.
+
+        Parameters
+        ----------
+        mapping : ndarray, shape (v, m)
+            One row for each combination. Degrees of freedom are those of one flight.
+        """
+        robust = mapping @ self.by_cosines @ mapping.T
+        cosines = CovariancePart("equal_weighted_cosines", robust, float(COSINE_AVERAGES))
+        return JointCovariance((cosines, CovariancePart("classical", mapping @ self.classical @ mapping.T)))
+
+    def shared_variance(self, direction: Float[np.ndarray, " m"]) -> float:
+        """What is shared adds so much to the variance of a combination of the flights' own parameters."""
+        first, H = self.own_count, self.sensitivity
+        moved = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
+        largest = [one[first:, first:] for one in (self.classical, self.by_cosines)]
+        return max(float(moved @ covariance @ moved) for covariance in largest)
+
+    def own_variance(self, places: list[int]) -> Float[np.ndarray, " F"]:
+        """Variance of a parameter of each flight's own, were what is shared known."""
+        first = self.own_count
+        inner = self.sensitivity[:first, :first]
+        meat = self._summed([one.meat for one in self.slopes])[:first, :first]
+        white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
+        return np.maximum(np.diag(white), np.diag(robust))[places]
+
+    def of_member(self, number: int) -> JointCovariance:
+        """Covariance of one flight's vector: its linear parameters and the continuous nuisances."""
+        return self.of(np.eye(self.criterion.unknowns)[self.places[number]])
+
+    @cached_property
+    def first_stage(self) -> Float[np.ndarray, " m"]:
+        """Conditional first-stage F of each parameter of the pool, as if all instruments were of one flight.
+
+        What is left of a column's instrumented part after all others, over the equations that one flight on
+        average has beyond its unknowns: instruments of other flights do not move what belongs to one.
+        """
+        scale = unit_scale(np.diag(self.sensitivity))
+        inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
+        own = np.diag(inverse)
+        directions = inverse / np.where(own > 0.0, own, np.inf)
+        power = np.outer(scale, scale) * (
+            self._summed([one.power for one in self.slopes]) + self.variance * self._prior
+        )
+        explained = 1.0 / np.where(own > 0.0, own, np.inf)
+        left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
+        flights = len(self.slopes)
+        vector = self.slopes[0].power.shape[0]
+        spare = max(self.criterion.instruments / flights - vector + 1.0, 1.0)
+        rest = max(self.criterion.rows - self.criterion.instruments, 1)
+        return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
+
+
+# -- Candidate --
+
+
+@dataclass(frozen=True)
+class PoolCandidate:
+    """A pool at one combination of the discrete nuisances.
+
+    Parameters
+    ----------
+    separate, common : PoolCriterion
+        With parameters of each flight's own, and with all shared.
+    at : mapping of str to float
+        Every nuisance, where `separate` is least.
+    theta : tuple of ndarray, shapes (n,)
+        Linear parameters of each flight there.
+    joint : PoolJoint
+        Linearised there.
+    """
+
+    separate: PoolCriterion
+    common: PoolCriterion
+    at: Values
+    theta: tuple[Float[np.ndarray, " n"], ...]
+    joint: PoolJoint
+
+    @property
+    def criterion(self) -> float:
+        """J."""
+        return self.separate.minimum[1]
+
+    @cached_property
+    def common_theta(self) -> Float[np.ndarray, " n"]:
+        """Linear parameters where `common` is least."""
+        return self.common.parameters(self.common.minimum[0])[0]
+
+    @property
+    def profiles(self) -> tuple[NuisanceProfile, ...]:
+        """J over the nodes of each continuous nuisance, at the best of the others."""
+        nodes = self.separate.nodes
+        sought = tuple(axis.nuisance for axis in nodes.axes)
+        if not sought:
+            return ()
+        return profiles_of(sought, [axis.values for axis in nodes.axes], self.separate.least(nodes.places))
+
+
+def pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
+    """Linearise a pool where its criterion is least; what is shared has its variance multiplied."""
+    nuisances, _ = criterion.minimum
+    theta = criterion.parameters(nuisances)
+    sought = tuple(axis.nuisance for axis in criterion.nodes.axes)
+    slopes = tuple(
+        member_slopes(member, sought, nuisances, own)
+        for member, own in zip(criterion.members, theta, strict=True)
+    )
+    at = {**criterion.members[0].fixed, **nuisances}
+    joint = PoolJoint(criterion, slopes, inflation)
+    centre = criterion.members[0].centre
+    shared = tuple(member.recentred(centre) for member in criterion.members)
+    return PoolCandidate(criterion, replace(criterion, members=shared, own=()), at, tuple(theta), joint)
+
+
+# -- Pooled --
+
+#: Flights differ, in what is their own or in what they share, when chance explains it so rarely.
+DIFFERENT = 0.05
+
+
+@dataclass(frozen=True)
+class OwnMean:
+    """One value for all flights of a parameter that belongs to the flight.
+
+    Parameters
+    ----------
+    value : float
+        The common one, or the mean.
+    weights : ndarray, shape (F,)
+        What each flight counts.
+    differing : float or None
+        Variance of the mean over flights that differ; None where they agree.
+    """
+
+    value: float
+    weights: Float[np.ndarray, " F"]
+    differing: float | None
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Estimates of a pool.
+
+    Parameters
+    ----------
+    estimates : tuple of Estimate
+        Of each flight alone.
+    own : tuple of str
+        Linear parameters that belong to the flight.
+    candidates : tuple of PoolCandidate
+        One for each combination of discrete nuisances.
+    nuisances : tuple of Nuisance
+        With what is known of them beforehand.
+    shared_p_value : float
+        Of the test that flights agree in what they share.
+    separate : bool
+        Never take flights as agreeing in what is their own.
+    """
+
+    estimates: tuple[Estimate, ...]
+    own: tuple[str, ...]
+    candidates: tuple[PoolCandidate, ...]
+    nuisances: tuple[Nuisance, ...]
+    shared_p_value: float
+    separate: bool = False
+
+    @property
+    def problems(self) -> tuple[SeparableProblem, ...]:
+        """Of each flight."""
+        return tuple(member.problem for member in self.candidates[0].separate.members)
+
+    @property
+    def nuisance_names(self) -> tuple[str, ...]:
+        """Of those that are searched for between the values of their grids."""
+        return tuple(axis.nuisance.name for axis in self.candidates[0].separate.nodes.axes)
+
+    @property
+    def _method(self) -> LinearMethod:
+        method = by_name(self.estimates[0].method)
+        check_linear(method)
+        return cast("LinearMethod", method)
+
+    @property
+    def best(self) -> int:
+        """Place of the candidate that fits best."""
+        return int(np.argmin([one.criterion for one in self.candidates]))
+
+    @property
+    def inflation(self) -> float:
+        """Factor of the variance of what is shared."""
+        return self.candidates[0].joint.inflation
+
+    @cached_property
+    def own_p_value(self) -> float:
+        """Of the test that flights agree in what is their own."""
+        together = min(one.common.minimum[1] for one in self.candidates)
+        apart = min(one.criterion for one in self.candidates)
+        degrees = (len(self.estimates) - 1) * len(self.own)
+        return chi_square_tail(max(together - apart, 0.0), degrees)
+
+    @property
+    def differs(self) -> bool:
+        """Whether flights differ in what is their own, or are not taken as agreeing."""
+        return self.separate or self.own_p_value < DIFFERENT
+
+    # -- one flight ------------------------------------------------------------------------------------------
+
+    def member(self, number: int) -> Estimate:
+        """Estimate of one flight, with what the pool says of what it shares."""
+        return self._estimate(
+            [
+                _Solution(
+                    pool.separate.members[number].rows_at(pool.at),
+                    pool.theta[number],
+                    pool.joint.slopes[number].nuisance_columns,
+                    pool.joint.of_member(number),
+                )
+                for pool in self.candidates
+            ]
+        )
+
+    def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
+        """Sets of a parameter of each flight's own; None where several nuisances are continuous.
+
+        The profile set is that of all flights. In place of the Anderson-Rubin set of all instruments stands
+        that of the flight's own, beside what the pool says of the rest: J above its least by the quantile of
+        chi-square with a degree of freedom for each of the flight's instruments.
+        """
+        if len(self.candidates[0].separate.nodes.axes) > 1:
+            return (None,) * len(self.estimates)
+        place = self._places([name])[0]
+        members = self.candidates[self.best].separate.members
+
+        def below(excess: float) -> list[ConfidenceSet]:
+            found = self._below([one.separate for one in self.candidates], excess, place)
+            return [ConfidenceSet.union(pieces) for pieces in found]
+
+        profiles = below(self._allowance(level))
+        robust = {
+            count: below(chi_square_quantile(level, count)) for count in {m.instruments for m in members}
+        }
+        return tuple(
+            ParameterSets(
+                ConfidenceSet((self.member(number).interval(name, level),)),
+                profiles[number],
+                robust[member.instruments][number],
+            )
+            for number, member in enumerate(members)
+        )
+
+    # -- all flights -----------------------------------------------------------------------------------------
+
+    def whole(self) -> Estimate:
+        """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
+        return self._estimate([self._of_all(pool) for pool in self.candidates])
+
+    def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
+        """Sets of a parameter that all flights have in common, or of the common value of one that is not.
+
+        None where flights differ in it, and where several nuisances are continuous.
+        """
+        own = name in self.own
+        if len(self.candidates[0].separate.nodes.axes) > 1 or (own and self.differs):
+            return None
+        place = self._places([name])[0]
+        criteria = [one.common if own else one.separate for one in self.candidates]
+        instruments = max(member.instruments for member in criteria[0].members)
+
+        def below(excess: float) -> ConfidenceSet:
+            return ConfidenceSet.union(self._below(criteria, excess, place)[0])
+
+        return ParameterSets(
+            ConfidenceSet((self.whole().interval(name, level),)),
+            below(self._allowance(level)),
+            below(chi_square_quantile(level, instruments)),
+        )
+
+    def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
+        """Profile set of the continuous nuisance, or of its sum with discrete ones.
+
+        None where none is continuous, or several are. A nuisance that is positive and fits down to the least
+        value of its grid may be none at all; one that fits up to the largest has no upper bound.
+        """
+        nodes = self.candidates[0].separate.nodes
+        if len(nodes.axes) != 1:
+            return None
+        (axis,) = nodes.axes
+        criteria = [one.separate for one in self.candidates]
+        pieces = []
+        for pool, lowest in zip(self.candidates, self._least(criteria), strict=True):
+            beside = sum(pool.at[name] for name in names if name != axis.nuisance.name)
+            for within, cut_short in pool.separate.scan.stretches(lowest + self._allowance(level)):
+                low, high = axis.at(within[[0, -1]]).tolist()
+                if axis.nuisance.positive and within[0] == axis.places[0]:
+                    low = 0.0
+                pieces.append((beside + low, inf if cut_short else beside + high))
+        return ConfidenceSet.union(pieces)
+
+    def _allowance(self, level: float) -> float:
+        """By how much J may exceed its least in a profile set; more where what is shared differs."""
+        return self.inflation * t_quantile(level, DEGREES) ** 2
+
+    def _least(self, criteria: Sequence[PoolCriterion]) -> list[float]:
+        """For each candidate the least J of those it competes with."""
+        points = [one.at for one in self.candidates]
+        return least_of_competitors(
+            bounded_sums(self.nuisances), points, [one.minimum[1] for one in criteria]
+        )
+
+    def _below(
+        self, criteria: Sequence[PoolCriterion], excess: float, place: int
+    ) -> list[list[tuple[float, float]]]:
+        """For each flight pieces where J exceeds the least of those it competes with by no more."""
+        found: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
+        for lowest, one in zip(self._least(criteria), criteria, strict=True):
+            for pieces, more in zip(found, one.below(lowest + excess, place), strict=True):
+                pieces.extend(more)
+        return found
+
+    def mean(self, name: str, candidate: PoolCandidate | None = None) -> OwnMean:
+        """One value for all flights of a parameter that is their own."""
+        pool = self.candidates[self.best] if candidate is None else candidate
+        place = self._places([name])[0]
+        values = np.array([theta[place] for theta in pool.theta])
+        rows = [int(places[place]) for places in pool.joint.places]
+        if self.differs:
+            flights, variances = one_group(values.size), pool.joint.own_variance(rows)
+            between = moment_between(flights, values, variances)
+            found = random_effects_means(flights, values, variances, between)
+            return OwnMean(float(found.value[0]), found.weights, float(found.variance[0]))
+        covariance = pool.joint.classical[np.ix_(rows, rows)]
+        weights = np.linalg.solve(covariance, np.ones(values.size))
+        return OwnMean(float(pool.common_theta[place]), weights / weights.sum(), None)
+
+    def _places(self, names: Sequence[str]) -> list[int]:
+        parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
+        return [parameters.index(name) for name in names]
+
+    def _of_all(self, pool: PoolCandidate) -> _Solution:
+        """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
+        joint, places = pool.joint, self._places(self.own)
+        means = {place: self.mean(name, pool) for name, place in zip(self.own, places, strict=True)}
+        theta = pool.theta[0].copy()
+        theta[places] = [means[place].value for place in places]
+        made = [member.rows_at(pool.at) for member in pool.separate.members]
+        tests = [rows.instruments @ slopes.seen for rows, slopes in zip(made, joint.slopes, strict=True)]
+        rows = Regression(
+            np.concatenate(
+                [
+                    one.response - one.regressors @ (own - theta)
+                    for one, own in zip(made, pool.theta, strict=True)
+                ]
+            ),
+            np.concatenate([one.regressors for one in made]),
+            np.concatenate(tests),
+            made[0].parameters,
+            _joined([one.layout for one in made]),
+        )
+        columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
+        vector = np.eye(joint.criterion.unknowns)[joint.places[0]]
+        for place, mean in means.items():
+            vector[place] = 0.0
+            vector[place, [each[place] for each in joint.places]] = mean.weights
+        return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
+
+    def _covariance(
+        self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, OwnMean]
+    ) -> JointCovariance:
+        """Of the mean and of what is shared; where flights differ, with a part for that."""
+        found = joint.of(vector)
+        variances = np.zeros(vector.shape[0])
+        for place, mean in means.items():
+            if mean.differing is not None:
+                variances[place] = mean.differing + joint.shared_variance(vector[place])
+        if not variances.any():
+            return found
+        between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
+        return JointCovariance((*found.parts, between))
+
+    def _estimate(self, found: Sequence[_Solution]) -> Estimate:
+        """Estimate whose candidates are at values that the pool has."""
+        first = self.estimates[0]
+        sought = tuple(one for one in self.nuisances if one.refined)
+        candidates = tuple(
+            self._candidate(pool, one, sought) for pool, one in zip(self.candidates, found, strict=True)
+        )
+        joint = (*first.best.rows.parameters, *(one.parameter for one in sought))
+        return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
+
+    def _candidate(self, pool: PoolCandidate, found: _Solution, sought: tuple[Nuisance, ...]) -> Candidate:
+        solved = self._method.solve(found.rows)
+        system = solved.system
+        solution = replace(
+            solved.solution,
+            theta=found.theta,
+            residual=system.right - system.matrix @ found.theta,
+            objective=pool.criterion,
+        )
+        known = [one for one in self.nuisances if one.searched and one.prior is not None]
+        solved = replace(
+            solved,
+            solution=solution,
+            nuisance_columns=found.nuisance_columns,
+            precision=np.array([0.0 if one.prior is None else one.prior.std**-2.0 for one in sought]),
+            misfits=tuple(one.misfit(pool.at) for one in known),
+        )
+        return Candidate(
+            {one.name: pool.at[one.name] for one in self.nuisances},
+            solved,
+            pool.profiles,
+            self.estimates[0].best.covariance_estimator,
+            found.covariance,
+            pool.criterion,
+        )
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Rows, and what a pool says of them."""
+
+    rows: Regression
+    theta: Float[np.ndarray, " n"]
+    nuisance_columns: Float[np.ndarray, "rows c"]
+    covariance: JointCovariance
+
+
+def _joined(layouts: Sequence[object]) -> BinRows:
+    """Rows of several flights, one after the other."""
+    runs = [
+        replace(run, flight=number)
+        for number, layout in enumerate(layouts)
+        if isinstance(layout, BinRows)
+        for run in layout.runs
+    ]
+    return BinRows(tuple(runs))
+
+
+# -- Pooling --
+
+#: Nodes of a nuisance, at least: products of lags that are close make differences that are small.
+FEWEST_NODES = 33
+
+
+def pooled(
+    problems: Sequence[SeparableProblem],
+    estimates: Sequence[Estimate],
+    own: Sequence[str],
+    *,
+    nuisances: tuple[Nuisance, ...],
+    separate: bool = False,
+) -> Pooled:
+    """Pool flights that share some parameters.
+
+    Parameters
+    ----------
+    problems : sequence of SeparableProblem
+        Of each flight, with the same nuisances.
+    estimates : sequence of Estimate
+        Of each, by whitened instruments.
+    own : sequence of str
+        Linear parameters that belong to the flight.
+    nuisances : tuple of Nuisance
+        Those of the pool: those of the problems, with what is known of them beforehand.
+    separate : bool
+        Never take flights as agreeing in what is their own.
+    """
+    nuisances = reaching(nuisances, [estimate.best.at for estimate in estimates])
+    nodes = nodes_of(nuisances, FEWEST_NODES)
+    parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
+    places = tuple(parameters.index(name) for name in own)
+
+    def made(fixed: dict[str, float], _beside: PoolCriterion | None) -> PoolCriterion:
+        return _criterion(problems, estimates, places, nodes, fixed)
+
+    criteria = on_nested_grids(nuisances, made, lambda one: one.minimum[1])
+    p_value, inflation = _differences(criteria)
+    candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
+    return Pooled(tuple(estimates), tuple(own), candidates, nuisances, p_value, separate)
+
+
+def _criterion(
+    problems: Sequence[SeparableProblem],
+    estimates: Sequence[Estimate],
+    own: tuple[int, ...],
+    nodes: Nodes,
+    fixed: Values,
+) -> PoolCriterion:
+    alone = [_nearest(estimate, fixed) for estimate in estimates]
+    known = {
+        axis.nuisance.name: replace(
+            prior, mean=prior.mean - sum(fixed[name] for name in axis.nuisance.known_with)
+        )
+        for axis in nodes.axes
+        if (prior := axis.nuisance.prior) is not None
+    }
+
+    def weighted(at: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
+        shared = np.median(theta, axis=0)
+        members = []
+        for problem, values, parameters in zip(problems, at, theta, strict=True):
+            centre = shared.copy()
+            centre[list(own)] = parameters[list(own)]
+            members.append(pool_member(problem, nodes, {**values, **fixed}, parameters, centre))
+        return PoolCriterion(tuple(members), own, nodes, known)
+
+    first = weighted([one.at for one in alone], [one.theta for one in alone])
+    nuisances = first.minimum[0]
+    return weighted([nuisances] * len(alone), first.parameters(nuisances))
+
+
+def _nearest(estimate: Estimate, fixed: Values) -> Candidate:
+    """The candidate of a flight alone whose discrete nuisances are nearest to some values."""
+    refined = {profile.nuisance.name for profile in estimate.best.profiles}
+    names = [name for name in fixed if name not in refined]
+    return min(estimate.candidates, key=lambda one: sum(abs(one.at[name] - fixed[name]) for name in names))
+
+
+def _differences(criteria: Sequence[PoolCriterion]) -> tuple[float, float]:
+    """P-value of agreement in what is shared, and by what its variance is multiplied."""
+    first = criteria[0]
+    together = min(replace(one, known={}).minimum[1] for one in criteria)
+    alone = sum(
+        min(replace(one, members=(one.members[number],), known={}).minimum[1] for one in criteria)
+        for number in range(len(first.members))
+    )
+    degrees = (len(first.members) - 1) * (len(first.shared) + len(first.nodes.axes))
+    excess = max(together - alone, 0.0)
+    p_value = chi_square_tail(excess, degrees)
+    return p_value, max(excess / degrees, 1.0) if p_value < DIFFERENT else 1.0

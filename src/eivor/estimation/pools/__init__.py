@@ -1,1 +1,0 @@
-"""Flights of one vehicle together: some parameters are shared, others belong to the flight."""

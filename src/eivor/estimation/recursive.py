@@ -1,0 +1,772 @@
+"""Recursive identification, tracking of parameters and detection of changes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import EstimationError, TooFewSamplesError, UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.exponential_forgetting import (
+    BLOCKS_PER_LOOK,
+    DEFAULT_MEMORY,
+    FadedProducts,
+    Forgetting,
+    TimedRows,
+    equation_map,
+    faded_covariance,
+    nothing_yet,
+    timed_rows,
+)
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.methods import identify
+from eivor.estimation.moments import CrossMoments, ProblemMoments
+from eivor.estimation.streaming import check_chunked, continued
+from eivor.inference.covariance import JointCovariance, unit_scale
+from eivor.models.regression import Column, Parameter
+from eivor.models.separable import Prior
+from eivor.models.signal_regression import SignalModel
+from eivor.signals.signals import Signals
+from eivor.tools import Float, Int
+
+# -- Sequential tests --
+
+#: Part of a scaled regressor that the others must leave of it.
+COLLINEAR_SHARE = 1e-10
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Means over the rows of a look.
+
+    Parameters
+    ----------
+    sample : int
+        Samples of the stream up to its end.
+    means : ndarray, shape (p, n + 1)
+        Of psi [phi' y], compensated; zeros where no row counted.
+    count : float
+        Rows that counted.
+    """
+
+    sample: int
+    means: Float[np.ndarray, "p n_plus_1"]
+    count: float
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """Successive estimates that later looks are held against.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (W, n)
+        The estimates, the newest last.
+    mapped : ndarray, shape (W, m, p)
+        What a change of the mean scores changes the parameters by that are watched.
+    watched : slice
+        Which they are.
+    """
+
+    theta: Float[np.ndarray, "W n"]
+    mapped: Float[np.ndarray, "W m p"]
+    watched: slice
+
+    def then(self, later: References, most: int) -> References:
+        """The newest of both, `most` at most."""
+        theta = np.concatenate([self.theta, later.theta])[-most:]
+        return References(theta, np.concatenate([self.mapped, later.mapped])[-most:], self.watched)
+
+    def shown(self, look: Look) -> tuple[Float[np.ndarray, "W m"], Float[np.ndarray, "W m"]]:
+        """Changes of the parameters that a look shows, and how well, over what looks do on average."""
+        seen = np.matmul(self.mapped, look.means)
+        change = seen[:, :, -1] - np.matmul(seen[:, :, :-1], self.theta[:, :, None])[:, :, 0]
+        return change, np.diagonal(seen[:, :, self.watched], axis1=1, axis2=2)
+
+
+def looks_at_once(forgetting: Forgetting) -> int:
+    """Most looks that rows may complete: their blocks are still kept apart then."""
+    return (forgetting.kept_blocks - BLOCKS_PER_LOOK) // BLOCKS_PER_LOOK
+
+
+def looks_between(before: FadedProducts, after: FadedProducts) -> Iterator[tuple[Look, References | None]]:
+    """Looks that rows complete, `looks_at_once` at most.
+
+    Parameters
+    ----------
+    before, after : FadedProducts
+        Before and after the rows.
+
+    Returns
+    -------
+    iterator of (Look, References or None)
+        Each with the least squares solution of the equations of all rows up to its end; None where they
+        have no unique one.
+    """
+    forgetting = after.forgetting
+    first, last = (faded.samples // forgetting.look for faded in (before, after))
+    if last == first:
+        return
+    begun, full = (faded.samples // forgetting.block for faded in (before, after))
+    waiting, done = first * BLOCKS_PER_LOOK, last * BLOCKS_PER_LOOK
+    end = after.closed.blocks
+    blocks = after.closed.between(end - (full - waiting), end - (full - done))
+    tables, counts = after.compensated(blocks), blocks.products.counts
+    ends = np.arange(first + 1, last + 1) * BLOCKS_PER_LOOK - begun
+    ages = ends[:, None] - 1 - np.arange(done - begun)
+    fade = forgetting.factor**forgetting.block
+    weights, since = np.where(ages >= 0, fade ** np.maximum(ages, 0), 0.0), fade**ends
+    new = slice(begun - waiting, None)
+    totals = np.tensordot(weights, tables[new], 1) + np.multiply.outer(
+        since, before.compensated(before.full)[0]
+    )
+    rows = weights @ counts[new] + since * before.full.products.count
+    sums = tables.reshape(last - first, BLOCKS_PER_LOOK, *tables.shape[1:]).sum(axis=1)
+    counted = counts.reshape(last - first, BLOCKS_PER_LOOK).sum(axis=1)
+    means = sums / np.where(counted > 0.0, counted, 1.0)[:, None, None]
+    for number, reference in enumerate(_references(totals, rows)):
+        sample = (first + 1 + number) * forgetting.look
+        yield Look(sample, means[number], float(counted[number])), reference
+
+
+def newest_look(faded: FadedProducts) -> Look:
+    """The last full blocks of products that end with a look."""
+    blocks = faded.closed.between(faded.closed.blocks - BLOCKS_PER_LOOK, faded.closed.blocks)
+    count = blocks.products.count
+    means = faded.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
+    return Look(faded.samples, means, count)
+
+
+def newest_reference(faded: FadedProducts) -> References | None:
+    """Least squares solution of the equations of all full blocks; None where there is no unique one."""
+    (found,) = _references(faded.compensated(faded.full), faded.full.products.counts)
+    return found
+
+
+def _references(
+    equations: Float[np.ndarray, "L p n_plus_1"], counts: Float[np.ndarray, " L"]
+) -> Iterator[References | None]:
+    A, b = equations[:, :, :-1], equations[:, :, -1]
+    looks, p, n = A.shape
+    if p < n:
+        yield from [None] * looks
+        return
+    scale = unit_scale(np.einsum("lpn,lpn->ln", A, A))
+    Q, R = np.linalg.qr(A * scale[:, None, :])
+    told = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
+    R[~told] = np.eye(n)
+    inverse = scale[:, :, None] * np.linalg.solve(R, Q.swapaxes(1, 2))
+    theta = np.matmul(inverse, b[:, :, None])[:, :, 0]
+    mapped = counts[:, None, None] * inverse
+    for number in range(looks):
+        here = slice(number, number + 1)
+        yield References(theta[here], mapped[here], slice(0, n)) if told[number] else None
+
+
+# -- Change detector --
+
+#: Median magnitude of normal numbers over their standard deviation, inverted.
+NORMAL_MEDIAN = 1.4826
+#: Looks after a change that are listened to only: one memory, until what was kept of before has faded.
+REST = 8
+#: Least of what a look shows of a parameter over what looks do on average, to show anything.
+LEAST_SEEN = 0.1
+#: What a change counts in the sums to both sides.
+SIDES = np.array([[1.0], [-1.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeDetector:
+    """When a change is told.
+
+    Parameters
+    ----------
+    threshold : float
+        Sum that is a change.
+    drift : float
+        What every look takes off the sums: half the smallest change that is to be told quickly, in standard
+        deviations of a look.
+    limit : float
+        Largest magnitude of one look.
+    scale_looks : int
+        Looks that the scale is the median of.
+    least_looks : int
+        Looks before the first that is summed.
+    kept_looks : int
+        Looks that are kept after a change.
+    held_looks : int
+        Looks for which a sum is held against one estimate at most.
+
+    Raises
+    ------
+    UsageError
+        When one is not above zero, or the limit is not above the drift.
+    """
+
+    threshold: float = 13.0
+    drift: float = 0.75
+    limit: float = 4.0
+    scale_looks: int = 80
+    least_looks: int = 20
+    kept_looks: int = 3
+    held_looks: int = 16
+
+    def __post_init__(self) -> None:
+        for name in ("threshold", "drift", "limit"):
+            checks.number(name, getattr(self, name))
+        looks = ("scale_looks", "least_looks", "kept_looks", "held_looks")
+        for name in looks:
+            checks.whole(name, getattr(self, name))
+        if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *looks)):
+            raise UsageError("a detector whose numbers are above zero", repr(self), "The defaults are.")
+        if not self.limit > self.drift:
+            raise UsageError(
+                "a limit above the drift", f"{self.limit:g} and {self.drift:g}", "No sum would ever grow."
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change that was told.
+
+    Parameters
+    ----------
+    parameter : str
+        Whose.
+    sample : int
+        Samples of the stream, counted from its first row, after which it was told.
+    upwards : bool
+        Whether the parameter grew.
+    """
+
+    parameter: str
+    sample: int
+    upwards: bool
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What a detector saw so far.
+
+    Parameters
+    ----------
+    references : References or None
+        Estimates that a look may be held against; None for none yet.
+    before : ndarray, shape (looks, m)
+        Changes that the last looks showed against the newest, of one variance; NaN where they showed none.
+    sums : ndarray, shape (2, m)
+        To both sides, upwards first.
+    held : ndarray, shape (2, m)
+        How many references before the newest each sum is held against.
+    resting : int
+        Looks that are not summed any more, after a change.
+    """
+
+    references: References | None = None
+    before: Float[np.ndarray, "looks m"] = field(default_factory=lambda: np.zeros((0, 0)))
+    sums: Float[np.ndarray, "2 m"] = field(default_factory=lambda: np.zeros((2, 0)))
+    held: Int[np.ndarray, "2 m"] = field(default_factory=lambda: np.zeros((2, 0), dtype=np.int64))
+    resting: int = 0
+
+    def expecting(self, newest: References | None, detector: ChangeDetector) -> Watch:
+        """With the estimate just before the next look; None where there is none."""
+        if newest is None:
+            return self
+        watched = newest.mapped.shape[1]
+        if self.references is None:
+            before = self.before if self.before.size else np.zeros((0, watched))
+            nothing = np.zeros((2, watched), dtype=np.int64)
+            return Watch(newest, before, nothing.astype(np.float64), nothing, self.resting)
+        references = self.references.then(newest, detector.held_looks)
+        oldest = references.theta.shape[0] - 1
+        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, oldest), 0)
+        return Watch(references, self.before, self.sums, held, self.resting)
+
+    def after(self, look: Look, detector: ChangeDetector) -> Watch:
+        """With one more look; one without rows, or that nothing is expected of, shows nothing."""
+        if self.references is None or not look.count > 0.0:
+            return self
+        change, seen = self.references.shown(look)
+        roots = np.sqrt(np.where(seen < LEAST_SEEN, 0.0, np.minimum(seen, 1.0)))
+        units, sums = _in_units(change, seen), self.sums
+        if self.before.shape[0] >= detector.least_looks and not self.resting:
+            places = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
+            root, most = roots[places], detector.limit
+            step = np.maximum(np.minimum(np.nan_to_num(units[places]) / _scale(self.before), most), -most)
+            sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
+        before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
+        return Watch(self.references, before, sums, self.held, max(self.resting - 1, 0))
+
+    def told(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
+        """Numbers of the parameters that changed, and whether they grew."""
+        sides, parameters = np.nonzero(self.sums > detector.threshold)
+        return tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
+
+    def reset(self) -> Watch:
+        """After a change: nothing to hold looks against, and no sums for a while; the scale is kept."""
+        return Watch(before=self.before, resting=REST)
+
+
+def _in_units(change: Float[np.ndarray, "W m"], seen: Float[np.ndarray, "W m"]) -> Float[np.ndarray, "W m"]:
+    """Changes of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing."""
+    nothing = seen < LEAST_SEEN
+    told = np.where(nothing, 1.0, seen)
+    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(told), told))
+
+
+def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
+    """Robust standard deviations of looks that show something; infinite where most showed no change."""
+    sizes = np.sort(np.abs(before), axis=0)  # NaN last
+    half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
+    middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
+    scale: Float[np.ndarray, " m"] = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
+    return scale
+
+
+# -- Row recursion --
+
+
+@dataclass(frozen=True)
+class RowRecursion:
+    """What is known after the rows so far.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        Names and units, in the order of the regressors.
+    method : LinearMethod
+        With cross-products for equations.
+    forgetting : Forgetting
+        How fast rows are forgotten.
+    detector : ChangeDetector, optional
+        What tells a change; None for none.
+    faded : FadedProducts, optional
+        Products so far; None before the first row.
+    watching : Watch
+        Sums of the detector.
+    changes : tuple of Change
+        Those that the last rows showed.
+    """
+
+    parameters: tuple[Parameter, ...]
+    method: LinearMethod
+    forgetting: Forgetting
+    detector: ChangeDetector | None = None
+    faded: FadedProducts | None = None
+    watching: Watch = field(default_factory=Watch)
+    changes: tuple[Change, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Samples so far that had a row, those among them that did not count."""
+        return 0 if self.faded is None else self.faded.samples
+
+    def then(self, rows: TimedRows) -> RowRecursion:
+        """With the rows that follow; `changes` are those that they show."""
+        faded = self.faded
+        if faded is None:
+            faded = nothing_yet(rows, self.forgetting, whole=self.method.needs_instruments)
+        seen = replace(self, faded=faded, changes=())
+        if self.detector is None:
+            return replace(seen, faded=faded.then(rows))
+        span = looks_at_once(self.forgetting) * self.forgetting.look
+        for stretch in rows.stretches(faded.samples, span):
+            rest = stretch
+            while rest.count:
+                seen, rest = seen._watched(seen.faded or faded, rest, self.detector)
+        return seen
+
+    def _watched(
+        self, faded: FadedProducts, rows: TimedRows, detector: ChangeDetector
+    ) -> tuple[RowRecursion, TimedRows]:
+        """With rows up to the end of the first look that tells a change, and the rows that are left."""
+        after, watching = faded.then(rows), self.watching
+        for look, reference in looks_between(faded, after):
+            watching = watching.after(look, detector)
+            told = watching.told(detector)
+            if told:
+                names = [parameter.name for parameter in self.parameters]
+                changes = (*self.changes, *(Change(names[j], look.sample, up) for j, up in told))
+                taken = look.sample - faded.samples
+                kept = faded.then(rows.between(0, taken)).last(detector.kept_looks * BLOCKS_PER_LOOK)
+                watching = watching.reset().expecting(newest_reference(kept), detector)
+                return (
+                    replace(self, faded=kept, watching=watching, changes=changes),
+                    rows.between(taken, rows.count),
+                )
+            watching = watching.expecting(reference, detector)
+        return replace(self, faded=after, watching=watching), rows.between(0, 0)
+
+    def estimate(self) -> Estimate:
+        """Estimate of the rows so far, with the weights that they have now.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When there are no more rows than parameters, or none that is not forgotten.
+        EstimationError
+            When the equations have no unique solution.
+        """
+        if self.faded is None:
+            raise _no_rows()
+        found = identify(ProblemMoments(self.parameters, _moments(self.faded)), self.method)
+        (candidate,) = found.candidates
+        covariance = faded_covariance(self.faded, candidate.theta, equation_map(candidate.solved))
+        return replace(found, candidates=(replace(candidate, streamed_covariance=covariance),))
+
+
+def _moments(faded: FadedProducts) -> CrossMoments:
+    if not faded.total.products.count > 0.0:
+        raise _no_rows()
+    return faded.moments
+
+
+def _no_rows() -> TooFewSamplesError:
+    return TooFewSamplesError(
+        "rows that are not forgotten yet",
+        "none",
+        "Give more samples than the largest lag, valid ones among the last of them.",
+    )
+
+
+# -- Recursion --
+
+
+@dataclass(frozen=True)
+class RecursiveIdentification:
+    """What is known of a record after the samples so far, in memory that does not grow with them.
+
+    It is never changed: `update` returns the next one, as in ``recursion = recursion.update(chunk)``.
+
+    Parameters
+    ----------
+    model : SignalModel
+        The equation, such as ``ev.VerticalMotion()``.
+    method : LinearMethod
+        Whose equations are mean cross-products: `generalized_iv`, `extended_iv`, their total least squares,
+        `bias_compensated_least_squares`.
+    instruments : tuple of Column
+        Such as ``ev.lags("input", 0, 10)``.
+    memory : float
+        Sum of the weights of all samples before, 1 / (1 - lambda): 200 for a forgetting factor of 0.995.
+    detector : ChangeDetector, optional
+        What tells that a parameter changed; what lies before is forgotten then. Default: none.
+
+    Raises
+    ------
+    UsageError
+        When the method has no cross-products, needs all rows at once, or an argument is of another type.
+    """
+
+    model: SignalModel
+    method: LinearMethod
+    instruments: tuple[Column, ...] = ()
+    memory: float = DEFAULT_MEMORY
+    detector: ChangeDetector | None = None
+    _rows: RowRecursion | None = field(default=None, init=False, repr=False)
+    _tail: Signals | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_chunked(self.model, self.method, self.instruments)
+        check_recursive(self.method)
+        Forgetting(self.memory)
+        if self.detector is not None:
+            checks.kind("detector", self.detector, ChangeDetector, "a ChangeDetector", "ev.ChangeDetector().")
+
+    def update(self, chunk: Signals) -> RecursiveIdentification:
+        """With the samples that follow, one or many.
+
+        However a record is cut into chunks, the estimate is the same but for rounding.
+
+        Parameters
+        ----------
+        chunk : Signals
+            The stretch of the record that follows, with the same channels and rate. Samples that are not
+            valid count as time that passed, and as nothing else.
+
+        Raises
+        ------
+        UsageError
+            When the chunk does not follow, or differs in channels or rate.
+        MissingNoiseError, InstrumentError
+            When the method cannot use the instruments.
+        """
+        checks.kind("chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
+        lag = self.model.regression_lag(self.instruments)
+        joined = chunk if self._tail is None else continued(self._tail, chunk, lag)
+        problem = self.model.regression(joined, self.instruments)
+        rows = replace(self._begun(problem.parameters), changes=())
+        changes: tuple[Change, ...] = ()
+        for stretch in timed_rows(problem, self.method.assembler):
+            rows = rows.then(stretch)
+            changes += rows.changes
+        following = copy(self)
+        object.__setattr__(following, "_rows", replace(rows, changes=changes))
+        object.__setattr__(following, "_tail", end_of(joined, lag))
+        return following
+
+    def _begun(self, parameters: tuple[Parameter, ...]) -> RowRecursion:
+        if self._rows is not None:
+            return self._rows
+        return RowRecursion(parameters, self.method, Forgetting(self.memory), self.detector)
+
+    @property
+    def samples(self) -> int:
+        """Samples so far that had a row: all but the first, as many as the largest lag."""
+        return 0 if self._rows is None else self._rows.samples
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Changes that the last chunk showed, by the samples that had a row."""
+        return () if self._rows is None else self._rows.changes
+
+    @property
+    def effective_rows(self) -> float:
+        """Rows of equal weight whose mean scatters as much as that of the rows so far."""
+        faded = None if self._rows is None else self._rows.faded
+        return 0.0 if faded is None else faded.effective_rows
+
+    def estimate(self) -> Estimate:
+        """Estimate after the samples so far, with intervals for errors that have memory.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When there are no more rows than parameters.
+        EstimationError
+            When the equations have no unique solution.
+        """
+        if self._rows is None:
+            raise TooFewSamplesError("a chunk of samples", "none so far", "Call update(chunk) first.")
+        return self._rows.estimate()
+
+
+def identify_recursively(
+    chunks: Iterable[Signals], recursion: RecursiveIdentification
+) -> Iterator[tuple[RecursiveIdentification, Estimate]]:
+    """Estimates after each chunk of a stream.
+
+    Parameters
+    ----------
+    chunks : iterable of Signals
+        Successive stretches of one record, without an end if need be.
+    recursion : RecursiveIdentification
+        What was known before the first.
+
+    Returns
+    -------
+    iterator of (RecursiveIdentification, Estimate)
+        After each chunk from the first on that tells the parameters. A chunk after which they are not told,
+        at the beginning or after samples that do not count, is passed over.
+
+    Raises
+    ------
+    UsageError
+        When an argument is of another type, and see `RecursiveIdentification.update`.
+    """
+    checks.kind("chunks", chunks, Iterable, "several Signals", "Give [signals], or ev.read_chunks(file).")
+    remedy = "Make one: ev.RecursiveIdentification(model, method, instruments)."
+    checks.kind("recursion", recursion, RecursiveIdentification, "a RecursiveIdentification", remedy)
+    return _estimates(chunks, recursion)
+
+
+def _estimates(
+    chunks: Iterable[Signals], recursion: RecursiveIdentification
+) -> Iterator[tuple[RecursiveIdentification, Estimate]]:
+    for chunk in chunks:
+        recursion = recursion.update(chunk)
+        try:
+            estimate = recursion.estimate()
+        except (TooFewSamplesError, EstimationError):
+            continue
+        yield recursion, estimate
+
+
+def check_recursive(method: LinearMethod) -> None:
+    """Refuse a method that has no cross-products, or whose weights are made of all rows.
+
+    Raises
+    ------
+    UsageError
+        With methods that can be used.
+    """
+    weighting = method.equation_weighting
+    if method.assembler.moment_equations and weighting.passes == 1 and not method.row_weighting.needs_spectra:
+        return
+    raise UsageError(
+        "a method of mean cross-products, which can be forgotten row by row",
+        f"'{method.name}'",
+        "Use generalized_iv, extended_iv, or bias_compensated_least_squares; with declared noises of zero "
+        "that is least squares.",
+    )
+
+
+def end_of(signals: Signals, lag: int) -> Signals:
+    """Return the last samples of signals, as many as a row reaches back; one at least."""
+    start = max(signals.sample_count - max(lag, 1), 0)
+    return replace(
+        signals,
+        channels={name: values[start:].copy() for name, values in signals.channels.items()},
+        valid=None if signals.valid is None else signals.valid[start:].copy(),
+        start_s=signals.start_s + start * signals.step_s,
+        offset=signals.offset + start,
+    )
+
+
+# -- Tracking --
+
+#: Share of the largest variance of the scaled instruments below which a direction of them does not vary.
+CONSTANT = 1e-9
+#: Share of the largest information below which there is none.
+LEAST_INFORMATION_SHARE = 1e-12
+#: Times that the information of a row is renewed at the estimate.
+PASSES = 3
+#: Rows without any error tell everything; in numbers, so much.
+MOST_INFORMATION = 1e200
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedPoint:
+    """What is known after a look.
+
+    Parameters
+    ----------
+    sample : int
+        Samples of the record so far.
+    value, half_width : float
+        Of the parameter that is followed, 95 %; infinite where nothing was told of late.
+    share : float
+        Weights of the rows that counted over those of a memory without gaps.
+    change : int
+        1 where it was told to have grown, -1 to have fallen, 0 for neither.
+    """
+
+    sample: int
+    value: float
+    half_width: float
+    share: float
+    change: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Estimate of faded products and of what was known beforehand.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        The estimate.
+    mapped : ndarray, shape (n, p)
+        What a change of the mean scores changes it by.
+    known : ndarray, shape (n, n)
+        Part of its covariance that comes of what was known.
+    """
+
+    theta: Float[np.ndarray, " n"]
+    mapped: Float[np.ndarray, "n p"]
+    known: Float[np.ndarray, "n n"]
+
+
+@dataclass(frozen=True, slots=True)
+class Follower:
+    """What follows one parameter of several.
+
+    Parameters
+    ----------
+    place : int
+        Which of them.
+    priors : tuple of Prior or None
+        What is known of each beforehand; None for nothing.
+    start : ndarray, shape (n,)
+        Values near which they are.
+    """
+
+    place: int
+    priors: tuple[Prior | None, ...]
+    start: Float[np.ndarray, " n"]
+
+    def points(
+        self, rows: TimedRows, forgetting: Forgetting, detector: ChangeDetector
+    ) -> Iterator[TrackedPoint]:
+        """What is known after each look of a record."""
+        faded, watching = nothing_yet(rows, forgetting, whole=True), Watch()
+        for stretch in rows.stretches(0, forgetting.look):
+            faded = faded.then(stretch)
+            if stretch.count < forgetting.look:
+                return
+            watching = watching.after(newest_look(faded), detector)
+            told = watching.told(detector)
+            change = 0
+            if told:
+                change = 1 if told[0][1] else -1
+                faded, watching = faded.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
+            found = self.posterior(faded)
+            watching = watching.expecting(self._reference(faded, found), detector)
+            yield self._point(faded, found, change)
+
+    def _reference(self, faded: FadedProducts, found: Posterior | None) -> References | None:
+        """What later looks are held against: what rows alone say of a change; None where they say nothing."""
+        if found is None:
+            return None
+        mapped = found.mapped[[self.place]]
+        share = float(mapped[0] @ faded.moments.equations[:, self.place])
+        watched = slice(self.place, self.place + 1)
+        return References(found.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
+
+    def _point(self, faded: FadedProducts, found: Posterior | None, change: int) -> TrackedPoint:
+        share = faded.total.products.count / faded.forgetting.memory
+        if found is None:
+            return TrackedPoint(faded.samples, math.nan, math.inf, share, change)
+        covariance = faded_covariance(faded, found.theta, found.mapped)
+        direction = np.eye(found.theta.size)[self.place]
+        half = covariance.half_width(direction, 0.95, float(found.known[self.place, self.place]))
+        return TrackedPoint(faded.samples, float(found.theta[self.place]), half, share, change)
+
+    def posterior(self, faded: FadedProducts) -> Posterior | None:
+        """Estimate of the rows so far; None where they tell nothing of what is not known beforehand."""
+        if not faded.effective_rows > self.start.size:
+            return None
+        moments = faded.moments
+        basis = _basis(moments.products.instruments.sum(axis=0) / moments.rows)
+        A, b = np.hsplit(basis.T @ moments.equations, [-1])
+        own, seen = A.T @ A, A.T @ b[:, 0]
+        precision = np.diag([0.0 if prior is None else prior.std**-2 for prior in self.priors])
+        mean = np.array([0.0 if prior is None else prior.mean for prior in self.priors])
+        if not own[self.place, self.place] > 0.0:
+            return None
+        theta = self.start
+        for _ in range(PASSES):
+            row = _row_information(faded_covariance(faded, theta, A.T @ basis.T), np.diag(own))
+            row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(own).max())))
+            inverse = _inverse(row * own + precision)
+            theta = inverse @ (row * seen + precision @ mean)
+        return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
+
+
+def _row_information(scores: JointCovariance, powers: Float[np.ndarray, " n"]) -> float:
+    """Information of the rows: one over the variance of their scores, each over its power, the largest."""
+    told = powers > 0.0
+    variances = [float(np.mean(np.diag(part.matrix)[told] / powers[told])) for part in scores.parts]
+    return 1.0 / max(*variances, np.finfo(np.float64).tiny)
+
+
+def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Inverse of a sum of information, without the directions that nothing tells."""
+    scale = unit_scale(np.diag(normal))
+    inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
+    scaled: Float[np.ndarray, "n n"] = np.outer(scale, scale) * inverse
+    return scaled
+
+
+def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
+    """Combinations of the instruments that vary, with the identity as their products."""
+    scale = unit_scale(np.diag(products))
+    values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
+    kept = values > CONSTANT * max(values[-1], 0.0)
+    basis: Float[np.ndarray, "p q"] = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    return basis

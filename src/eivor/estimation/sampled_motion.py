@@ -1,0 +1,818 @@
+"""Sampled equation of motion in frequency, and the noise spectrum of its pair of equations."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from eivor.errors import ConvergenceError, InstrumentError, MissingNoiseError, UsageError
+from eivor.estimation.method import Problem
+from eivor.estimation.moments import FittedNoise
+from eivor.models.regression import Parameter, lags
+from eivor.models.signal_regression import SignalRegression
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.tools import Bool, Complex, Float, Int
+
+# -- Pair spectrum --
+
+Pair = Complex[np.ndarray, "2 bins"]
+Pairs = Complex[np.ndarray, "*shape 2 bins"]
+
+
+@dataclass(frozen=True)
+class PairSpectrum:
+    """C of each bin, by its entries; of several matrices a bin where these have more axes.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (..., bins)
+        On the diagonal.
+    cross : ndarray, shape (..., bins)
+        First row, second column; its conjugate is the other.
+    """
+
+    first: Float[np.ndarray, "*shape bins"]
+    second: Float[np.ndarray, "*shape bins"]
+    cross: Complex[np.ndarray, "*shape bins"]
+
+    def __add__(self, other: PairSpectrum) -> PairSpectrum:
+        return PairSpectrum(self.first + other.first, self.second + other.second, self.cross + other.cross)
+
+    def __mul__(self, factor: float | Float[np.ndarray, "*shape bins"]) -> PairSpectrum:
+        return PairSpectrum(self.first * factor, self.second * factor, self.cross * factor)
+
+    @cached_property
+    def determinant(self) -> Float[np.ndarray, "*shape bins"]:
+        """Of each bin."""
+        return self.first * self.second - (self.cross.real**2 + self.cross.imag**2)
+
+    @cached_property
+    def _inverse(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"]
+    ]:
+        """C^-1: both of its diagonal, first row and second column."""
+        determinant = self.determinant
+        return self.second / determinant, self.first / determinant, self.cross / -determinant
+
+    def solved(self, pairs: Pairs) -> Pairs:
+        """C^-1 x, of one pair or of several."""
+        first, second, cross = self._inverse
+        found = np.empty(pairs.shape, dtype=np.complex128)
+        found[..., 0, :] = first * pairs[..., 0, :] + cross * pairs[..., 1, :]
+        found[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
+        return found
+
+    def between(self, other: PairSpectrum) -> PairSpectrum:
+        """other^-1 C other^-1."""
+        a, b, c = other._inverse
+        twice, size = 2.0 * (c.conj() * self.cross).real, c.real**2 + c.imag**2
+        return PairSpectrum(
+            a * a * self.first + a * twice + size * self.second,
+            b * b * self.second + b * twice + size * self.first,
+            c * (a * self.first + b * self.second + c * self.cross.conj()) + a * b * self.cross,
+        )
+
+    @cached_property
+    def root(
+        self,
+    ) -> tuple[
+        Float[np.ndarray, "*shape bins"], Complex[np.ndarray, "*shape bins"], Float[np.ndarray, "*shape bins"]
+    ]:
+        """Lower Cholesky factor: its first diagonal, what stands below, its second diagonal."""
+        top = np.sqrt(self.first)
+        below = self.cross.conj() / top
+        return top, below, np.sqrt(self.determinant / self.first)
+
+    def whitened(self, pairs: Pairs) -> Pairs:
+        """L^-1 x with C = L L^H, of one pair or of several."""
+        top, below, bottom = self.root
+        found = np.empty(pairs.shape, dtype=np.complex128)
+        found[..., 0, :] = pairs[..., 0, :] / top
+        found[..., 1, :] = (pairs[..., 1, :] - below * found[..., 0, :]) / bottom
+        return found
+
+
+def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
+    """x^H y of each bin."""
+    found: Complex[np.ndarray, " bins"] = (left.conj() * right).sum(axis=0)
+    return found
+
+
+# -- Noise model --
+
+#: Order that is expected where nothing else is known of it.
+USUAL_ORDER = -0.2
+
+
+@runtime_checkable
+class PairedEquations(Protocol):
+    """Residuals of two equations, bin by bin, of one motion."""
+
+    @property
+    @abstractmethod
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """Logarithm of what a noise of the order one grows by: its spectrum is exp(2 log_scale)."""
+
+    @abstractmethod
+    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+        """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Strengths and orders.
+
+    Parameters
+    ----------
+    input_variance : float
+        sigma_u^2.
+    velocity_variance, acceleration_variance : float
+        s_v^2 and s_a^2, of the white noise before the operator.
+    disturbance_variance : float
+        S_e.
+    velocity_order, acceleration_order, disturbance_order : float
+        alpha, beta and gamma.
+    """
+
+    input_variance: float
+    velocity_variance: float
+    acceleration_variance: float
+    disturbance_variance: float
+    velocity_order: float = USUAL_ORDER
+    acceleration_order: float = USUAL_ORDER
+    disturbance_order: float = 0.0
+
+    def spectrum(self, pairs: PairedEquations) -> PairSpectrum:
+        """C at parameters of the motion."""
+        of_input, of_velocity, of_acceleration, of_disturbance = pairs.shapes()
+
+        def coloured(variance: float, order: float) -> Float[np.ndarray, " bins"]:
+            return np.asarray(variance * np.exp(2.0 * order * pairs.log_scale))
+
+        return (
+            of_input * self.input_variance
+            + of_velocity * coloured(self.velocity_variance, self.velocity_order)
+            + of_acceleration * coloured(self.acceleration_variance, self.acceleration_order)
+            + of_disturbance * coloured(self.disturbance_variance, self.disturbance_order)
+        )
+
+
+# -- Noise fit --
+
+#: Largest order: a random walk, -1, lies inside.
+LARGEST_ORDER = 1.2
+#: Share of it that an order may reach.
+MOST_OF_IT = 1.0 - 1e-9
+#: Standard deviations of what is known beforehand: of log variances, of orders.
+PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.5, 0.5, 0.5])
+#: What strengths are, of a record that is sampled evenly.
+MEASURE = "a sample, of the white noise behind it"
+#: What has noise, in the order of variances and of orders.
+WHAT = ("velocity", "acceleration", "disturbance")
+#: Most steps of a search, the decrease that one promises when it has come to rest, and the least share of
+#: what it promises that it must keep.
+STEPS, AT_REST, LEAST_OF_IT = 200, 1e-8, 1e-4
+#: Largest change in a step, of logarithms of variances and of what gives the orders.
+LONGEST = 3.0
+#: Bands are a twentieth of their frequency wide, and a bin at least.
+BAND_SHARE = 20
+#: Shares of the residuals' power over the upper half of the band that noises start from.
+VELOCITY_SHARE, REST_SHARE = 0.8, 0.4
+#: Least share of that for a variance that is declared: a channel without noise has no logarithm.
+LEAST_DECLARED = 1e-9
+
+ValueAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class NoisePrior:
+    """What is known of the noises before they are fitted.
+
+    Parameters
+    ----------
+    centre : NoiseModel
+        Centres of what is searched over, and what is known.
+    fitted : ndarray of bool, shape (6,)
+        Which are searched over: variances of velocity, acceleration and disturbance, then their orders.
+    """
+
+    centre: NoiseModel
+    fitted: Bool[np.ndarray, " 6"]
+
+    def with_input_variance(self, variance: float) -> NoisePrior:
+        """The same with another noise of the input."""
+        return replace(self, centre=replace(self.centre, input_variance=variance))
+
+
+def prior_of(
+    pairs: PairedEquations,
+    residual: Pair,
+    input_variance: float,
+    declared: tuple[MeasurementNoise | None, MeasurementNoise | None] = (None, None),
+    *,
+    disturbance_order: float | None = 0.0,
+) -> NoisePrior:
+    """Strengths from the residuals' power over the upper half of the band; declared ones of z' and z''.
+
+    Bins are in the order of their frequencies. A disturbance has a given order, or with None one that is
+    fitted.
+    """
+    upper = slice(residual.shape[1] // 2, None)
+    scale = np.exp(2.0 * USUAL_ORDER * pairs.log_scale[upper])
+    of_velocity = pairs.shapes()[1].second[upper]
+    first, second = (np.abs(residual[:, upper]) ** 2).mean(axis=1).tolist()
+    variances = [
+        VELOCITY_SHARE * second / float((of_velocity * scale).mean()),
+        REST_SHARE * first / float(scale.mean()),
+    ]
+    orders, fitted = [USUAL_ORDER] * 2, np.ones(6, dtype=bool)
+    for index, noise in enumerate(declared):
+        if isinstance(noise, WhiteNoise | FractionalNoise):
+            variances[index] = max(noise.std**2, LEAST_DECLARED * variances[index])
+            orders[index] = noise.order if isinstance(noise, FractionalNoise) else 0.0
+            fitted[[index, 3 + index]] = False
+    fitted[5] = disturbance_order is None
+    disturbed = USUAL_ORDER if disturbance_order is None else disturbance_order
+    (velocity, acceleration), (alpha, beta) = variances, orders
+    centre = NoiseModel(input_variance, velocity, acceleration, REST_SHARE * first, alpha, beta, disturbed)
+    return NoisePrior(centre, fitted)
+
+
+def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prior: NoisePrior) -> NoiseModel:
+    """Noise model of the least penalised sum of log det C + r^H C^-1 r, from `start`.
+
+    The search is made in coordinates in which the information at its start is the identity, and learns the
+    curvature from there (Broyden, Fletcher, Goldfarb and Shanno). Steps that lead up are halved.
+    """
+    fit = _Fit(pairs, residual, prior.centre)
+    origin, fitted = fit.vector(start), prior.fitted
+    unit = np.linalg.inv(_information_root(fit, origin, fitted))
+
+    def at(steps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 6"]:
+        vector = origin.copy()
+        vector[fitted] += unit.T @ steps
+        return vector
+
+    def from_origin(steps: Float[np.ndarray, " n"]) -> tuple[float, Float[np.ndarray, " n"]]:
+        value, gradient = fit.value_and_gradient(at(steps))
+        return value, unit @ gradient[fitted]
+
+    with np.errstate(all="ignore"):  # a step that goes too far is tried again, shorter
+        return fit.model(at(_lowest(from_origin, unit.T)))
+
+
+def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+    """Minimum of a function from the origin, where its curvature is near the identity.
+
+    No step moves anything by more than `LONGEST`: far out, where one noise is all that counts, determinants
+    are differences of numbers that agree in every digit.
+    """
+    size = moves.shape[1]
+    x, inverse = np.zeros(size), np.eye(size)
+    value, gradient = function(x)
+    for _ in range(STEPS):
+        step = -inverse @ gradient
+        step *= min(1.0, LONGEST / float(np.abs(moves @ step).max(initial=LONGEST)))
+        promised = -float(gradient @ step)
+        if not promised > AT_REST:
+            break
+        there = function(x + step)
+        while not -np.inf < there[0] <= value - LEAST_OF_IT * promised:
+            step, promised = 0.5 * step, 0.5 * promised
+            if promised < AT_REST:
+                return x
+            there = function(x + step)
+        turned = there[1] - gradient
+        x, (value, gradient) = x + step, there
+        along = float(turned @ step)
+        if along > 0.0:
+            kept = np.eye(size) - np.outer(step, turned) / along
+            inverse = kept @ inverse @ kept.T + np.outer(step, step) / along
+    return x
+
+
+def _information_root(
+    fit: _Fit, vector: Float[np.ndarray, " 6"], fitted: Bool[np.ndarray, " 6"]
+) -> Float[np.ndarray, "m m"]:
+    """Triangular root of the information, L L'."""
+    with np.errstate(all="ignore"):
+        information = fit.information(vector)[np.ix_(fitted, fitted)]
+    if np.isfinite(information).all():
+        try:
+            return np.asarray(np.linalg.cholesky(information))
+        except np.linalg.LinAlgError:
+            pass
+    raise ConvergenceError(
+        "residuals whose spectra tell the measurement noises",
+        "residuals that are zero in the band, or too few of them",
+        "Declare the noises, use a method that needs none, such as reference_iv, or record longer.",
+    )
+
+
+def told_noises(
+    pairs: PairedEquations, residual: Pair, model: NoiseModel, prior: NoisePrior, measure: str
+) -> tuple[FittedNoise, ...]:
+    """What is told of the noises of a model that fits, with errors by its information and what was known."""
+    fit = _Fit(pairs, residual, prior.centre)
+    vector, fitted = fit.vector(model), prior.fitted
+    errors = np.zeros(6)
+    root = _information_root(fit, vector, fitted)
+    errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
+    strengths, orders = np.sqrt(_variances(model)), _all_orders(model)
+    by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
+    told = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
+    return tuple(
+        FittedNoise(of, float(strength), float(error), float(order), float(order_error), measure)
+        for of, strength, error, order, order_error in told
+    )
+
+
+def _variances(model: NoiseModel) -> Float[np.ndarray, " 3"]:
+    return np.array([model.velocity_variance, model.acceleration_variance, model.disturbance_variance])
+
+
+def _all_orders(model: NoiseModel) -> Float[np.ndarray, " 3"]:
+    return np.array([model.velocity_order, model.acceleration_order, model.disturbance_order])
+
+
+@lru_cache(maxsize=8)
+def band_edges(count: int) -> Int[np.ndarray, " edges"]:
+    """First bin of each band: single bins at first, then bands that grow with their frequency."""
+    edges = [0]
+    while edges[-1] < count:
+        edges.append(min(edges[-1] + 1 + edges[-1] // BAND_SHARE, count))
+    return np.array(edges)
+
+
+class _Fit:
+    """The objective, with its gradient, of periodograms averaged over narrow bands."""
+
+    def __init__(self, pairs: PairedEquations, residual: Pair, centre: NoiseModel) -> None:
+        self.known, self.centre = centre, np.append(np.log(_variances(centre)), _all_orders(centre))
+        edges = band_edges(residual.shape[1])
+        self.bins = np.diff(edges).astype(np.float64)
+
+        def averaged(values: np.ndarray) -> np.ndarray:
+            return np.add.reduceat(values, edges[:-1]) / self.bins
+
+        seen = PairSpectrum(
+            averaged(np.abs(residual[0]) ** 2),
+            averaged(np.abs(residual[1]) ** 2),
+            averaged(residual[0] * residual[1].conj()),
+        )
+        self.log_scale = averaged(pairs.log_scale)
+        of_input, *others = (
+            PairSpectrum(averaged(shape.first), averaged(shape.second), averaged(shape.cross))
+            for shape in pairs.shapes()
+        )
+        self.base = of_input * centre.input_variance
+        self.shapes = PairSpectrum(
+            np.stack([shape.first for shape in others]),
+            np.stack([shape.second for shape in others]),
+            np.stack([shape.cross for shape in others]),
+        )
+        self.numbers = _numbers(self.shapes).swapaxes(0, 1)
+        self.base_numbers, self.seen_numbers = _numbers(self.base), _numbers(seen)
+
+    def vector(self, model: NoiseModel) -> Float[np.ndarray, " 6"]:
+        """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
+        within = np.clip(_all_orders(model) / LARGEST_ORDER, -MOST_OF_IT, MOST_OF_IT)
+        return np.append(np.log(_variances(model)), np.arctanh(within))
+
+    def model(self, vector: Float[np.ndarray, " 6"]) -> NoiseModel:
+        """Noise model of such a vector."""
+        velocity, acceleration, disturbance = np.exp(vector[:3]).tolist()
+        velocity_order, acceleration_order, disturbance_order = _orders(vector).tolist()
+        return replace(
+            self.known,
+            velocity_variance=velocity,
+            acceleration_variance=acceleration,
+            disturbance_variance=disturbance,
+            velocity_order=velocity_order,
+            acceleration_order=acceleration_order,
+            disturbance_order=disturbance_order,
+        )
+
+    def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
+        """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1.
+
+        Of each matrix four numbers are kept, see `_numbers`: arrays are short here, and calls what costs.
+        """
+        from_centre, slopes = self._prior(vector)
+        powers = self._powers(vector)
+        first, second, real, imaginary = self.base_numbers + (powers[:, None] * self.numbers).sum(axis=0)
+        determinant = first * second - real**2 - imaginary**2
+        a, b, x, y = np.stack([second, first, -real, -imaginary]) / determinant  # C^-1
+        p, q, u, v = self.seen_numbers
+        own, crossed = a * p + b * q, 2.0 * (x * u + y * v)
+        value = float(self.bins @ (np.log(determinant) + own + crossed))
+        size, product, straight, turned = x**2 + y**2, a * b, x**2 - y**2, 2.0 * x * y
+        by_number = self.bins * np.stack(
+            [
+                a - a * (a * p + crossed) - size * q,
+                b - b * (b * q + crossed) - size * p,
+                2.0 * (x - x * own - straight * u - turned * v - product * u),
+                2.0 * (y - y * own - turned * u + straight * v - product * v),
+            ]
+        )
+        by_power = powers * (self.numbers * by_number).sum(axis=1)
+        by_order = 2.0 * _order_slopes(_orders(vector)) * (by_power @ self.log_scale)
+        found = np.concatenate([by_power.sum(axis=1), by_order])
+        return value + 0.5 * float(from_centre @ from_centre), found + slopes * from_centre
+
+    def information(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "6 6"]:
+        """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
+        C, moved = self._spectra(vector)
+        whitened = moved.between(C)
+        found = (whitened.first * self.bins) @ moved.first.T + (whitened.second * self.bins) @ moved.second.T
+        found += 2.0 * ((whitened.cross.conj() * self.bins) @ moved.cross.T).real
+        _, slopes = self._prior(vector)
+        return found + np.diag(slopes**2)
+
+    def _prior(
+        self, vector: Float[np.ndarray, " 6"]
+    ) -> tuple[Float[np.ndarray, " 6"], Float[np.ndarray, " 6"]]:
+        """Distances from the centres over their standard deviations, and the slopes of these."""
+        orders = _orders(vector)
+        far = (np.append(vector[:3], orders) - self.centre) / PRIOR_STD
+        return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
+
+    def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
+        """Spectrum of each noise."""
+        powers: Float[np.ndarray, "3 bands"] = np.exp(
+            vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale
+        )
+        return powers
+
+    def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
+        """C, and its derivatives by what is searched over."""
+        parts = self.shapes * self._powers(vector)
+        C = PairSpectrum(
+            self.base.first + parts.first.sum(axis=0),
+            self.base.second + parts.second.sum(axis=0),
+            self.base.cross + parts.cross.sum(axis=0),
+        )
+        by_order = 2.0 * _order_slopes(_orders(vector))[:, None] * self.log_scale
+        moved = (np.concatenate([part, part * by_order]) for part in (parts.first, parts.second, parts.cross))
+        return C, PairSpectrum(*moved)
+
+
+def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
+    """Of each matrix what stands on its diagonal, and real and imaginary part of what stands across."""
+    return np.stack([spectrum.first, spectrum.second, spectrum.cross.real, spectrum.cross.imag])
+
+
+def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
+    """Orders of the noises."""
+    orders: Float[np.ndarray, " 3"] = LARGEST_ORDER * np.tanh(vector[3:])
+    return orders
+
+
+def _order_slopes(orders: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+    """Derivatives of the orders by what gives them."""
+    return LARGEST_ORDER - orders**2 / LARGEST_ORDER
+
+
+# -- Sampled motion --
+
+Bins = Complex[np.ndarray, " bins"]
+
+
+def unitary_bins(values: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " bins"]:
+    """Unitary spectrum of a series without its mean, at bins 1 to ceil(n/2) - 1."""
+    count = values.size
+    spectrum: Complex[np.ndarray, " bins"] = np.fft.rfft(values - values.mean())
+    return spectrum[1 : -(-count // 2)] / np.sqrt(count)
+
+
+@dataclass(frozen=True)
+class SampledRecord:
+    """Spectra of a record of z', z'' and u.
+
+    Parameters
+    ----------
+    step_s : float
+        Time between samples [s].
+    count : int
+        Number of samples.
+    acceleration, velocity, input : ndarray, shape (bins,)
+        Unitary spectra.
+    """
+
+    step_s: float
+    count: int
+    acceleration: Bins
+    velocity: Bins
+    input: Bins
+
+    @cached_property
+    def angle(self) -> Float[np.ndarray, " bins"]:
+        """Angular frequency of each bin, in radians per sample."""
+        return 2.0 * np.pi * np.arange(1, self.input.size + 1) / self.count
+
+    @cached_property
+    def earlier(self) -> Bins:
+        """z^-1 of each bin."""
+        return np.exp(-1j * self.angle)
+
+    @cached_property
+    def later(self) -> Bins:
+        """Each bin of z."""
+        return self.earlier.conj()
+
+    @cached_property
+    def ramp(self) -> Bins:
+        """Spectrum of a line from -1/2 to 1/2 over the record."""
+        return unitary_bins(np.linspace(-0.5, 0.5, self.count))
+
+    @cached_property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """log(2 sin(w/2))."""
+        scale: Float[np.ndarray, " bins"] = np.log(2.0 * np.sin(0.5 * self.angle))
+        return scale
+
+    def power(self, order: float) -> Float[np.ndarray, " bins"]:
+        """Spectrum of Delta^order of white noise of variance one."""
+        spectrum: Float[np.ndarray, " bins"] = np.exp(2.0 * order * self.log_scale)
+        return spectrum
+
+
+@dataclass(frozen=True)
+class SampledMotion:
+    """The motion at some parameters.
+
+    Parameters
+    ----------
+    record : SampledRecord
+        Whose bins.
+    friction, gain : float
+        K [1/s] and b = K_u.
+    blend : float
+        rho.
+    """
+
+    record: SampledRecord
+    friction: float
+    gain: float
+    blend: float = 0.0
+
+    @property
+    def log_scale(self) -> Float[np.ndarray, " bins"]:
+        """Of the record, see `SampledRecord.log_scale`."""
+        return self.record.log_scale
+
+    @property
+    def decay(self) -> float:
+        """exp(-K T)."""
+        return float(np.exp(-self.friction * self.record.step_s))
+
+    @cached_property
+    def memory(self) -> Bins:
+        """D."""
+        return 1.0 / (1.0 - self.decay * self.record.earlier)
+
+    @property
+    def held(self) -> float:
+        """(1 - a)/K, and T where K is zero."""
+        K, step = self.friction, self.record.step_s
+        return float(-np.expm1(-K * step) / K) if K != 0.0 else step
+
+    @cached_property
+    def pushed(self) -> Bins:
+        """h, the velocity that an acceleration held between samples makes."""
+        return self.held * self.record.earlier * self.memory
+
+    @cached_property
+    def pushed_by_friction(self) -> Bins:
+        """dh/dK."""
+        step, K = self.record.step_s, self.friction
+        by_held = (step * self.decay - self.held) / K if K != 0.0 else -0.5 * step**2
+        moved = by_held - self.held * step * self.decay * self.record.earlier * self.memory
+        return self.record.earlier * self.memory * moved
+
+    @cached_property
+    def _between(self) -> Bins:
+        return (1.0 - self.blend) + self.blend * self.record.later
+
+    @cached_property
+    def response(self) -> Bins:
+        """Response of the velocity to the input: g."""
+        return self.gain * self.pushed * self._between
+
+    @cached_property
+    def response_by_friction(self) -> Bins:
+        """dg/dK."""
+        return self.gain * self._between * self.pushed_by_friction
+
+    @cached_property
+    def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
+        """d_K, d_b and d_rho: derivatives of the residuals by the parameters, over the true input."""
+        found = np.empty((3, 2, self.response.size), dtype=np.complex128)
+        found[0] = self.response, -self.response_by_friction
+        found[1, 0] = -1.0
+        found[1, 1] = self.pushed * -self._between
+        found[2, 0] = 0.0
+        found[2, 1] = (-self.gain * self.pushed) * (self.record.later - 1.0)
+        return found
+
+    @cached_property
+    def input_noise(self) -> Pair:
+        """The pair s = [b; g]: minus what an error of the input does to the residuals."""
+        return np.stack([np.full_like(self.response, self.gain), self.response])
+
+    def residuals(self) -> Pair:
+        """r_1 and r_2 without the transient."""
+        record = self.record
+        return np.stack(
+            [
+                record.acceleration + self.friction * record.velocity - self.gain * record.input,
+                record.velocity - self.response * record.input,
+            ]
+        )
+
+    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+        """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
+        ones = np.ones(self.response.size)
+        K, b, h = self.friction, self.gain, self.pushed
+        return (
+            PairSpectrum(b * b * ones, np.abs(self.response) ** 2, b * self.response.conj()),
+            PairSpectrum(K * K * ones, ones, K * ones.astype(complex)),
+            PairSpectrum(ones, 0.0 * ones, 0.0j * ones),
+            PairSpectrum(ones, np.abs(h) ** 2, h.conj()),
+        )
+
+    def whole(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
+        """Residuals with the nuisances' parts taken off: r + sum of c psi."""
+        found: Pair = self.residuals()
+        for one, shape in zip(nuisances.tolist(), shapes, strict=True):
+            found += one * shape
+        return found
+
+    def nuisance_shapes(self, ramps: bool) -> Complex[np.ndarray, "q 2 bins"]:
+        """psi: [0; -D], and with ramps [-F; 0] and [0; -F]."""
+        found = np.zeros((3 if ramps else 1, 2, self.memory.size), dtype=np.complex128)
+        found[0, 1] = -self.memory
+        if ramps:
+            found[1, 0] = found[2, 1] = -self.record.ramp
+        return found
+
+
+# -- Sampled problem --
+
+#: Fewest samples that spectra can be told from.
+FEWEST_SAMPLES = 64
+#: Lags of the input that are instruments of the pilot when the problem brings none.
+PILOT_LAGS = (0, 10)
+
+
+@dataclass(frozen=True)
+class SampledProblem:
+    """A record of one motion, sampled evenly.
+
+    Parameters
+    ----------
+    problem : SignalRegression
+        With instruments.
+    record : SampledRecord
+        Its spectra.
+    input_variance : float
+        Of the noise of the input; zero with instruments of another channel, which do not share it.
+    instrument : ndarray, shape (bins,), or None
+        What instruments of another channel say of the input; None where it is its own.
+    declared : tuple of MeasurementNoise or None
+        Noises of z' and of z'', where the record declares them.
+    noise_sought : bool
+        Whether the noise of the input is unknown, and `input_variance` but where the search of it begins.
+    """
+
+    problem: SignalRegression
+    record: SampledRecord
+    input_variance: float
+    instrument: Complex[np.ndarray, " bins"] | None
+    declared: tuple[MeasurementNoise | None, MeasurementNoise | None]
+    noise_sought: bool = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Friction and gain."""
+        return self.problem.parameters
+
+
+def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
+    """Take a problem for a spectral method; without instruments it has lagged inputs.
+
+    Raises
+    ------
+    UsageError
+        When it is no regression in signals, its equation no sampled motion, or the input's noise not white.
+    MissingNoiseError
+        When nothing is declared of the noise of the input.
+    """
+    if not isinstance(problem, SignalRegression):
+        raise UsageError(
+            f"a record of one motion for {method}, sampled evenly",
+            type(problem).__name__,
+            "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments).",
+        )
+    driver = motion_of(problem, method)[2]
+    noise = problem.signals.noise.get(driver)
+    if noise is None:
+        raise MissingNoiseError(
+            f"the noise of {driver}, which {method} takes off",
+            "none that is declared",
+            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact. To "
+            "a likelihood it is a disturbance that moves the vehicle. ev.methods.spectral_giv() seeks it.",
+        )
+    if not isinstance(noise, WhiteNoise):
+        raise UsageError(
+            f"white noise of {driver} for {method}", f"a {type(noise).__name__}", "Use generalized_iv."
+        )
+    return with_instruments(problem, driver)
+
+
+def without_spectra(problem: SignalRegression) -> tuple[str, str] | None:
+    """Why a record has no spectra that could be told, and what to do; None where it has."""
+    signals = problem.signals
+    gaps = 0 if signals.valid is None else int((~signals.valid).sum())
+    if gaps:
+        return (
+            f"{gaps} of {signals.sample_count} samples are not valid, and it needs a record without gaps",
+            "Give the longest stretch between gaps, or repair the samples.",
+        )
+    if signals.sample_count < FEWEST_SAMPLES:
+        return (
+            f"there are {signals.sample_count} samples, and it needs {FEWEST_SAMPLES} at least",
+            "Give a longer record.",
+        )
+    return None
+
+
+def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
+    """Spectra of a problem that has them, see `problem_of_motion` and `without_spectra`.
+
+    Raises
+    ------
+    InstrumentError
+        When instruments of another channel are mixed with inputs.
+    """
+    state, response, driver = motion_of(problem, method)
+    signals = problem.signals
+    noise = signals.noise[driver]
+    own = is_own_instrument(problem, driver)
+    record = SampledRecord(
+        signals.step_s,
+        signals.sample_count,
+        *(unitary_bins(signals.channel(name)) for name in (response, state, driver)),
+    )
+    instrument = None if own else unitary_bins(_projected(problem, driver, method))
+    declared = signals.noise.get(state), signals.noise.get(response)
+    return SampledProblem(problem, record, noise.std**2, instrument, declared)
+
+
+def with_instruments(problem: SignalRegression, driver: str) -> SignalRegression:
+    """The problem with lags of its input as instruments, where it brings none."""
+    if problem.instrument_columns:
+        return problem
+    return replace(problem, instrument_columns=lags(driver, *PILOT_LAGS))
+
+
+def is_own_instrument(problem: SignalRegression, driver: str) -> bool:
+    """Whether the instruments are lags of the input itself."""
+    return {column.channel for column in problem.instrument_columns} == {driver}
+
+
+def motion_of(problem: SignalRegression, method: str) -> tuple[str, str, str]:
+    """Channels of the state, of its derivative and of the input."""
+    equation = problem.equation
+    columns = [column for _, column in equation.terms]
+    plain = [(column.channel, column.lag, column.gain, column.gain_channel) for column in columns]
+    state = equation.derivative_of
+    if not state or len(plain) != 2 or plain[0] != (state, 0, -1.0, "") or plain[1][1:] != (0, 1.0, ""):
+        raise UsageError(
+            f"the motion a = -K v + b u for {method}, where a is the derivative of v, without an intercept",
+            f"{equation.response.name} explained by {', '.join(column.name for column in columns)}",
+            "Use ev.VerticalMotion(intercept=False); means are taken off.",
+        )
+    return state, equation.response.channel, plain[1][0]
+
+
+def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.ndarray, " samples"]:
+    """What the instruments say of the input, by least squares; its mean before their first row."""
+    if driver in {column.channel for column in problem.instrument_columns}:
+        raise InstrumentError(
+            f"instruments of the input alone, or of other channels alone, for {method}",
+            ", ".join(column.name for column in problem.instrument_columns),
+            "Under control give lags of the reference.",
+        )
+    Psi = np.column_stack([problem.column(column) for column in problem.instrument_columns])
+    values = problem.signals.channel(driver)
+    centred = Psi - Psi.mean(axis=0)
+    told = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
+    return np.concatenate([np.zeros(problem.first), told])

@@ -1,0 +1,505 @@
+"""Spectral estimating equations of a sampled motion, and their covariance."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from eivor.errors import EstimationError, WeakInstrumentsWarning
+from eivor.estimation.estimate import Estimate, Solved
+from eivor.estimation.methods import generalized_iv
+from eivor.estimation.moments import Compensated, FittedNoise
+from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
+from eivor.estimation.sampled_motion import (
+    MEASURE,
+    NoiseModel,
+    NoisePrior,
+    Pair,
+    Pairs,
+    PairSpectrum,
+    SampledMotion,
+    fitted_noise,
+    prior_of,
+    told_noises,
+)
+from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages
+from eivor.linalg import LeastSquares
+from eivor.models.regression import AxisRows, Parameter, Regression
+from eivor.models.signal_regression import SignalRegression
+from eivor.signals.noise import MeasurementNoise
+from eivor.tools import Complex, Float, Int
+
+# -- Pilot --
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """Start of a search.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Parameters.
+    transient : float
+        t.
+    noise : NoiseModel
+        Noises that fit.
+    prior : NoisePrior
+        What was known of them.
+    """
+
+    motion: SampledMotion
+    transient: float
+    noise: NoiseModel
+    prior: NoisePrior
+
+
+def consistent_estimate(problem: SignalRegression) -> Estimate:
+    """Generalized IV of the same problem, without its warnings: what it says is used, or told, later."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", WeakInstrumentsWarning)
+        return generalized_iv().estimate(problem)
+
+
+def pilot_at(
+    motion: SampledMotion,
+    input_variance: float,
+    declared: tuple[MeasurementNoise | None, MeasurementNoise | None] = (None, None),
+) -> Pilot:
+    """Noises that fit the residuals at some parameters; those of z' and z'' as declared, where they are."""
+    transient = first_transient(motion)
+    residual = motion.whole(np.array([transient]), motion.nuisance_shapes(ramps=False))
+    prior = prior_of(motion, residual, input_variance, declared)
+    return Pilot(motion, transient, fitted_noise(motion, residual, prior.centre, prior), prior)
+
+
+def first_transient(motion: SampledMotion) -> float:
+    """The transient t by least squares on the second residual."""
+    shape, residual = motion.memory, motion.residuals()[1]
+    return float((shape.conj() * residual).real.sum() / (np.abs(shape) ** 2).sum())
+
+
+# -- Spectral equations --
+
+#: Passes of spectrum and equations, Newton's steps in each, and the relative change that ends them.
+EQUATION_PASSES, STEPS, EQUATION_TOLERANCE = 8, 12, 1e-7
+#: Relative change of the parameters in a pass below which they rest.
+AT_REST = 1e-4
+#: Largest share of a parameter that one step may change it by.
+LARGEST_SHARE = 0.5
+#: Fewest samples with ramps among the nuisances.
+RAMP_SAMPLES = 400
+
+
+@dataclass(frozen=True)
+class SpectralSolution:
+    """Solution of the equations, with what its covariance is made of.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Parameters.
+    nuisances : ndarray, shape (q,)
+        Transient, and ramps.
+    spectrum : PairSpectrum
+        C.
+    instrument : ndarray, shape (bins,)
+        U, or what instruments say of it.
+    input_variance : float
+        sigma_u^2; zero with instruments that do not share the input's noise.
+    weights, factors : ndarray, shape (bins,)
+        w and c.
+    free_blend : bool
+        Whether rho is a parameter.
+    change : float
+        Relative change of the parameters in the last pass.
+    noises : tuple of FittedNoise
+        Of the noise model, as it was fitted last.
+    noise_test : ndarray, shape (bins,), optional
+        1 / S_u where sigma_u^2 is unknown. Default: it is given.
+    """
+
+    motion: SampledMotion
+    nuisances: Float[np.ndarray, " q"]
+    spectrum: PairSpectrum
+    instrument: Complex[np.ndarray, " bins"]
+    input_variance: float
+    weights: Float[np.ndarray, " bins"]
+    factors: Float[np.ndarray, " bins"]
+    free_blend: bool
+    change: float = np.inf
+    noises: tuple[FittedNoise, ...] = ()
+    noise_test: Float[np.ndarray, " bins"] | None = None
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last pass left the parameters where they were."""
+        return self.change < AT_REST
+
+    @property
+    def parameters(self) -> int:
+        """How many: K, b, and rho where it is free."""
+        return 3 if self.free_blend else 2
+
+    @cached_property
+    def residual(self) -> Pair:
+        """r, without the nuisances' part."""
+        return self.motion.whole(self.nuisances, self.nuisance_shapes)
+
+    @cached_property
+    def nuisance_shapes(self) -> Complex[np.ndarray, "q 2 bins"]:
+        """What nuisances do to the residuals: psi."""
+        return self.motion.nuisance_shapes(self.nuisances.size > 1)
+
+    @cached_property
+    def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
+        """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
+        own = self.of_noise * self.instrument
+        shapes = self.nuisance_shapes * self.factors
+        return np.concatenate([own[: self.parameters], shapes, own[self.parameters :]])
+
+    @cached_property
+    def of_noise(self) -> Complex[np.ndarray, "m 2 bins"]:
+        """What the input's noise is taken off with: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
+        own = self.motion.directions[: self.parameters] * (self.weights * self.factors)
+        if self.noise_test is None:
+            return own
+        return np.concatenate([own, (self.motion.input_noise * (self.factors * self.noise_test))[None]])
+
+    @property
+    def noisy(self) -> Int[np.ndarray, " m"]:
+        """Numbers of the equations that the input's noise is taken off."""
+        return np.delete(np.arange(self.tests.shape[0]), self.parameters + np.arange(self.nuisances.size))
+
+    def scores(self) -> Float[np.ndarray, " n"]:
+        """Left sides of the equations, without the tests themselves: a step has no other use of them."""
+        motion = self.motion
+        right = self.spectrum.solved(self.residual)
+        shared = right * self.instrument.conj()
+        if self.input_variance:
+            shared += self.input_variance * self.spectrum.solved(motion.input_noise)
+        shared *= self.factors
+        found = np.concatenate(
+            [
+                _products(motion.directions[: self.parameters], (shared * self.weights)[None])[:, 0],
+                _products(self.nuisance_shapes, (right * self.factors)[None])[:, 0],
+            ]
+        )
+        if self.noise_test is None:
+            return found
+        return np.append(found, _products(motion.input_noise[None], (shared * self.noise_test)[None]))
+
+    def stepped(self) -> SampledMotion:
+        """Parameters after one of Newton's steps."""
+        step = -np.linalg.solve(self.sensitivity.total, self.scores())
+        return moved_by(self.motion, step[: self.parameters])
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Derivative of the equations by parameters and nuisances."""
+        own = self.motion.directions[: self.parameters]
+        solved = self.spectrum.solved(own)
+        by_nuisance = self.spectrum.solved(self.nuisance_shapes)
+        moved = np.concatenate([solved * self.motion.record.input, by_nuisance])
+        taken = solved * self.input_variance
+        by_noise = None if self.noise_test is None else self.spectrum.solved(self.motion.input_noise)
+        return Sensitivity(self.tests, moved, self.of_noise, taken, self.noisy, by_noise)
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivative J of equations by what they are solved for, a sum over bins.
+
+    Parameters
+    ----------
+    tests, moved : ndarray, shape (n, 2, bins)
+        Test function of each equation; what each unknown does to the residuals, whitened twice.
+    own : ndarray, shape (m, 2, bins)
+        Of the compensation: what each equation that has one takes off the input's noise with.
+    taken : ndarray, shape (parameters, 2, bins)
+        What each parameter does to what is taken off, whitened twice.
+    noisy : ndarray of int, shape (m,)
+        Equations that have a compensation.
+    by_noise : ndarray, shape (2, bins), optional
+        Where the input's noise is sought, what that does. Default: it is given.
+    """
+
+    tests: Complex[np.ndarray, "n 2 bins"]
+    moved: Complex[np.ndarray, "k 2 bins"]
+    own: Complex[np.ndarray, "m 2 bins"]
+    taken: Complex[np.ndarray, "p 2 bins"]
+    noisy: Int[np.ndarray, " m"]
+    by_noise: Complex[np.ndarray, "2 bins"] | None = None
+
+    @cached_property
+    def total(self) -> Float[np.ndarray, "n n"]:
+        """J."""
+        known = self.moved.shape[0]
+        found = np.zeros((self.tests.shape[0], self.tests.shape[0]))
+        found[:, :known] = _products(self.tests, self.moved)
+        found[np.ix_(self.noisy, np.arange(self.taken.shape[0]))] -= _products(self.own, self.taken)
+        if self.by_noise is not None:
+            found[self.noisy, -1] = _products(self.own, self.by_noise[None])[:, 0]
+        return found
+
+    def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
+        """Share of each bin in J, as the trace of J^-1 times it."""
+        known, count = self.moved.shape[0], self.taken.shape[0]
+        found: Float[np.ndarray, " bins"] = _shares(
+            self.tests, np.tensordot(inverse[:known].T, self.moved, 1)
+        )
+        found = found - _shares(self.own, np.tensordot(inverse[:count, self.noisy].T, self.taken, 1))
+        if self.by_noise is None:
+            return found
+        return found + _shares(self.own, inverse[-1, self.noisy][:, None, None] * self.by_noise)
+
+
+def _products(
+    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
+) -> Float[np.ndarray, "n m"]:
+    """Re of x^H y, summed over bins."""
+    found: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
+    return found
+
+
+def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
+    """Real and imaginary parts in a row: Re of x^H y is the product of two such rows."""
+    return np.ascontiguousarray(pairs).reshape(pairs.shape[0], -1).view(np.float64)
+
+
+def _shares(
+    left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
+) -> Float[np.ndarray, " bins"]:
+    """Re of x^H y of each bin, summed over what stands first."""
+    found: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
+    return found
+
+
+def solved_equations(
+    pilot: Pilot,
+    input_variance: float,
+    instrument: Complex[np.ndarray, " bins"] | None = None,
+    free_blend: bool = False,
+    noise_test: Float[np.ndarray, " bins"] | None = None,
+) -> SpectralSolution:
+    """Solve from a pilot, with instruments of the input's own spectrum or another.
+
+    Raises
+    ------
+    EstimationError
+        When a step has no solution, or friction or gain leave what the relation can hold.
+    """
+    record = pilot.motion.record
+    ramps = record.count >= RAMP_SAMPLES
+    closed = instrument is not None
+    bins = record.input if instrument is None else instrument
+    weights = np.ones(bins.size) if closed else signal_weights(record.input, input_variance)
+    nuisances = np.array([pilot.transient, 0.0, 0.0])[: 3 if ramps else 1]
+    noise, leverage = pilot.noise, np.zeros(bins.size)
+    now = SpectralSolution(
+        pilot.motion,
+        nuisances,
+        noise.spectrum(pilot.motion),
+        bins,
+        0.0 if closed else input_variance,
+        weights,
+        np.ones(bins.size),
+        free_blend,
+        noise_test=noise_test,
+    )
+    prior = pilot.prior
+    for number in range(EQUATION_PASSES):
+        residual = now.residual
+        if noise_test is not None:
+            known = max(now.input_variance, 0.0)
+            noise, prior = replace(noise, input_variance=known), prior.with_input_variance(known)
+            now = replace(now, weights=signal_weights(record.input, known))
+        noise = fitted_noise(now.motion, residual, noise, prior) if number else noise
+        C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
+        now = replace(now, spectrum=C, factors=held_back(residual, C))
+        before = now.motion
+        now, leverage = _newton(now)
+        change = abs(now.motion.friction / before.friction - 1.0) + abs(now.motion.gain / before.gain - 1.0)
+        now = replace(now, change=change)
+        if now.settled:
+            break
+    return replace(now, noises=told_noises(now.motion, now.residual, noise, prior, MEASURE))
+
+
+def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
+    """Newton's steps at fixed weights; the leverage of each bin at their beginning."""
+    sensitivity = now.sensitivity
+    try:
+        inverse = np.linalg.inv(sensitivity.total)
+    except np.linalg.LinAlgError as error:
+        raise EstimationError(
+            "an input that moves the vehicle", "equations without a unique solution", "Excite it more."
+        ) from error
+    for _ in range(STEPS):
+        step = -inverse @ now.scores()
+        largest = float(np.max(np.abs(step[:2]) / np.abs([now.motion.friction, now.motion.gain])))
+        if largest > LARGEST_SHARE:
+            step *= LARGEST_SHARE / largest
+        motion = moved_by(now.motion, step[: now.parameters])
+        last = now.parameters + now.nuisances.size
+        found = now.input_variance + float(step[last:].sum())
+        now = replace(
+            now, motion=motion, nuisances=now.nuisances + step[now.parameters : last], input_variance=found
+        )
+        if largest < EQUATION_TOLERANCE:
+            break
+    return now, np.maximum(sensitivity.leverage(inverse), 0.0)
+
+
+def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMotion:
+    """Motion whose friction, gain, and rho where the step has one, are moved."""
+    friction, gain, blend = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(
+        step, (0, 3 - step.size)
+    )
+    return replace(motion, friction=float(friction), gain=float(gain), blend=float(blend))
+
+
+# -- Whitened rows --
+
+
+def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Solved:
+    """Linear equations that the solution meets, and their solution."""
+    rows = whitened_rows(solution, parameters)
+    assembler, solver = Compensated(), LeastSquares()
+    moments = assembler.full_moments(rows)
+    system = assembler.system(moments)
+    return Solved(assembler, solver, moments, rows, system, None, solver.solve(system))
+
+
+def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
+    """Rows of both equations, sample by sample, one equation after the other."""
+    motion, C, count = solution.motion, solution.spectrum, solution.motion.record.count
+    own = motion.directions[: solution.parameters]
+    theta = np.array([motion.friction, motion.gain, motion.blend])[: solution.parameters]
+    tests = solution.tests
+    moved = C.solved(solution.nuisance_shapes)
+    nuisance_tests = tests[solution.parameters : solution.parameters + solution.nuisances.size]
+    by_nuisance = np.einsum("jkb,lkb->jl", moved.conj(), tests[: solution.parameters]).real
+    among = np.einsum("jkb,lkb->jl", moved.conj(), nuisance_tests).real
+    freed = tests[: solution.parameters] - np.tensordot(
+        np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1
+    )
+    X = -series_of(C.whitened(own * motion.record.input), count).reshape(own.shape[0], -1).T
+    Psi = -series_of(C.whitened(freed), count).reshape(own.shape[0], -1).T
+    residual = series_of(C.whitened(solution.residual), count).ravel()
+    shared = _shared_noise(solution, theta) / (2 * count)
+    samples = np.tile(np.arange(count), 2)
+    layout = AxisRows(np.zeros(2 * count, dtype=np.int64), np.repeat([0, 1], count), samples)
+    return Regression(residual + X @ theta, X, Psi, parameters, layout, instrument_noise=shared)
+
+
+def _shared_noise(
+    solution: SpectralSolution, theta: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n n_plus_1"]:
+    """Sum over the rows of what the input's noise adds to products of instruments with [X y]."""
+    count = solution.parameters
+    if not solution.input_variance:
+        return np.zeros((count, count + 1))
+    own = solution.motion.directions[:count]
+    whole = np.concatenate([own, (solution.motion.input_noise + np.tensordot(theta, own, 1))[None]])
+    weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
+    found: Float[np.ndarray, "n n_plus_1"] = (
+        2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", own.conj(), weighted).real
+    )
+    return found
+
+
+def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
+    """Series of pairs of unitary spectra without means."""
+    bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
+    bins[..., 1 : pairs.shape[-1] + 1] = pairs
+    series: Float[np.ndarray, "*shape 2 samples"] = np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
+    return series
+
+
+# -- Spectral covariance --
+
+#: Fewest degrees of freedom.
+LEAST_DEGREES = 3.0
+EVERY = slice(None)
+
+
+@dataclass(frozen=True)
+class SpectralCovariance:
+    """Both covariances of K, b, and rho where it is free.
+
+    Parameters
+    ----------
+    model, in_time : ndarray, shape (n, n)
+        The two.
+    degrees : ndarray, shape (n,)
+        Degrees of freedom of each parameter: few bins that tell it count for few.
+    influence : ndarray, shape (samples, n)
+        Series whose sum is the error of each parameter, to first order.
+    noise_error : float
+        Standard error of sigma_u^2; zero where that is given.
+    """
+
+    model: Float[np.ndarray, "n n"]
+    in_time: Float[np.ndarray, "n n"]
+    degrees: Float[np.ndarray, " n"]
+    influence: Float[np.ndarray, "samples n"]
+    noise_error: float = 0.0
+
+
+def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> SpectralCovariance:
+    """Covariances at a solution, of all its parameters or of some."""
+    sensitivity = solution.sensitivity
+    whole = np.linalg.inv(sensitivity.total)
+    inverse = whole[: solution.parameters][chosen]
+    answered = np.tensordot(inverse, solution.tests, axes=1)
+    of_bins = _meat(solution, inverse, answered)
+    own = np.einsum("jjb->jb", of_bins)
+    degrees = 2.0 * own.sum(axis=1) ** 2 / (own**2).sum(axis=1)
+    leverage = np.clip(sensitivity.leverage(whole), 0.0, LARGEST_LEVERAGE)
+    enlarged = np.sqrt((own / (1.0 - leverage / 4.0)).sum(axis=1) / own.sum(axis=1))
+    model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
+    influence = _influence(solution, answered) * enlarged
+    in_time = sum_covariance(influence)
+    noise_error = 0.0
+    if solution.noise_test is not None:
+        last = np.tensordot(whole[-1:], solution.tests, axes=1)
+        noise_error = float(np.sqrt(_meat(solution, whole[-1:], last).sum()))
+    return SpectralCovariance(model, in_time, np.maximum(degrees, LEAST_DEGREES), influence, noise_error)
+
+
+def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, "n n"]:
+    """Long-run covariance of the sums of series, of as many cosine averages as have the least error."""
+    count = series.shape[0]
+    averages = cosine_averages(series, max(COSINE_AVERAGES, round(0.4 * count ** (2.0 / 3.0))))
+    found: Float[np.ndarray, "n n"] = averages.T @ averages / averages.shape[0]
+    return found
+
+
+def _meat(
+    solution: SpectralSolution,
+    inverse: Float[np.ndarray, "n m"],
+    answered: Complex[np.ndarray, "n 2 bins"],
+) -> Float[np.ndarray, "n n bins"]:
+    """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
+    meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
+    if solution.input_variance:
+        own = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
+        shared = solution.spectrum.solved(solution.motion.input_noise)
+        phi = np.einsum("jkb,kb->jb", own.conj(), shared)
+        meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
+    return 0.5 * meat
+
+
+def _influence(
+    solution: SpectralSolution, answered: Complex[np.ndarray, "n 2 bins"]
+) -> Float[np.ndarray, "samples n"]:
+    """Products of whitened residuals and what answers them in time; each column's sum is an error."""
+    record = solution.motion.record
+    residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
+    answers = series_of(solution.spectrum.whitened(answered), record.count)
+    found: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
+    return found

@@ -1,0 +1,758 @@
+"""Spectral generalized instrumental variables and Whittle likelihood."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNoiseError
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.linear import LinearMethod, user_level
+from eivor.estimation.method import Method, Problem
+from eivor.estimation.methods import generalized_iv, generalized_iv_unknown_noise
+from eivor.estimation.moments import Direct, FittedNoise, Instrumental
+from eivor.estimation.pair_whitening import (
+    CorrectedSpectra,
+    ModelledSpectra,
+    PairWhitening,
+    paired_bins,
+    power_around,
+    signal_weights,
+)
+from eivor.estimation.sampled_motion import (
+    MEASURE,
+    NoiseModel,
+    Pair,
+    PairSpectrum,
+    SampledMotion,
+    SampledProblem,
+    fitted_noise,
+    is_own_instrument,
+    motion_of,
+    problem_of_motion,
+    sampled_problem,
+    told_noises,
+    with_instruments,
+    without_spectra,
+)
+from eivor.estimation.spectral_equations import (
+    Pilot,
+    SpectralCovariance,
+    SpectralSolution,
+    consistent_estimate,
+    pilot_at,
+    solved_equations,
+    solved_rows,
+    spectral_covariance,
+    sum_covariance,
+)
+from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
+from eivor.inference.regions import hotelling_quantile
+from eivor.inference.verdict import Reason, Status
+from eivor.linalg import LeastSquares
+from eivor.models.regression import Parameter
+from eivor.models.separable import SeparableProblem
+from eivor.models.signal_regression import SignalRegression
+from eivor.signals.noise import WhiteNoise
+from eivor.tools import Float
+
+# -- Estimates --
+
+#: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
+#: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
+#: are three good answers in a hundred.
+FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
+
+#: What the input may do between samples, and how near, in standard errors, counts as that: chance is farther
+#: once in 370 times, and where it is, a free rho may double the error of the gain.
+USUAL_BLENDS, NEAR_BLEND = (0.0, 0.5), 3.0
+
+
+def seems_held(held: SpectralSolution) -> bool:
+    """Whether one step towards a free rho leaves a solution with a held input at rho 0."""
+    freed = replace(held, free_blend=True)
+    return usual_blend(replace(freed, motion=freed.stepped())) == 0.0
+
+
+def usual_blend(free: SpectralSolution) -> float | None:
+    """The usual rho that a free one is within three standard errors of; None where it is near none."""
+    blend = free.motion.blend
+    usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
+    return usual if abs(blend - usual) <= NEAR_BLEND * blend_error(free) else None
+
+
+def blend_error(free: SpectralSolution) -> float:
+    """Standard error of a free rho, the larger one of both covariances."""
+    of_blend = spectral_covariance(free, slice(2, 3))
+    return float(np.sqrt(max(of_blend.model[0, 0], of_blend.in_time[0, 0])))
+
+
+def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
+    """Both covariances, of which an interval takes the wider, on the fewest degrees of freedom."""
+    degrees = float(covariance.degrees.min())
+    return JointCovariance(
+        (
+            CovariancePart("spectral_model", covariance.model, degrees),
+            CovariancePart("spectral_in_time", covariance.in_time, degrees),
+        )
+    )
+
+
+def with_grounds(estimate: Estimate, *, settled: bool) -> Estimate:
+    """Estimate with the grounds against it: passes that ran out, parameters that may be zero."""
+    reasons: list[Reason] = []
+    if not settled:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                "The spectra of the residuals had not come to rest when the passes ran out.",
+                "Record longer, or compare with generalized_iv.",
+            )
+        )
+    for parameter in estimate.joint_parameters[:2]:
+        low, high = estimate.interval(parameter.name)
+        if low <= 0.0 <= high:
+            reasons.append(
+                Reason(
+                    Status.WEAK,
+                    f"The {parameter.name.replace('_', ' ')} cannot be told from zero: its interval is "
+                    f"[{low:.3g}, {high:.3g}] {parameter.unit}.",
+                    "Excite more, or record longer.",
+                )
+            )
+    return replace(estimate, reasons=tuple(reasons))
+
+
+#: What to do about numbers that a search did not reach.
+EXCITE = "Excite more, or record longer; and see that the input holds between samples as it was meant to."
+
+
+def fallback(why: str, remedy: str = EXCITE) -> Reason:
+    """Ground on which generalized IV's numbers stand in, and what to do about it."""
+    return Reason(
+        Status.WEAK,
+        f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
+        remedy,
+    )
+
+
+def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason:
+    """Motion at generalized IV's numbers, or why nothing can begin there."""
+    friction, gain = (float(value) for value in plain.best.values[:2])
+    if friction > 0.0 and gain != 0.0:
+        return SampledMotion(sampled.record, friction, gain)
+    return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
+
+
+def distance_of(
+    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
+) -> float:
+    """Squared distance of friction and gain from generalized IV's, in the errors of both."""
+    between = plain.best.values[:2] - values
+    own = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + own
+    return float(between @ np.linalg.solve(spread, between))
+
+
+def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
+    """Generalized IV's answer, with the reason as a warning too.
+
+    Warns
+    -----
+    FallbackWarning
+        Always.
+    """
+    warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
+    answer = plain.with_covariance(EqualWeightedCosines())
+    return replace(answer, method=name, reasons=(*plain.reasons, reason))
+
+
+# -- Likelihood --
+
+#: Passes of noises and parameters, and the change relative to the parameters that ends them.
+LIKELIHOOD_PASSES, LIKELIHOOD_TOLERANCE = 8, 1e-5
+#: Searches of the parameters end after so many evaluations.
+EVALUATIONS = 60
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """Where a search ended.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Parameters.
+    transient : float
+        t.
+    noise : NoiseModel
+        Spectra that were fitted or declared.
+    settled : bool
+        False when passes or evaluations ran out.
+    noises : tuple of FittedNoise
+        The same noises with their errors; those that were declared have none.
+    """
+
+    motion: SampledMotion
+    transient: float
+    noise: NoiseModel
+    settled: bool
+    noises: tuple[FittedNoise, ...]
+
+
+@runtime_checkable
+class KnownSpectra(Protocol):
+    """Spectra of the residuals at any parameters of the motion."""
+
+    @abstractmethod
+    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
+        """C."""
+
+
+def maximum_likelihood(pilot: Pilot) -> Likelihood:
+    """Search from a pilot, with the noises that are not declared fitted anew."""
+    motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
+    settled = False
+    for _ in range(LIKELIHOOD_PASSES):
+        before = np.array([motion.friction, motion.gain])
+        motion, transient, found = least_quadratic(motion, transient, noise)
+        moved = np.abs(np.array([motion.friction, motion.gain]) - before)
+        settled = found and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
+        if settled:
+            break
+        noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
+    told = told_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
+    return Likelihood(motion, transient, noise, settled, told)
+
+
+def _residual(motion: SampledMotion, transient: float) -> Pair:
+    return motion.whole(np.array([transient]), motion.nuisance_shapes(False))
+
+
+def least_quadratic(
+    motion: SampledMotion, transient: float, noise: KnownSpectra
+) -> tuple[SampledMotion, float, bool]:
+    """Minimum of Q at given noises, by least squares of the whitened residuals; and whether it is one."""
+    from scipy.optimize import least_squares
+
+    units = np.array([motion.friction, motion.gain, max(abs(transient), 1e-3 * abs(motion.gain))])
+
+    def at(x: Float[np.ndarray, " 3"]) -> tuple[SampledMotion, float]:
+        friction, gain, t = (x * units).tolist()
+        return replace(motion, friction=friction, gain=gain), t
+
+    def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
+        moved, t = at(x)
+        pair = noise.spectrum(moved).whitened(_residual(moved, t)).ravel()
+        return np.concatenate([pair.real, pair.imag])
+
+    first = np.array([1.0, 1.0, transient / units[2]])
+    found = least_squares(
+        whitened, first, method="lm", max_nfev=EVALUATIONS * first.size, xtol=1e-9, ftol=1e-10
+    )
+    return *at(found.x), bool(found.success)
+
+
+# -- Several flights --
+
+#: Share of right pairs of answers that are no farther apart than is allowed.
+ALLOWED = 0.999
+
+
+def corrected_whitening(name: str) -> LinearMethod:
+    """Instrumental least squares of both equations, by corrected spectra."""
+    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(CorrectedSpectra()))
+
+
+def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
+    """Instrumental estimate of both equations, or generalized IV's where that contradicts it beyond chance.
+
+    Raises
+    ------
+    EstimationError
+        When the motion has no state whose derivative was measured, or neither method has an answer.
+    """
+    paired_bins(
+        problem, np.zeros(problem.bins(problem.first_values).regressors.shape[1]), problem.first_values
+    )
+    try:
+        found = corrected_whitening(name).estimate(problem)
+    except (EstimationError, np.linalg.LinAlgError):
+        return _instead(name, generalized_iv().estimate(problem), "its equations have no solution")
+    try:
+        plain = generalized_iv().estimate(problem)
+    except (EstimationError, np.linalg.LinAlgError):
+        return with_noises(problem, found)
+    distance, farthest = _apart(found, plain)
+    if distance > farthest:
+        why = f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
+        return _instead(name, plain, why)
+    return with_noises(problem, found)
+
+
+def whittle_of_flights(name: str, problem: SeparableProblem) -> Estimate:
+    """Least squares of both equations, weighted by the noises of the largest likelihood.
+
+    Raises
+    ------
+    EstimationError
+        When the motion has no state whose derivative was measured, or the search does not settle.
+    """
+    method = LinearMethod(name, Direct(), LeastSquares(), PairWhitening(ModelledSpectra()))
+    return with_noises(problem, method.estimate(problem))
+
+
+def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
+    """Estimate with the noises that fit what it leaves."""
+    best = estimate.best
+    pairs = paired_bins(problem, best.theta, best.at)
+    return replace(estimate, noises=pairs.told(problem.bins(best.at)))
+
+
+def _instead(name: str, plain: Estimate, why: str) -> Estimate:
+    reason = Reason(
+        Status.WEAK,
+        f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
+        "Compare with reference_iv; fly longer, or with more excitation.",
+    )
+    return replace(plain, method=name, reasons=(*plain.reasons, reason))
+
+
+def _apart(found: Estimate, plain: Estimate) -> tuple[float, float]:
+    """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds.
+
+    Of every candidate that fits with every other one: parameters follow the discrete nuisances.
+    """
+    count = found.best.theta.size
+    farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
+    pairs = product(found.tenable(), plain.tenable())
+    return min(_squared_distance(one, other) for one, other in pairs), farthest
+
+
+def _squared_distance(one: Candidate, other: Candidate) -> float:
+    count = one.theta.size
+    between = one.theta - other.theta
+    spread = one.covariance.matrix[:count, :count] + other.covariance.matrix[:count, :count]
+    return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
+
+
+# -- Unknown input --
+
+#: Least share of the input's variance that a search begins at.
+LEAST_SHARE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """A problem with a noise of its input to begin with.
+
+    Parameters
+    ----------
+    problem : Problem
+        As it was, or with a noise of its input.
+    sought : bool
+        Whether that noise is unknown.
+    """
+
+    problem: Problem
+    sought: bool = False
+
+
+def begun(problem: Problem, method: str) -> Begun | Estimate:
+    """Begin with the noise that is declared, with none for instruments of other channels, or a rough one.
+
+    Where the record does not tell it, what was made of it all the same is returned, refused.
+
+    Raises
+    ------
+    UsageError
+        When the equation is no sampled motion.
+    MissingNoiseError
+        When it could not even be tried.
+    """
+    if not isinstance(problem, SignalRegression):
+        return Begun(problem)
+    _, _, driver = motion_of(problem, method)
+    if driver in problem.signals.noise:
+        return Begun(problem)
+    problem = with_instruments(problem, driver)
+    if not is_own_instrument(problem, driver):
+        return Begun(_with_noise(problem, driver, 0.0))  # nothing is taken off
+    try:
+        found = generalized_iv_unknown_noise().estimate(problem)
+    except (EivorError, np.linalg.LinAlgError) as error:
+        raise MissingNoiseError(
+            f"the noise of {driver}, which {method} takes off, or an input that tells it",
+            f"none that is declared; and {error}",
+            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact.",
+        ) from error
+    if found.status is Status.REFUSED:
+        return replace(found, method=method)
+    least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
+    variance = max(found.parameters[f"noise_variance_{driver}"], least)
+    return Begun(_with_noise(problem, driver, float(np.sqrt(variance))), sought=True)
+
+
+def _with_noise(problem: SignalRegression, driver: str, std: float) -> SignalRegression:
+    noise = {**problem.signals.noise, driver: WhiteNoise(std)}
+    return replace(problem, signals=replace(problem.signals, noise=noise))
+
+
+def told_input(variance: float, error: float) -> FittedNoise:
+    """Noise of the input as it was found; a variance below zero is none."""
+    strength = float(np.sqrt(max(variance, 0.0)))
+    by_root = 0.5 * error / strength if strength else float(np.sqrt(error))
+    return FittedNoise("input", strength, by_root, 0.0, 0.0, MEASURE)
+
+
+# -- Spectral GIV --
+
+#: Records shorter than this are combined with generalized IV: alone, spectra are not told well enough.
+SHORT_RECORD = 400
+#: Relative change of the parameters in the last pass beyond which they are no answer.
+MOVING = 0.05
+BLEND = Parameter("intersample_share", "")
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralGeneralizedIV(Method):
+    """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+    """
+
+    name: str = "spectral_giv"
+
+    @property
+    def needs_instruments(self) -> bool:
+        """No: without others, the input's own spectrum serves, less what its noise adds."""
+        return False
+
+    @property
+    def of_flights(self) -> LinearMethod:
+        """By references, without the guard."""
+        return corrected_whitening(self.name)
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2.
+
+        Of flights lag and delay are searched for, and the state of the actuators is linear between samples.
+
+        Raises
+        ------
+        UsageError, MissingNoiseError
+            When the problem is no motion with a declared noise of its input.
+        """
+        if isinstance(problem, SeparableProblem):
+            return spectral_giv_of_flights(self.name, problem)
+        return _estimated(self.name, problem, alone_from=SHORT_RECORD)
+
+
+@dataclass(frozen=True, slots=True)
+class CombinedSpectralIV(Method):
+    """The combination of spectral and plain generalized IV that has the least variance.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+    """
+
+    name: str = "spectral_giv_combined"
+
+    @property
+    def needs_instruments(self) -> bool:
+        """No: without others, the input's own spectrum serves, less what its noise adds."""
+        return False
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate friction and gain of a sampled motion, see `SpectralGeneralizedIV`."""
+        return _estimated(self.name, problem, alone_from=math.inf)
+
+
+def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
+    """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
+    start = begun(problem, name)
+    if isinstance(start, Estimate):
+        return start
+    checked = problem_of_motion(start.problem, name)
+    plain = consistent_estimate(checked)
+    lacking = without_spectra(checked)
+    if lacking is not None:
+        return fallen_back(name, plain, fallback(*lacking))
+    sampled = replace(sampled_problem(checked, name), noise_sought=start.sought)
+    found = _spectral(sampled, plain)
+    if isinstance(found, Reason):
+        return fallen_back(name, plain, found)
+    if sampled.record.count >= alone_from:
+        return found.estimate(name, sampled)
+    combined = _combined(name, sampled, plain, found)
+    if math.isinf(alone_from):
+        return combined
+    return replace(combined, reasons=(*combined.reasons, _shortness(sampled.record.count)))
+
+
+def _shortness(count: int) -> Reason:
+    """What is given of a short record; it is no ground against it."""
+    return Reason(
+        Status.IDENTIFIED,
+        f"{count} samples are fewer than {SHORT_RECORD}: this is the combination of the spectral estimate "
+        "with generalized IV's that has the least variance, and slow drifts are not taken off.",
+        "Record longer for the spectral estimate alone.",
+    )
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A spectral solution with its covariance."""
+
+    solution: SpectralSolution
+    covariance: SpectralCovariance
+
+    @property
+    def values(self) -> Float[np.ndarray, " 2"]:
+        """Friction and gain."""
+        return np.array([self.solution.motion.friction, self.solution.motion.gain])
+
+    def estimate(self, name: str, sampled: SampledProblem) -> Estimate:
+        """As an estimate whose rows are the whitened ones."""
+        parameters = (*sampled.parameters, BLEND)[: self.solution.parameters]
+        candidate = Candidate(
+            {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
+        )
+        answer = Estimate(name, parameters, (candidate,), noises=self.noises)
+        return with_grounds(answer, settled=self.solution.settled)
+
+    @property
+    def noises(self) -> tuple[FittedNoise, ...]:
+        """Noises that were fitted, that of the input among them where it was sought."""
+        if self.solution.noise_test is None:
+            return self.solution.noises
+        own = told_input(self.solution.input_variance, self.covariance.noise_error)
+        return (*self.solution.noises, own)
+
+
+def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
+    """Spectral solution, or why generalized IV's answer must do."""
+    start = start_of(sampled, plain)
+    if isinstance(start, Reason):
+        return start
+    try:
+        with np.errstate(all="ignore"):
+            found = _with_blend(sampled, start)
+    except (EivorError, np.linalg.LinAlgError, ValueError):
+        return fallback("its equations have no solution near generalized IV's")
+    why = _doubt(found, plain)
+    return fallback(why) if why else found
+
+
+def _doubt(found: _Found, plain: Estimate) -> str:
+    """Why a solution is not to be believed; empty where it is."""
+    values, covariance = found.values, found.covariance.model[:2, :2]
+    if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
+        return "its search left every number behind"
+    if found.solution.change > MOVING:
+        return f"its last pass changed it by {found.solution.change:.0%}"
+    if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
+        return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
+    distance = distance_of(plain, values, covariance)
+    if distance > FARTHEST:
+        return f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
+    return ""
+
+
+def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
+    """Solution with an input that is held, where one step towards a free rho finds no other; else rho free.
+
+    Or rho 1/2, where it is near that.
+    """
+    pilot = pilot_at(start, sampled.input_variance)
+    noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_sought else None
+    solved = partial(
+        solved_equations,
+        input_variance=sampled.input_variance,
+        instrument=sampled.instrument,
+        noise_test=noise_test,
+    )
+    held = solved(pilot)
+    if seems_held(held):
+        return _found(held)
+    free = solved(pilot, free_blend=True)
+    usual = usual_blend(free)
+    if usual is None:
+        return _found(free)
+    fixed = replace(pilot, motion=replace(free.motion, blend=usual))
+    return _found(solved(fixed))
+
+
+def _found(solution: SpectralSolution) -> _Found:
+    return _Found(solution, spectral_covariance(solution))
+
+
+# -- with generalized IV ----------------------------------------------------------------------------------
+
+
+def _combined(name: str, sampled: SampledProblem, plain: Estimate, found: _Found) -> Estimate:
+    """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
+    influence, count = found.covariance.influence, sampled.record.count
+    equation, own = plain.best.equation, found.solution.parameters
+    other = np.zeros((count, 2))
+    scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
+    other[-scores.shape[0] :] = scores
+    series = np.concatenate([influence, other - influence[:, :2]], axis=1)
+    joint = sum_covariance(series)
+    delta = plain.best.values[:2] - found.values
+    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
+    parameters = (*sampled.parameters, BLEND)[:own]
+    solved = solved_rows(found.solution, parameters)
+    values = solved.solution.theta - weights @ delta
+    covariance = joint[:own, :own] - weights @ joint[own:, :own]
+    solved = replace(solved, solution=replace(solved.solution, theta=values))
+    alone = joint_covariance(found.covariance)
+    of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
+    candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
+    answer = Estimate(name, parameters, (candidate,), noises=found.noises)
+    return with_grounds(answer, settled=found.solution.settled)
+
+
+# -- Whittle --
+
+#: What to do about a likelihood whose assumptions do not hold.
+USE = "Use spectral_giv, which does not assume these."
+
+
+@dataclass(frozen=True, slots=True)
+class WhittleLikelihood(Method):
+    """Maximum likelihood in frequency, with noises as they are declared and all others fitted.
+
+    That of the input must be declared, those of velocity and acceleration may be; a disturbance is fitted.
+
+    Parameters
+    ----------
+    name : str
+        The word that results and the command line use.
+
+    Notes
+    -----
+    Efficient where the noises are what the model takes them for, and biased where they are not. The input is
+    taken as held between samples; that is tested as `SpectralGeneralizedIV` does, and an estimate from an
+    input that is not held is weak.
+    """
+
+    name: str = "whittle_ml"
+
+    @property
+    def needs_instruments(self) -> bool:
+        """No; instruments of the pilot are taken where a problem has some."""
+        return False
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate friction and gain of a sampled motion.
+
+        Raises
+        ------
+        UsageError, MissingNoiseError
+            When the problem is no motion with a declared noise of its input.
+        """
+        if isinstance(problem, SeparableProblem):
+            return whittle_of_flights(self.name, problem)
+        checked = problem_of_motion(problem, self.name)
+        plain = consistent_estimate(checked)
+        lacking = without_spectra(checked)
+        if lacking is not None:
+            return fallen_back(self.name, plain, fallback(*lacking))
+        sampled = sampled_problem(checked, self.name)
+        if sampled.instrument is not None:
+            raise MissingNoiseError(
+                f"an open loop for {self.name}",
+                "instruments of another channel than the input",
+                "Under control use spectral_giv.",
+            )
+        found = self._likelihood(sampled, plain)
+        if isinstance(found, Reason):
+            return fallen_back(self.name, plain, found)
+        solution = _as_solution(sampled, found)
+        solved = solved_rows(solution, sampled.parameters)
+        values = np.array([found.motion.friction, found.motion.gain])
+        solved = replace(solved, solution=replace(solved.solution, theta=values))
+        covariance = spectral_covariance(solution)
+        candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
+        answer = Estimate(self.name, sampled.parameters, (candidate,), noises=found.noises)
+        answer = with_grounds(answer, settled=found.settled)
+        reasons = (*_contradiction(plain, values, covariance.model), *_not_held(sampled, found, solution))
+        return replace(answer, reasons=(*answer.reasons, *reasons))
+
+    def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
+        start = start_of(sampled, plain)
+        if isinstance(start, Reason):
+            return start
+        try:
+            with np.errstate(all="ignore"):
+                pilot = pilot_at(start, sampled.input_variance, sampled.declared)
+                found = maximum_likelihood(pilot)
+        except (EivorError, np.linalg.LinAlgError, ValueError):
+            return fallback("its search failed near generalized IV's numbers")
+        friction, gain = found.motion.friction, found.motion.gain
+        if not (np.isfinite(gain) and friction > 0.0 and gain * start.gain > 0.0):
+            return fallback(f"its friction came out at {friction:.3g} 1/s")
+        return found
+
+
+def _contradiction(
+    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
+) -> tuple[Reason, ...]:
+    """Ground against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
+    distance = distance_of(plain, values, covariance)
+    if not distance > FARTHEST:
+        return ()
+    sentence = (
+        f"It contradicts generalized IV beyond chance (squared distance {distance:.3g}): a noise, or the "
+        "input between samples, is not what the likelihood takes it for."
+    )
+    return (Reason(Status.WEAK, sentence, USE),)
+
+
+def _not_held(sampled: SampledProblem, found: Likelihood, solution: SpectralSolution) -> tuple[Reason, ...]:
+    """Ground against numbers from an input that is not held between samples; the numbers stay."""
+    with np.errstate(all="ignore"):
+        if seems_held(solution):
+            return ()
+        try:
+            pilot = pilot_at(found.motion, sampled.input_variance)
+            free = solved_equations(pilot, sampled.input_variance, free_blend=True)
+        except (EivorError, np.linalg.LinAlgError, ValueError):
+            return (Reason(Status.WEAK, "Whether the input is held between samples cannot be told.", USE),)
+        if usual_blend(free) == 0.0:
+            return ()
+        error = blend_error(free)
+    sentence = (
+        "The input is not held between samples, as the likelihood takes it: the share of the next sample is "
+        f"{free.motion.blend:.2g} +- {error:.1g}, where 0 is held and 0.5 is linear."
+    )
+    return (Reason(Status.WEAK, sentence, USE),)
+
+
+def _as_solution(sampled: SampledProblem, found: Likelihood) -> SpectralSolution:
+    """Spectral equations at the likelihood's numbers, whose covariance is its own where the model holds."""
+    bins = sampled.record.input
+    return SpectralSolution(
+        found.motion,
+        np.array([found.transient]),
+        found.noise.spectrum(found.motion),
+        bins,
+        sampled.input_variance,
+        np.sqrt(signal_weights(bins, sampled.input_variance)),
+        np.ones(bins.size),
+        free_blend=False,
+        change=0.0 if found.settled else np.inf,
+    )

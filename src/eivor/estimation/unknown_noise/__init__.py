@@ -1,1 +1,0 @@
-"""Parameters together with the strengths, and orders, of measurement noises that nobody declared."""

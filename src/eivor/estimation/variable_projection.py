@@ -1,0 +1,344 @@
+"""Search for nuisance parameters by variable projection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import minimize, minimize_scalar
+
+from eivor.errors import ConvergenceError
+from eivor.linalg.system import Solution
+from eivor.models.separable import Nuisance, Values
+from eivor.tools import Float, Int
+
+# -- Box search --
+
+#: Axes of a box: one increasing array for each variable.
+Box = Sequence[Float[np.ndarray, " _"]]
+#: From a box to the values at its points, the last axis the fastest.
+Objective = Callable[[Box], Float[np.ndarray, " points"]]
+
+#: Points of a box on one axis, at most and at least; and of a box of several axes about so many.
+MOST, LEAST, BOX_POINTS = 33, 5, 200
+#: The search ends where a box's points are so close, as a share of the first box.
+FINEST = 2.0**-17
+#: Boxes before a search is given up.
+BOX_ROUNDS = 100
+
+
+def least_place(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
+    """Place of the least value between the ends of a grid.
+
+    Parameters
+    ----------
+    objective : callable
+        See `Objective`.
+    grid : sequence of ndarray
+        Where to begin: two places or more for each variable, or no variable at all.
+
+    Raises
+    ------
+    ConvergenceError
+        When the boxes do not shrink.
+    """
+    axes = len(grid)
+    if not axes:
+        return np.empty(0)
+    best = _best_point(objective, grid)
+    low, high = (
+        np.array([axis[np.clip(at + step, 0, axis.size - 1)] for axis, at in zip(grid, best, strict=True)])
+        for step in (-1, 1)
+    )
+    bottom, top = (np.array([axis[end] for axis in grid]) for end in (0, -1))
+    first, points = high - low, _points(axes)
+    for _ in range(BOX_ROUNDS):
+        box = [np.linspace(a, b, points) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
+        best = _best_point(objective, box)
+        place = np.array([axis[at] for axis, at in zip(box, best, strict=True)])
+        spacing = (high - low) / (points - 1)
+        at_edge = ((best == 0) & (low > bottom)) | ((best == points - 1) & (high < top))
+        if not at_edge.any() and (spacing <= FINEST * first).all():
+            return place
+        reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
+        low, high = np.maximum(place - reach, bottom), np.minimum(place + reach, top)
+    raise ConvergenceError(
+        f"a search of {axes} variables that settles",
+        f"one that still moves after {BOX_ROUNDS} boxes",
+        "Give narrower grids, or more exciting data.",
+    )
+
+
+def _points(axes: int) -> int:
+    """Points of a box on each axis, an odd number, so that its middle is one of them."""
+    points = min(int(BOX_POINTS ** (1.0 / axes)), MOST)
+    return max(points - 1 + points % 2, LEAST)
+
+
+def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
+    place = int(np.argmin(objective(box)))
+    return np.array(np.unravel_index(place, [axis.size for axis in box]))
+
+
+# -- Search --
+
+#: Where only weights are made of an estimate, tolerances are so many times coarser.
+COARSE = 100.0
+#: Points of a product of grids; but no grid is thinned below three.
+PRODUCT_POINTS = 200
+#: A search of several nuisances has settled when beginning again gains less than this share of the
+#: objective; so often it may begin.
+LEAST_GAIN = 1e-10
+RESTARTS = 20
+
+#: Values of the nuisances that are sought, in their order.
+Point = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class NuisanceProfile:
+    """Objective over the grid of one nuisance, at the best of the others.
+
+    Parameters
+    ----------
+    nuisance : Nuisance
+        Which.
+    grid, objective : ndarray, shape (values,)
+        Values, and what is left at each, a prior's term included.
+    """
+
+    nuisance: Nuisance
+    grid: Float[np.ndarray, " values"]
+    objective: Float[np.ndarray, " values"]
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """What a search found.
+
+    Parameters
+    ----------
+    at : dict of str to float
+        Every nuisance's value.
+    objective : float
+        What is left there, a prior's term included.
+    solution : Solution
+        Linear parameters there.
+    profiles : tuple of NuisanceProfile
+        One for each nuisance that was sought.
+    """
+
+    at: dict[str, float]
+    objective: float
+    solution: Solution
+    profiles: tuple[NuisanceProfile, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """The objective at one point.
+
+    Parameters
+    ----------
+    point : tuple of float
+        Where.
+    objective : float
+        What is left, a prior's term included.
+    solution : Solution
+        Linear parameters there.
+    """
+
+    point: Point
+    objective: float
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search over continuous nuisances.
+
+    Parameters
+    ----------
+    sought : tuple of Nuisance
+        What is searched for.
+    fixed : dict of str to float
+        Values of the other nuisances.
+    solve : callable
+        Linear parameters at values of all nuisances.
+    objectives : callable
+        What `solve` would leave at many values of all nuisances.
+    unit : callable
+        Variance of one equation there, in units of the objective. Asked only where something is known
+        beforehand.
+    """
+
+    sought: tuple[Nuisance, ...]
+    fixed: dict[str, float]
+    solve: Callable[[Values], Solution]
+    objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]]
+    unit: Callable[[Values], float]
+
+    def minimum(self, *, coarse: bool = False) -> Minimum:
+        """Minimise the objective; to coarse tolerances where only weights are made of it.
+
+        Raises
+        ------
+        ConvergenceError
+            When a search of several nuisances does not settle.
+        EstimationError
+            When the linear parameters have no unique solution.
+        """
+        grids = product_grids(self.sought)
+        points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
+        left = self.objectives([self._at(point) for point in points])
+        misfit = np.array([self._misfit(point) for point in points])
+        tolerance = COARSE if coarse else 1.0
+
+        def from_grid(unit: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
+            objective = left + unit * misfit
+            place = int(np.argmin(objective))
+            best = Trial(points[place], float(objective[place]), self.solve(self._at(points[place])))
+            return self._refined(best, grids, unit, tolerance), objective
+
+        if any(nuisance.prior for nuisance in self.sought):
+            # In units of the best fit to the data alone, and then of where that has led.
+            first, _ = from_grid(self.unit(self._at(points[int(np.argmin(left))])))
+            best, objective = from_grid(self.unit(self._at(first.point)))
+        else:
+            best, objective = from_grid(0.0)
+        profiles = profiles_of(self.sought, grids, objective)
+        return Minimum(self._at(best.point), best.objective, best.solution, profiles)
+
+    def _at(self, point: Point) -> dict[str, float]:
+        names = (nuisance.name for nuisance in self.sought)
+        return self.fixed | dict(zip(names, point, strict=True))
+
+    def _misfit(self, point: Point) -> float:
+        at = self._at(point)
+        return float(sum(nuisance.misfit(at) for nuisance in self.sought))
+
+    def _refined(
+        self, best: Trial, grids: list[Float[np.ndarray, " _"]], unit: float, tolerance: float
+    ) -> Trial:
+        """Least trial between the grid's points, never worse than the best of these."""
+
+        def trial(point: Point) -> Trial:
+            solution = self.solve(self._at(point))
+            return Trial(point, solution.objective + unit * self._misfit(point), solution)
+
+        if not self.sought:
+            return best
+        if len(self.sought) > 1:
+            return bounded_search(trial, best, self.sought, grids, tolerance)
+        (nuisance,), (grid,), (value,) = self.sought, grids, best.point
+        place = int(np.searchsorted(grid, value))
+        bounds = float(grid[max(place - 1, 0)]), float(grid[min(place + 1, grid.size - 1)])
+        return between(trial, best, bounds, tolerance * nuisance.tolerance)
+
+
+def product_grids(
+    sought: tuple[Nuisance, ...], points: int = PRODUCT_POINTS
+) -> list[Float[np.ndarray, " _"]]:
+    """Grid of each nuisance, thinned where there are several so that their product has so many points."""
+    if len(sought) < 2:
+        return [nuisance.grid for nuisance in sought]
+    most = max(int(points ** (1.0 / len(sought))), 3)
+    return [
+        grid if grid.size <= most else grid[np.linspace(0, grid.size - 1, most).round().astype(np.int64)]
+        for grid in (nuisance.grid for nuisance in sought)
+    ]
+
+
+def profiles_of(
+    sought: tuple[Nuisance, ...],
+    grids: list[Float[np.ndarray, " _"]],
+    objective: Float[np.ndarray, " points"],
+) -> tuple[NuisanceProfile, ...]:
+    """Objective on a product of grids over each nuisance, at the best of the others."""
+    table = objective.reshape([grid.size for grid in grids])
+    return tuple(
+        NuisanceProfile(nuisance, grid, np.moveaxis(table, number, 0).reshape(grid.size, -1).min(axis=1))
+        for number, (nuisance, grid) in enumerate(zip(sought, grids, strict=True))
+    )
+
+
+def between(
+    trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
+) -> Trial:
+    """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
+    least = best
+
+    def objective(value: float) -> float:
+        nonlocal least
+        tried = trial((float(value),))
+        least = min(tried, least, key=lambda one: one.objective)
+        return tried.objective
+
+    minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
+    return least
+
+
+def bounded_search(
+    trial: Callable[[Point], Trial],
+    best: Trial,
+    sought: tuple[Nuisance, ...],
+    grids: list[Float[np.ndarray, " _"]],
+    tolerance: float,
+) -> Trial:
+    """Least trial of several nuisances within their grids, from a good one; never worse than that.
+
+    Each nuisance is searched on a scale from 0 to 1, by ratios where it is positive.
+
+    Raises
+    ------
+    ConvergenceError
+        When it does not settle.
+    """
+    ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])
+    ratios = np.array([nuisance.positive for nuisance in sought])
+
+    def scaled(values: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
+        logs = np.where(ratios, np.log(np.where(ratios, values, 1.0)), values)
+        return np.asarray(logs)
+
+    low, high = scaled(ends[:, 0]), scaled(ends[:, 1])
+
+    def point_of(place: Float[np.ndarray, " q"]) -> Point:
+        values = low + np.clip(place, 0.0, 1.0) * (high - low)
+        values = np.clip(np.where(ratios, np.exp(np.where(ratios, values, 0.0)), values), *ends.T)
+        return tuple(values.tolist())
+
+    found = best
+
+    def left_at(place: Float[np.ndarray, " q"]) -> float:
+        nonlocal found
+        tried = trial(point_of(place))
+        found = min(found, tried, key=lambda one: one.objective)
+        return tried.objective
+
+    steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
+    accuracy = float(np.min([n.tolerance for n in sought] / steepest)) * tolerance
+    spacing = float(np.mean([0.5 / (grid.size - 1) for grid in grids]))
+    for _ in range(RESTARTS):
+        before = found
+        minimize(
+            left_at,
+            (scaled(np.array(before.point)) - low) / (high - low),
+            method="COBYQA",
+            bounds=[(0.0, 1.0)] * len(sought),
+            options={
+                "initial_tr_radius": max(spacing, accuracy),
+                "final_tr_radius": accuracy,
+                "maxfev": 400 * len(sought),
+            },
+        )
+        if before.objective - found.objective <= LEAST_GAIN * abs(found.objective):
+            return found
+        spacing = max(0.1 * spacing, 10.0 * accuracy)
+    raise ConvergenceError(
+        f"a search of {', '.join(nuisance.name for nuisance in sought)} that settles",
+        f"one that still gains after {RESTARTS} beginnings",
+        "Give narrower grids, what is known of one of them, or more exciting data.",
+    )

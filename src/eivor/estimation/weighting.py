@@ -1,0 +1,527 @@
+"""Weights of rows and of equations."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from eivor import checks
+from eivor.errors import InstrumentError, NoUniqueSolutionError, TooFewSamplesError, UsageError
+from eivor.estimation.moments import CrossMoments, Moments
+from eivor.inference.covariance import unit_scale
+from eivor.inference.diagnostics.record import orthonormal_basis
+from eivor.inference.kernel import bartlett_covariance, newey_west_bandwidth
+from eivor.linalg.system import LinearSystem
+from eivor.models.regression import LinearProblem, Regression
+from eivor.models.separable import SeparableProblem, Values
+from eivor.models.spectral import SpectralRegression
+from eivor.tools import Complex, Float
+
+# -- Equations --
+
+
+@dataclass(frozen=True, slots=True)
+class UnweightedEquations:
+    """Equations of a method before they are weighted, and what a weight may be made of.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        A and b, means over the rows.
+    moments : Moments
+        What they were made of.
+    problem : LinearProblem or None
+        The rows; None when only moments are at hand.
+    theta : ndarray, shape (n,), or None
+        Estimate of the pass before; None in the first.
+    """
+
+    system: LinearSystem
+    moments: Moments
+    problem: LinearProblem | None
+    theta: Float[np.ndarray, " n"] | None
+
+
+@dataclass(frozen=True, slots=True)
+class WeightedEquations:
+    """Equations after weighting.
+
+    Parameters
+    ----------
+    system : LinearSystem
+        L^-1 A theta = L^-1 b.
+    factor : ndarray, shape (p, p), optional
+        Lower triangular L; None for the identity.
+    """
+
+    system: LinearSystem
+    factor: Float[np.ndarray, "p p"] | None = None
+
+
+class EquationWeighting(ABC):
+    """A way to weight equations."""
+
+    @property
+    @abstractmethod
+    def passes(self) -> int:
+        """Number of times the estimate is made; weights are renewed between passes."""
+
+    @property
+    @abstractmethod
+    def needs_instrument_products(self) -> bool:
+        """True when mean(psi psi') must be among the moments."""
+
+    @abstractmethod
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Equations weighted for the first pass, or by the residuals of the pass before."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unweighted(EquationWeighting):
+    """Every equation with weight one, as in the paper's (24) and (30)."""
+
+    @property
+    def passes(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def needs_instrument_products(self) -> bool:
+        """No."""
+        return False
+
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Return the equations as they are."""
+        return WeightedEquations(at.system)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoStage(EquationWeighting):
+    """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
+
+    @property
+    def passes(self) -> int:
+        """One: the weight does not depend on the residuals."""
+        return 1
+
+    @property
+    def needs_instrument_products(self) -> bool:
+        """Yes."""
+        return True
+
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Equations divided by the Cholesky factor of mean(psi psi').
+
+        Raises
+        ------
+        InstrumentError
+            When instruments are combinations of one another.
+        """
+        if not isinstance(at.moments, CrossMoments) or at.moments.instruments is None:
+            raise UsageError(
+                "moments with the instruments' own products",
+                type(at.moments).__name__,
+                "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
+            )
+        return weighted(at.system, at.moments.instruments)
+
+
+@dataclass(frozen=True, slots=True)
+class TwoStepRobust(EquationWeighting):
+    """Two-stage first, then weight by the covariance of the equations at its residuals: two-step GMM.
+
+    Parameters
+    ----------
+    bandwidth : int or None
+        Lags of the Bartlett kernel that allow for autocorrelated errors; 0 allows for
+        heteroskedasticity only; None chooses by Newey and West's rule of thumb, 4 (N/100)^(2/9).
+    """
+
+    bandwidth: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.bandwidth is not None:
+            checks.whole("bandwidth", self.bandwidth)
+            if self.bandwidth < 0:
+                raise UsageError("a bandwidth of zero or more lags", f"{self.bandwidth}", "Zero sees no lag.")
+
+    @property
+    def passes(self) -> int:
+        """Two."""
+        return 2
+
+    @property
+    def needs_instrument_products(self) -> bool:
+        """Yes, for the first step."""
+        return True
+
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
+
+        Raises
+        ------
+        UsageError
+            When the rows are not at hand: the weight needs a second pass over them.
+        """
+        if at.theta is None:
+            return TwoStage().equations(at)
+        if at.problem is None:
+            raise UsageError(
+                "the rows themselves for a robust weighting",
+                "moments only",
+                "Use two-stage weighting for data that do not fit in memory.",
+            )
+        rows = at.problem.rows()
+        residual = rows.response - rows.regressors @ at.theta
+        scores = rows.instruments * residual[:, None]
+        if isinstance(at.moments, CrossMoments):
+            scores = scores + at.moments.shared_noise(at.theta)
+        lags = newey_west_bandwidth(rows.response.size) if self.bandwidth is None else self.bandwidth
+        return weighted(at.system, bartlett_covariance(scores, lags))
+
+
+def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> WeightedEquations:
+    """Equations divided by the Cholesky factor of a covariance of theirs.
+
+    Raises
+    ------
+    InstrumentError
+        When it is singular.
+    """
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
+    eigenvalues = np.linalg.eigvalsh(correlation)
+    if eigenvalues[0] <= covariance.shape[0] * np.finfo(np.float64).eps * max(eigenvalues[-1], 0.0):
+        raise InstrumentError(
+            "linearly independent instruments",
+            f"instruments of which one is a combination of the others (eigenvalues {eigenvalues})",
+            "Remove one, or use an unweighted instrumental method.",
+        )
+    L = scale[:, None] * np.linalg.cholesky(correlation)
+    stacked = np.column_stack([system.matrix, system.right])
+    divided = scipy.linalg.solve_triangular(L, stacked, lower=True)
+    return WeightedEquations(LinearSystem(divided[:, :-1], divided[:, -1]), L)
+
+
+# -- Limited information --
+
+#: Columns of which the instruments leave less than this share have no error but rounding.
+EXACT = 1e-12
+
+
+@dataclass(frozen=True, slots=True)
+class LimitedInformation(EquationWeighting):
+    """Two-stage weights, and the columns' errors for a solver that takes them into account."""
+
+    @property
+    def passes(self) -> int:
+        """One: neither depends on the residuals."""
+        return 1
+
+    @property
+    def needs_instrument_products(self) -> bool:
+        """Yes."""
+        return True
+
+    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+        """Two-stage equations with S and its degrees of freedom, rows less instruments.
+
+        Raises
+        ------
+        UsageError
+            When the moments are without products of all columns.
+        InstrumentError
+            When instruments are combinations of one another.
+        NoUniqueSolutionError
+            When parameters fit the record exactly.
+        """
+        two_stage, moments = TwoStage().equations(at), at.moments
+        columns = moments.columns if isinstance(moments, CrossMoments) else None
+        if columns is None or two_stage.factor is None or not isinstance(moments, CrossMoments):
+            raise UsageError(
+                "moments with the products of all columns",
+                type(moments).__name__,
+                "Make the moments with the method that is to use them.",
+            )
+        instruments = two_stage.factor.shape[0]
+        if moments.rows <= instruments:
+            raise TooFewSamplesError(
+                f"more rows than the {instruments} instruments, for what they leave of the columns",
+                f"{moments.rows:g}",
+                "Give a longer record, or fewer instruments.",
+            )
+        reached = scipy.linalg.solve_triangular(two_stage.factor, moments.equations, lower=True)
+        errors = _left_over(columns, reached)
+        system = replace(two_stage.system, error_covariance=errors, error_degrees=moments.rows - instruments)
+        return WeightedEquations(system, two_stage.factor)
+
+
+def _left_over(
+    columns: Float[np.ndarray, "n_plus_1 n_plus_1"], reached: Float[np.ndarray, "p n_plus_1"]
+) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+    """S: what the instruments leave of the columns' products, without the rounding of columns they span."""
+    S = columns - reached.T @ reached
+    exact = np.diag(S) <= EXACT * np.diag(columns)
+    S[exact] = 0.0
+    S[:, exact] = 0.0
+    noisy = np.ix_(~exact, ~exact)
+    scale = unit_scale(np.diag(S)[~exact])
+    if not exact.all() and np.linalg.eigvalsh(np.outer(scale, scale) * S[noisy])[0] <= EXACT:
+        raise NoUniqueSolutionError(
+            "equations with an error, of which a least one can be found",
+            "a response that is a combination of regressors and instruments but for rounding",
+            "Use extended_iv or generalized_iv: of exact data they give the exact answer.",
+        )
+    return S
+
+
+# -- Rows --
+
+
+class WeightedRows(ABC):
+    """A problem's rows with weights of one pass."""
+
+    @abstractmethod
+    def rows(self, at: Values) -> Regression:
+        """Weighted rows at values of the nuisances."""
+
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances."""
+        return np.stack([_mean_products(self.rows(at)) for at in points])
+
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Weighted rows of [phi y] at many values of the nuisances."""
+        return np.stack([_columns(self.rows(at)) for at in points])
+
+    def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
+        """What candidates are compared by, where weights know better than the estimate; by default None."""
+        return None
+
+    @property
+    @abstractmethod
+    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
+        """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
+
+
+def _mean_products(rows: Regression) -> Float[np.ndarray, "p n_plus_1"]:
+    return rows.instruments.T @ _columns(rows) / rows.response.size
+
+
+def _columns(rows: Regression) -> Float[np.ndarray, "rows n_plus_1"]:
+    return np.column_stack([rows.regressors, rows.response])
+
+
+class RowWeighting(ABC):
+    """A way to weight rows."""
+
+    @property
+    @abstractmethod
+    def needs_spectra(self) -> bool:
+        """True when rows must be bins of spectra, which plain regressions do not have."""
+
+    @abstractmethod
+    def first_pass(self, problem: SeparableProblem) -> WeightedRows:
+        """Rows weighted before anything is known."""
+
+    @abstractmethod
+    def last_pass(
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+    ) -> WeightedRows:
+        """Rows weighted by the residuals of an estimate, for good."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRows(WeightedRows):
+    """Rows in time, as they are.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        Whose.
+    """
+
+    problem: SeparableProblem
+
+    def rows(self, at: Values) -> Regression:
+        """Rows in time."""
+        return self.problem.rows(at)
+
+    @property
+    def renewal(self) -> None:
+        """None: there is nothing to renew."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class EqualRows(RowWeighting):
+    """Every row in time with weight one."""
+
+    @property
+    def needs_spectra(self) -> bool:
+        """No."""
+        return False
+
+    def first_pass(self, problem: SeparableProblem) -> TimeRows:
+        """Rows in time."""
+        return TimeRows(problem)
+
+    def last_pass(
+        self, problem: SeparableProblem, _theta: Float[np.ndarray, " n"], _at: Values, /
+    ) -> TimeRows:
+        """Rows in time: no weight is made of residuals."""
+        return TimeRows(problem)
+
+
+# -- Whitening --
+
+#: Power never falls below this share of its median, so that no bin takes all the weight.
+POWER_FLOOR = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class WhitenedRows(WeightedRows):
+    """Blend and power at each bin, and the whitened instruments' orthonormal basis.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        Whose bins.
+    blend, power : ndarray, shape (bins,)
+        q and S.
+    basis : ndarray, shape (rows, q)
+        Of the instruments divided by sqrt(S).
+    renewals : int
+        Passes that follow.
+    disturbed : float
+        Variance of the response's error in a row beside the noise that is known of it.
+    """
+
+    problem: SeparableProblem
+    blend: Float[np.ndarray, " bins"]
+    power: Float[np.ndarray, " bins"]
+    basis: Float[np.ndarray, "rows q"]
+    renewals: int = 0
+    disturbed: float = 0.0
+
+    def rows(self, at: Values) -> Regression:
+        """Whitened rows."""
+        found = self.problem.bins(at).whitened(self.blend, self.power, self.basis)
+        if found.regressor_noise is None or not self.disturbed:
+            return found
+        noise = found.regressor_noise.copy()
+        noise[-1, -1] += self.disturbed
+        return replace(found, regressor_noise=noise)
+
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
+        rows = self._side_by_side(points)
+        return _apart(self.basis.T @ rows / rows.shape[0], len(points))
+
+    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
+        """Whitened rows of [phi y] at many values of the nuisances."""
+        return _apart(self._side_by_side(points), len(points))
+
+    def _side_by_side(self, points: Sequence[Values]) -> Float[np.ndarray, "rows columns"]:
+        """Whitened rows: the response, and the regressors of one point after the other."""
+        moved = self.problem.many_bins(points)
+        return moved[0].whitened_rows(self.blend, self.power, np.column_stack([b.regressors for b in moved]))
+
+    @property
+    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WhitenedRows] | None:
+        """Whitening by the residuals, while there are passes to follow."""
+        return self._renewed if self.renewals else None
+
+    def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> WhitenedRows:
+        return replace(whitened_by_residuals(self.problem, theta, at), renewals=self.renewals - 1)
+
+
+def _apart(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
+    """[phi y] of each point, from the response and the regressors of all of them side by side."""
+    response = np.broadcast_to(rows[:, :1], (points, rows.shape[0], 1))
+    regressors = rows[:, 1:].reshape(rows.shape[0], points, -1).transpose(1, 0, 2)
+    return np.concatenate([regressors, response], axis=2)
+
+
+@dataclass(frozen=True, slots=True)
+class SpectralWhitening(RowWeighting):
+    """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well).
+
+    Parameters
+    ----------
+    passes : int
+        Estimates made; the first with equal blend and flat power.
+    """
+
+    passes: int = 3
+
+    @property
+    def needs_spectra(self) -> bool:
+        """Yes."""
+        return True
+
+    def first_pass(self, problem: SeparableProblem) -> WhitenedRows:
+        """Equal blend, flat power."""
+        bins = problem.bins(problem.first_values)
+        count = bins.responses.shape[0]
+        return _whitened(problem, bins, (np.full(count, 0.5), np.ones(count)), self.passes - 1)
+
+    def last_pass(
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+    ) -> WhitenedRows:
+        """See `whitened_by_residuals`."""
+        return whitened_by_residuals(problem, theta, at)
+
+
+def whitened_by_residuals(
+    problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values
+) -> WhitenedRows:
+    """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
+    bins = problem.bins(at)
+    found = _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
+    return replace(found, disturbed=_disturbed(found.rows(at), theta))
+
+
+def _disturbed(rows: Regression, theta: Float[np.ndarray, " n"]) -> float:
+    """Variance of residuals that no known noise explains: the response answers more than the columns."""
+    if rows.regressor_noise is None:
+        return 0.0
+    residual, signs = rows.response - rows.regressors @ theta, np.append(theta, -1.0)
+    return max(float(np.mean(residual**2) - signs @ rows.regressor_noise @ signs), 0.0)
+
+
+def residual_spectrum(
+    bins: SpectralRegression, residuals: Complex[np.ndarray, "bins r"]
+) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+    """Blend q and power S at each bin, smoothed within each run."""
+    first, last = residuals[:, 0], residuals[:, -1]
+    powers = np.column_stack([np.abs(first) ** 2, np.abs(last) ** 2, (first * last.conj()).real])
+    blend, power = np.empty(powers.shape[0]), np.empty(powers.shape[0])
+    start = 0
+    for run in bins.layout.runs:
+        here = slice(start, start + run.count)
+        S11, S22, S12 = run.smoothed(powers[here]).T
+        spread = S11 + S22 - 2.0 * S12
+        q = np.clip(np.divide(S11 - S12, spread, out=np.full_like(S11, 0.5), where=spread > 0.0), 0.0, 1.0)
+        blended = np.abs((1.0 - q) * first[here] + q * last[here]) ** 2
+        S = run.smoothed(blended[:, None])[:, 0]
+        blend[here] = q
+        power[here] = np.maximum(S, POWER_FLOOR * float(np.median(S)) if S.size else 0.0)
+        start += run.count
+    if not power.all():
+        power = np.where(power > 0.0, power, max(float(power.max()), 1.0) * POWER_FLOOR)
+    return blend, power
+
+
+def _whitened(
+    problem: SeparableProblem,
+    bins: SpectralRegression,
+    weights: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]],
+    renewals: int,
+) -> WhitenedRows:
+    blend, power = weights
+    instruments = bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None])
+    return WhitenedRows(problem, blend, power, orthonormal_basis(instruments), renewals)

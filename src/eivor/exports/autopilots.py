@@ -1,0 +1,344 @@
+"""Exports to PX4 and ArduPilot parameters, and to a state space model."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, final
+
+import numpy as np
+
+from eivor.errors import MissingReaderError, UsageError
+from eivor.exports.fitted import Exported, Fitted, Number, Supplied, Target, hash_comments, one_line
+from eivor.motions.vertical.model import (
+    DECLARE,
+    MOT_THST_EXPO,
+    THR_MDL_FAC,
+    AutopilotParameter,
+    family_of_fitted,
+    proposed,
+)
+from eivor.signals.channels import CurveSide
+from eivor.tools import Float
+
+# -- Autopilot parameters --
+
+
+@dataclass(frozen=True, slots=True)
+class Autopilot:
+    """What an autopilot calls hover and thrust curve.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    hover, curve : AutopilotParameter
+        Share of thrust at hover, and share of the square in the thrust curve.
+    not_of : tuple of str
+        Formats of the other autopilots' logs, whose shares are counted otherwise.
+    """
+
+    name: str
+    hover: AutopilotParameter
+    curve: AutopilotParameter
+    not_of: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What is written of a result.
+
+    Parameters
+    ----------
+    written : tuple of (str, Number)
+        Names and numbers.
+    comments : tuple of str
+        Sentences above them.
+    left_out : tuple of str
+        Those of the comments that say what is missing.
+    """
+
+    written: tuple[tuple[str, Number], ...]
+    comments: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Found:
+    """Numbers by the autopilot's names, and why others are missing."""
+
+    numbers: dict[str, Number] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+
+
+def chosen_parameters(fitted: Fitted, autopilot: Autopilot) -> Chosen:
+    """Return the parameters of an autopilot that a result tells.
+
+    Raises
+    ------
+    UsageError
+        When the result is of another motion or another autopilot's log, or its commands are no shares.
+    """
+    fitted.check_vertical(autopilot.name)
+    _check_autopilot(fitted, autopilot)
+    _check_shares(fitted)
+    found = _found(fitted, autopilot)
+    written = tuple(found.numbers.items())
+    missing = tuple(f"{name} is not written: {reason}" for name, reason in found.missing.items())
+    told = tuple(f"{name}: {number.words}" for name, number in written)
+    return Chosen(written, (*fitted.origin(), *told, *missing), missing)
+
+
+def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
+    """Refuse results of a log of another autopilot."""
+    others = [f"format {one}" for one in fitted.formats if one in autopilot.not_of]
+    if fitted.curve_in_force and autopilot.curve.name not in fitted.curve_in_force:
+        others.append(f"a vehicle with {' and '.join(fitted.curve_in_force)}")
+    if others:
+        raise UsageError(
+            f"a flight of {autopilot.name}, since each autopilot counts shares of thrust in its own way",
+            f"a result of a log of {others[0]}",
+            "Export to the autopilot that flew.",
+        )
+
+
+def _check_shares(fitted: Fitted) -> None:
+    """Refuse results whose command is in another unit, such as rotor speeds or pulse widths."""
+    value = fitted.quantities["hover_input"].value if "hover_input" in fitted.quantities else float("nan")
+    if fitted.input_measured or value >= 1.0:
+        raise UsageError(
+            "a command that is a share of the largest, from 0 to 1",
+            f"'{fitted.input}', with {value:.4g} at hover",
+            "Identify with the log's thrust setpoint, --input input, or with its motor outputs, "
+            "--input actuator_output, where parameters tell their range.",
+        )
+
+
+def _found(fitted: Fitted, autopilot: Autopilot) -> _Found:
+    """Curve and hover together, hover alone where the curve in force stays, or neither."""
+    hover, curve = fitted.told("hover_input"), fitted.told("thrust_curve")
+    names = autopilot.hover.name, autopilot.curve.name
+    if fitted.curve_side is CurveSide.UNKNOWN:
+        reason = (
+            f"the result does not say whether '{fitted.input}' is before or behind the autopilot's thrust "
+            f"curve. Identify the log again. {DECLARE}"
+        )
+        return _Found(missing=dict.fromkeys(names, reason))
+    before = fitted.curve_side is CurveSide.BEFORE
+    if hover is None:
+        return _Found(missing=dict.fromkeys(names, fitted.why_not("hover_input")))
+    reasons = list(_against(fitted, autopilot, curve))
+    if curve is not None and not reasons:
+        share, thrust = proposed(
+            autopilot.curve,
+            family_of_fitted(fitted.input_map),
+            (curve.value, curve.interval),
+            (hover.value, hover.interval),
+            fitted.curve_in_force[autopilot.curve.name] if before else None,
+        )
+        beyond = autopilot.curve.beyond(share)
+        if not beyond:
+            beyond = autopilot.hover.beyond(thrust)
+            beyond = f"it goes with {autopilot.hover.name}, and {beyond}" if beyond else ""
+        if not beyond:
+            return _Found({autopilot.hover.name: Number(*thrust), autopilot.curve.name: Number(*share)})
+        reasons = [beyond]
+    sentence = " ".join(reasons)
+    if not before:
+        together = f"of motor signals, hover and curve are written together or not at all: {sentence}"
+        return _Found(missing=dict.fromkeys(names, together))
+    beyond = autopilot.hover.beyond((hover.value, hover.interval))
+    missing = {autopilot.hover.name: beyond} if beyond else {}
+    missing[autopilot.curve.name] = f"{sentence} The value in force stays."
+    return _Found({} if beyond else {autopilot.hover.name: hover}, missing)
+
+
+def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
+    """Why no curve can be proposed, whatever its value."""
+    if curve is None:
+        yield fitted.why_not("thrust_curve")
+        if "thrust_curve" not in fitted.quantities:
+            yield "Identify with --input-map fit."
+    elif fitted.curve_side is CurveSide.BEFORE:
+        in_force = fitted.curve_in_force.get(autopilot.curve.name)
+        if in_force is None:
+            yield f"'{fitted.input}' is before the curve, and the result has no value of it that is in force."
+        elif not autopilot.curve.takes(in_force):
+            yield f"'{fitted.input}' is before the curve, whose value in force is beyond what is taken."
+
+
+# -- PX4 --
+
+PX4 = Autopilot("PX4", AutopilotParameter("MPC_THR_HOVER", "PX4", 0.1, 0.8), THR_MDL_FAC, ("dataflash",))
+#: MAVLink's type of a 32-bit float, and who is addressed: the vehicle and its autopilot.
+REAL32, VEHICLE, COMPONENT = 9, 1, 1
+HEADER = "# Vehicle-Id Component-Id Name Value Type"
+
+
+@final
+class Px4Parameters(Target):
+    """Comments, a header, and lines of five fields with tabs between them."""
+
+    name = "px4"
+    words = "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC"
+    ending = ".params"
+
+    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
+        """See `Target`."""
+        supplied.check_only((), self.name, body=False)
+        found = chosen_parameters(fitted, PX4)
+        rows = {name: number.value for name, number in found.written}
+        return Exported(qgroundcontrol(found.comments, rows), found.left_out)
+
+
+def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
+    """File of QGroundControl with parameters that are 32-bit floats."""
+    rows = (f"{VEHICLE}\t{COMPONENT}\t{name}\t{single(value)}\t{REAL32}" for name, value in values.items())
+    return "\n".join([*hash_comments(comments), "#", HEADER, *rows]) + "\n"
+
+
+def single(value: float) -> str:
+    """Fewest digits that give back the 32-bit float, without an exponent."""
+    return np.format_float_positional(np.float32(value), trim="0")
+
+
+# -- ArduPilot --
+
+#: MOT_THST_HOVER is documented from 0.2 to 0.8, and the motors' library uses no more than 0.6875 of it.
+ARDUPILOT = Autopilot(
+    "ArduPilot", AutopilotParameter("MOT_THST_HOVER", "ArduPilot", 0.2, 0.6875), MOT_THST_EXPO, ("ulog",)
+)
+
+
+@final
+class ArduPilotParameters(Target):
+    """Comments stand on lines of their own: older readers split lines at blanks."""
+
+    name = "ardupilot"
+    words = "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO"
+    ending = ".param"
+
+    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
+        """See `Target`."""
+        supplied.check_only((), self.name, body=False)
+        found = chosen_parameters(fitted, ARDUPILOT)
+        rows = [f"{name},{single(number.value)}" for name, number in found.written]
+        return Exported("\n".join([*hash_comments(found.comments), *rows]) + "\n", found.left_out)
+
+
+# -- State space --
+
+SCHEMA = "eivor.statespace/1"
+#: What the arrays are made of.
+NEEDED = ("viscous_friction", "input_gain", "hover_input")
+LAGS = ("actuator_lag", "delay")
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x' = A x + B u(t - delay), y = C x + D u.
+
+    Parameters
+    ----------
+    A, B, C, D : ndarray
+        Of shapes (n, n), (n, 1), (1, n) and (1, 1).
+    states, inputs, outputs : tuple of str
+        Their names; the input is the deviation of the command from hover.
+    delay_s : float
+        Of the input [s].
+    numbers : mapping of str to Number
+        What they are made of.
+    """
+
+    A: Float[np.ndarray, "n n"]
+    B: Float[np.ndarray, "n 1"]
+    C: Float[np.ndarray, "1 n"]
+    D: Float[np.ndarray, "1 1"]
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    delay_s: float
+    numbers: dict[str, Number] = field(default_factory=dict)
+
+    def to_control(self) -> Any:
+        """The same as a ``control.StateSpace`` of python-control, without the delay.
+
+        Python-control has no delays in continuous time: multiply by ``control.pade(delay_s, n)``.
+
+        Raises
+        ------
+        MissingReaderError
+            When python-control is not installed.
+        """
+        try:
+            control = import_module("control")
+        except ImportError as error:
+            raise MissingReaderError(
+                "python-control, which to_control makes its model with",
+                "a Python without it",
+                "Install it: pip install control. The arrays A, B, C and D are there without it.",
+            ) from error
+        return control.ss(
+            self.A,
+            self.B,
+            self.C,
+            self.D,
+            states=list(self.states),
+            inputs=list(self.inputs),
+            outputs=list(self.outputs),
+        )
+
+
+def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
+    """State space of a result of the vertical motion.
+
+    Raises
+    ------
+    NotIdentifiedError
+        When friction, gain, hover input, lag or delay is neither identified nor given.
+    UsageError
+        When the result is of another motion.
+    """
+    fitted.check_vertical("a state space")
+    names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
+    numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}
+    friction, gain, hover = (numbers[name].value for name in NEEDED)
+    lag, delay = (numbers[name].value if name in numbers else 0.0 for name in LAGS)
+    slope = gain * fitted.input_map.slope(hover)
+    inputs, outputs, D = (fitted.input,), ("velocity_z",), np.zeros((1, 1))
+    if lag > 0.0:
+        A, B = np.array([[-1.0 / lag, 0.0], [slope, -friction]]), np.array([[1.0 / lag], [0.0]])
+        states = ("actuator", "velocity_z")
+        return StateSpace(A, B, np.array([[0.0, 1.0]]), D, states, inputs, outputs, delay, numbers)
+    A, B = np.array([[-friction]]), np.array([[slope]])
+    return StateSpace(A, B, np.ones((1, 1)), D, ("velocity_z",), inputs, outputs, delay, numbers)
+
+
+@final
+class StateSpaceDocument(Target):
+    """The arrays as JSON."""
+
+    name = "statespace"
+    words = "arrays A, B, C, D of the motion about hover (JSON)"
+    ending = ".json"
+
+    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
+        """See `Target`."""
+        supplied.check_only((*NEEDED, *LAGS), self.name, body=False)
+        made = state_space(fitted, supplied)
+        document = {
+            "schema": SCHEMA,
+            "comments": [one_line(line) for line in fitted.origin()],
+            **{name: getattr(made, name).tolist() for name in "ABCD"},
+            "states": made.states,
+            "inputs": made.inputs,
+            "outputs": made.outputs,
+            "delay_s": made.delay_s,
+            "numbers": {
+                name: {"value": one.value, "interval": one.interval, "source": one.source}
+                for name, one in made.numbers.items()
+            },
+        }
+        return Exported(json.dumps(document, indent=2) + "\n")

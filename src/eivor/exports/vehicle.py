@@ -1,0 +1,622 @@
+"""Description of a simulated vehicle made from a result."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from eivor.errors import NotIdentifiedError, ParameterError, UsageError
+from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.verdict import Status
+from eivor.motions.rigid_body.inertia import Combinations, yaw_inertia
+from eivor.motions.rigid_body.physical_parameters import Way, physical_parameters, sought
+from eivor.motions.rigid_body.vehicle import NO_BODY_ALLOWANCE, KnownNumber, KnownVehicle
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.thrust_map import InputMap
+from eivor.tools import Float
+
+# -- Parts --
+
+Column = Float[np.ndarray, " n"]
+Columns = Mapping[str, Column]
+
+WORDS = {
+    "mass": "mass [kg]",
+    "thrust": "thrust of a rotor per unit of mapped command [N]",
+    "actuator_lag": "lag of the rotors [s]",
+    "delay": "delay of the commands [s]",
+    "drag_x": "drag along x [N/(m/s)]",
+    "drag_y": "drag along y [N/(m/s)]",
+    "drag_z": "drag along z [N/(m/s)]",
+    "inertia_xx": "inertia in roll [kg m^2]",
+    "inertia_yy": "inertia in pitch [kg m^2]",
+    "inertia_zz": "inertia in yaw [kg m^2]",
+    "torque_ratio": "reaction torque over thrust [m]",
+    "arm_scale": "arms over the lengths in the vehicle's file",
+    "largest_command": "largest command",
+    "speed_scale": "rotor speed per unit of command [rad/s]",
+}
+INERTIAS = ("inertia_xx", "inertia_yy", "inertia_zz")
+DRAGS = ("drag_x", "drag_y", "drag_z")
+
+
+@dataclass(frozen=True)
+class Part:
+    """A number of the vehicle.
+
+    Parameters
+    ----------
+    number : Number
+        With its interval.
+    column : callable
+        A row for each row of the columns that it rests on.
+    """
+
+    number: Number
+    column: Callable[[Columns], Column]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a flight tells of a vehicle.
+
+    Parameters
+    ----------
+    told : mapping of str to Part
+        By the names above.
+    missing : mapping of str to str
+        Why it does not tell the rest of what its motion estimates.
+    """
+
+    told: Mapping[str, Part]
+    missing: Mapping[str, str]
+
+
+def itself(name: str) -> Callable[[Columns], Column]:
+    """Column of a root by its name."""
+    return lambda columns: columns[name]
+
+
+def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
+    """Mass times what a flight tells per mass; both err independently.
+
+    Each side of the interval is the root of the squared sides of both.
+    """
+    value = share * mass.value * per_mass.value
+    below, above = (
+        share
+        * math.hypot(
+            per_mass.value * (mass.interval[side] - mass.value),
+            mass.value * (per_mass.interval[side] - per_mass.value),
+        )
+        for side in (0, 1)
+    )
+    source = f"{per_mass.source}, times the mass as given"
+    return Number(value, (value - below, value + above), source)
+
+
+# -- Physical quantities --
+
+#: Simulators compare without allowance for rounding.
+MARGIN = 1e-6
+
+
+def bodily(values: Columns) -> tuple[Columns, tuple[str, ...]]:
+    """Columns whose moments of inertia are those of bodies.
+
+    A moment that is larger than the other two together is put at their sum: simulators take no other.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, shape (n,)
+        By the names of `parts`; without inertias they stay as they are.
+
+    Returns
+    -------
+    mapping of str to ndarray, and tuple of str
+        The columns, and a sentence where one row was changed that is the only one.
+
+    Raises
+    ------
+    ParameterError
+        When the moments of the only row are no body's by more than published ones err.
+    """
+    if not all(name in values for name in INERTIAS):
+        return values, ()
+    moments = np.stack([values[name] for name in INERTIAS])
+    others = moments.sum(axis=0) - moments
+    excess = (moments / others).max(axis=0) - 1.0
+    bounded = np.minimum(moments, others * (1.0 - MARGIN))
+    kept = {**values, **dict(zip(INERTIAS, bounded, strict=True))}
+    if moments.shape[1] > 1 or excess[0] <= 0.0:
+        return kept, ()
+    shown = ", ".join(f"{one:.4g}" for one in moments[:, 0])
+    if excess[0] > NO_BODY_ALLOWANCE:
+        raise ParameterError(
+            "moments of inertia none of which is larger than the other two together",
+            f"{shown} kg m^2",
+            "Correct what is given of them; or fly as the report says, about two axes at once.",
+        )
+    return kept, (
+        f"Moments of inertia {shown} are those of no body: the largest is put at the sum of the others.",
+    )
+
+
+# -- Vertical vehicle --
+
+#: Of the vertical motion, each with what is made of it.
+INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY = "input_gain", "viscous_friction", "actuator_lag", "delay"
+
+
+def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Parts:
+    """Thrust, drag along z, lag and delay.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Of the vertical motion.
+    given : mapping of str to Number
+        What the flight does not tell; the mass among it.
+    count : int
+        Number of rotors.
+    """
+    roots = {
+        **given,
+        **{
+            name: one
+            for name in (INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY)
+            if (one := fitted.told(name))
+        },
+    }
+    mass = given["mass"]
+    told: dict[str, Part] = {}
+    if INPUT_GAIN in roots:
+        each = of_mass(mass, roots[INPUT_GAIN], 1.0 / count)
+        told["thrust"] = Part(each, lambda c: c["mass"] * c[INPUT_GAIN] / count)
+    if FRICTION in roots:
+        told["drag_z"] = Part(of_mass(mass, roots[FRICTION]), lambda c: c["mass"] * c[FRICTION])
+    told |= {name: Part(roots[name], itself(name)) for name in (ACTUATOR_LAG, INPUT_DELAY) if name in roots}
+    made_of = {"thrust": INPUT_GAIN, "drag_z": FRICTION, ACTUATOR_LAG: ACTUATOR_LAG, INPUT_DELAY: INPUT_DELAY}
+    return Parts(told, {name: fitted.why_not(root) for name, root in made_of.items() if name not in told})
+
+
+# -- Vehicle description --
+
+#: Name in documents of the other motion that tells a vehicle.
+RIGID_BODY = "rigid_body"
+#: What no vehicle flies without, beside mass and geometry.
+BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
+#: What may be given with --prior: in words of the flight, and of the vehicle.
+FLIGHT = {
+    VERTICAL: ("input_gain", "viscous_friction", "actuator_lag", "delay"),
+    RIGID_BODY: ("thrust_gain", "actuator_lag", "delay"),
+}
+BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
+MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
+#: What is given for a thrust, which is this times the mass.
+GAINS = {VERTICAL: "input_gain", RIGID_BODY: "thrust_gain"}
+#: Simulators divide by the lag, and fly off with a drag below zero.
+LEAST = {"actuator_lag": 1e-3} | dict.fromkeys(DRAGS, 0.0)
+#: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
+GIVEN_STREAM = 2
+#: Least value of a draw of what is given, as a share of it.
+LEAST_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Described:
+    """A vehicle for a simulator.
+
+    Parameters
+    ----------
+    vehicle : KnownVehicle
+        Where its rotors are.
+    thrust_map : InputMap
+        From a command to what thrust is proportional to.
+    values : mapping of str to ndarray, shape (n,)
+        By the names of `parts`; of one row, or of one for each draw.
+    comments : tuple of str
+        Where the numbers come from, each with its interval, and what is missing.
+    left_out : tuple of str
+        Those of the comments that say what the flight should have told.
+    """
+
+    vehicle: KnownVehicle
+    thrust_map: InputMap
+    values: Columns
+    comments: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of rotors."""
+        return self.vehicle.count
+
+
+def describe(
+    fitted: Fitted,
+    supplied: Supplied,
+    target: str,
+    needs: tuple[str, ...],
+    draws: Columns | None = None,
+    seed: int = 0,
+) -> Described:
+    """Vehicle of a result.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The result, of the vertical motion or of the rigid body.
+    supplied : Supplied
+        Mass, vehicle, and what the flight does not tell.
+    target : str
+        What messages call the simulator.
+    needs : tuple of str
+        Names of `parts` that it cannot do without, beside mass and geometry.
+    draws : mapping of str to ndarray, shape (n,), optional
+        Joint draws of the parameters; without them there is one row, of the estimates.
+    seed : int
+        Of draws of what is given.
+
+    Raises
+    ------
+    NotIdentifiedError
+        With all that is missing, and how to give it.
+    UsageError
+        When the result is of another motion, or a prior is of no use.
+    ParameterError
+        When the inertia is that of no body.
+    """
+    if fitted.model not in FLIGHT:
+        raise UsageError(
+            f"a result of the vertical motion or the rigid body for {target}",
+            f"one of {fitted.model}",
+            "Identify the log with --model vertical or rigid-body.",
+        )
+    supplied.check_only((*FLIGHT[fitted.model], *BESIDE), target, body=True)
+    _check_signs(supplied)
+    vehicle = _vehicle(fitted, supplied, target)
+    given = _given(fitted, supplied, vehicle)
+    parts = _parts(fitted, given, vehicle)
+    told = {**{name: Part(one, itself(name)) for name, one in given.items() if name in WORDS}, **parts.told}
+    lacking = [name for name in needs if name not in told]
+    if lacking:
+        raise _lacks(lacking, parts, fitted, target)
+    columns = _columns(fitted, given, told, draws, seed)
+    values, changed = bodily({name: _at_least(name, one.column(columns)) for name, one in told.items()})
+    gone = {name: f"{name} is not written: {why}" for name, why in parts.missing.items() if name not in told}
+    numbers = (f"{words}: {told[name].number.words}" for name, words in WORDS.items() if name in told)
+    comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
+    return Described(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
+
+
+def _check_signs(supplied: Supplied) -> None:
+    """Refuse what no vehicle has."""
+    for name, one in supplied.priors.items():
+        if one.value < 0.0 or (one.value == 0.0 and name not in MAY_BE_ZERO):
+            raise UsageError(f"a {name} above zero", f"{one.value:g}", "Correct the prior.")
+
+
+def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
+    """Whose rotors and mass are known."""
+    vehicle = supplied.vehicle or fitted.vehicle
+    mass = supplied.mass is not None or (vehicle is not None and vehicle.mass is not None)
+    if vehicle is not None and mass and vehicle.in_metres:
+        return vehicle
+    lacks = [] if mass else ["a mass (--mass 1.53:0.02)"]
+    lacks += [] if vehicle is not None else ["where the rotors are (--vehicle FILE.toml)"]
+    lacks += [] if vehicle is None or vehicle.in_metres else ["the arm's length (in the vehicle's file)"]
+    raise NotIdentifiedError(
+        f"what no flight tells, for {target}: {' and '.join(lacks)}",
+        "none" if vehicle is None else f"the vehicle '{vehicle.name}'",
+        "Give it; `eivor vehicle new` writes a vehicle's file to begin with.",
+    )
+
+
+def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
+    """What is supplied and the flight does not tell, the priors before the vehicle's file."""
+    known = {
+        name: one
+        for name in ("mass", "arm_scale", "speed_scale", "torque_ratio", "yaw_inertia_ratio")
+        if (one := getattr(vehicle, name)) is not None
+    }
+    known.setdefault("speed_scale", KnownNumber(1.0))
+    if _hovers_with_a_share(fitted, vehicle):
+        known["largest_command"] = KnownNumber(1.0)
+    known |= {name: one for name, one in supplied.priors.items() if fitted.told(name) is None}
+    if supplied.mass is not None:
+        known["mass"] = supplied.mass
+    return {name: Number(one.value, one.interval, "given") for name, one in known.items()}
+
+
+def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
+    """Whether commands are shares of the largest, as autopilots have them."""
+    gain = fitted.told(GAINS[fitted.model])
+    if gain is None or fitted.input_measured:
+        return False
+    rotors = 1 if fitted.model == VERTICAL else vehicle.count
+    return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
+
+
+def _parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> Parts:
+    if fitted.model == VERTICAL:
+        return vertical_parts(fitted, given, vehicle.count)
+
+    return rigid_body_parts(fitted, given, vehicle, _std(given["mass"]))
+
+
+def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) -> NotIdentifiedError:
+    """Say all that is missing at once."""
+    reasons = " ".join(parts.missing.get(name, f"No flight of this kind tells {name}.") for name in lacking)
+    asked = {"thrust": GAINS[fitted.model]}
+    priors = " ".join(f"--prior {asked.get(name, name)}=VALUE:STD" for name in lacking)
+    words = ", ".join(WORDS[name] for name in lacking)
+    return NotIdentifiedError(
+        f"{words}: identified, or given, since {target} cannot do without",
+        reasons.rstrip("."),
+        f"Give what is known: {priors}",
+    )
+
+
+def _columns(
+    fitted: Fitted, given: dict[str, Number], told: dict[str, Part], draws: Columns | None, seed: int
+) -> dict[str, Column]:
+    """Columns of all that the parts rest on."""
+    if draws is None:
+        joint = {name: one.value for name, one in fitted.quantities.items()}
+        given_values = {name: one.value for name, one in given.items()}
+        return {name: np.array([value]) for name, value in (joint | given_values).items()}
+    count = next(iter(draws.values())).size
+    rng = np.random.default_rng([seed, GIVEN_STREAM])
+    columns = {name: np.full(count, part.number.value) for name, part in told.items()}
+    for name, one in given.items():
+        drawn = one.value + _std(one) * rng.standard_normal(count)
+        columns[name] = np.maximum(drawn, LEAST_SHARE * one.value)
+    return columns | {name: column for name, column in draws.items() if fitted.told(name) is not None}
+
+
+def _std(one: Number) -> float:
+    """Standard deviation of what is given."""
+    return (one.interval[1] - one.interval[0]) / (2.0 * normal_quantile(0.95))
+
+
+def _at_least(name: str, column: Column) -> Column:
+    return np.maximum(column, LEAST[name]) if name in LEAST else column
+
+
+# -- Rigid-body vehicle --
+
+THRUST_GAIN, ROTOR_LAG, ROTOR_DELAY = "thrust_gain", "actuator_lag", "delay"
+PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
+LEVEL = 0.95
+
+
+def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle, std: float) -> Parts:
+    """Thrust, drags, inertias, torque ratio, lag and delay.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        Of the rigid body.
+    given : mapping of str to Number
+        What the flight does not tell; the mass among it.
+    vehicle : KnownVehicle
+        Its arms and ratios.
+    std : float
+        Standard deviation of the mass [kg].
+    """
+    known = replace(vehicle, mass=KnownNumber(given["mass"].value, std))
+    found = _identified(fitted)
+    told: dict[str, Part] = {}
+    missing: dict[str, str] = {}
+    rows = physical_parameters(found, known, LEVEL)
+    ways = {one.name: one.ways[0] for one in sought(yaw_inertia(found, known, LEVEL), fitted.input_map)}
+    for name in PHYSICAL:
+        row = rows[name]
+        if row.told is not None and row.told.value > 0.0:
+            told[name] = Part(
+                Number(row.told.value, row.told.interval, f"identified. {row.sentence}"), _by_rows(ways[name])
+            )
+        else:
+            missing[name] = _why_not(fitted, ways[name]) or row.sentence
+    for name, root in (("thrust", THRUST_GAIN), (ROTOR_LAG, ROTOR_LAG), (ROTOR_DELAY, ROTOR_DELAY)):
+        number = fitted.told(root) or given.get(root)
+        if number is None:
+            missing[name] = fitted.why_not(root)
+        elif name == "thrust":
+            told[name] = Part(of_mass(given["mass"], number), lambda c: c["mass"] * c[THRUST_GAIN])
+        else:
+            told[name] = Part(number, itself(root))
+    return Parts(told, missing)
+
+
+def _identified(fitted: Fitted) -> Combinations:
+    """Those of the joint vector that are."""
+    if not fitted.candidates:
+        return Combinations((), ())
+    names = frozenset(name for name in fitted.names if _is_told(fitted, name))
+    return Combinations(fitted.names, fitted.candidates).only(names)
+
+
+def _is_told(fitted: Fitted, name: str) -> bool:
+    one = fitted.quantities.get(name)
+    return one is not None and one.verdict is Status.IDENTIFIED
+
+
+def _why_not(fitted: Fitted, way: Way) -> str:
+    """Verdicts of what a formula takes; empty where all of it is identified."""
+    return " ".join(fitted.why_not(name) for name in way.found if not _is_told(fitted, name))
+
+
+def _by_rows(way: Way) -> Callable[[Columns], Column]:
+    names = (*way.found, *way.supplied)
+
+    def column(columns: Columns) -> Column:
+        rows = zip(*(columns[name] for name in names), strict=True)
+        return np.array([way.formula(dict(zip(names, row, strict=True))) for row in rows])
+
+    return column
+
+
+# -- Quad x --
+
+#: Signs of the places forward and left: front right, rear right, rear left, front left.
+QUARTERS = ((1, -1), (-1, -1), (-1, 1), (1, 1))
+
+
+def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
+    """Numbers of the rotors, from zero, in the order of `QUARTERS`.
+
+    Raises
+    ------
+    UsageError
+        When there is another number of rotors, they are elsewhere, or neighbours turn the same way.
+    """
+    order = [
+        number
+        for ahead, left in QUARTERS
+        for number, (x, y) in enumerate(vehicle.positions)
+        if x * ahead > 0.0 and y * left > 0.0
+    ]
+    spins = [vehicle.spins[number] for number in order]
+    if vehicle.count != len(QUARTERS) or spins not in ([1, -1, 1, -1], [-1, 1, -1, 1]):
+        raise UsageError(
+            f"four rotors for {target}, one in each quarter, neighbours of opposite spins",
+            f"rotors at {vehicle.positions} with spins {vehicle.spins}",
+            "Export to another simulator: mujoco, rotorpy and gazebo take rotors anywhere.",
+        )
+    return tuple(order)
+
+
+def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
+    """Mean distance of the rotors forward or behind, and to a side [m]."""
+    count = vehicle.count
+    return sum(abs(x) for x, _ in vehicle.positions) / count, sum(
+        abs(y) for _, y in vehicle.positions
+    ) / count
+
+
+# -- Randomisation --
+
+#: What stands above draws.
+JOINT = (
+    "Rows are joint draws: a thrust goes with the mass of its row, so that the hover command spreads as "
+    "little as the flight tells it. Numbers drawn each by itself would lose that."
+)
+
+
+class Randomisation(ABC):
+    """A file of draws for those who train or test on many vehicles."""
+
+    name: ClassVar[str]
+    """Its word on the command line."""
+    words: ClassVar[str]
+    """What the file is."""
+
+    @abstractmethod
+    def export(self, fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
+        """The file's content.
+
+        Parameters
+        ----------
+        fitted, supplied : Fitted, Supplied
+            As for a target.
+        draws : mapping of str to ndarray, shape (n,)
+            Joint draws of the parameters.
+        seed : int
+            Of the draws of what is supplied.
+
+        Raises
+        ------
+        NotIdentifiedError, UsageError, ParameterError
+            See `eivor.exports.vehicle.describe`.
+        """
+
+
+# -- Rotors --
+
+
+def mapped_hover(made: Described) -> Column:
+    """Mapped command at hover."""
+    return made.values["mass"] * GRAVITY / (made.count * made.values["thrust"])
+
+
+@dataclass(frozen=True)
+class Rotors:
+    """Numbers of a rotor, a row for each vehicle.
+
+    Parameters
+    ----------
+    thrust_constant : ndarray, shape (n,)
+        [N/(rad/s)^2].
+    torque_constant : ndarray, shape (n,)
+        [N m/(rad/s)^2].
+    hover_speed, largest_speed : ndarray, shape (n,)
+        [rad/s]; infinite where the largest command is not known.
+    drag_along, drag_across : ndarray, shape (n,)
+        Force per air speed, along the rotor's axis and across it, and per rotor speed [N s^2/(m rad)]. With
+        all rotors at hover speed they are the drag of the vehicle.
+    """
+
+    thrust_constant: Column
+    torque_constant: Column
+    hover_speed: Column
+    largest_speed: Column
+    drag_along: Column
+    drag_across: Column
+
+
+def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
+    """Rotors of a vehicle.
+
+    Parameters
+    ----------
+    made : Described
+        The vehicle.
+    gravity : float
+        Of the simulator [m/s^2]. Thrust is counted in it, so that the vehicle hovers where it hovered.
+    """
+    values = made.values
+    scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
+    hover = scale * np.sqrt(mapped_hover(made))
+    constant = thrust / scale**2 * (gravity / GRAVITY)
+    largest = made.thrust_map(values.get("largest_command", zero + np.inf))
+    across = [values[name] for name in ("drag_x", "drag_y") if name in values]
+    return Rotors(
+        constant,
+        values["torque_ratio"] * constant,
+        hover,
+        scale * np.sqrt(largest),
+        values.get("drag_z", zero) / (made.count * hover),
+        (np.mean(across, axis=0) if across else zero) / (made.count * hover),
+    )
+
+
+def speed_comments(made: Described, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
+    """What a rotor's speed, gravity and delays are in a simulator, as sentences."""
+    said = []
+    if made.thrust_map.name == "square":
+        said.append("Rotor speeds are the commands times the rotor speed per unit of command.")
+    else:
+        said.append(
+            "Rotor speeds are the rotor speed per unit of command times the square root of the mapped "
+            "command: exact at rest, with the identified lag about hover."
+        )
+    if gravity != GRAVITY:
+        said.append(
+            f"{simulator} takes gravity for {gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}, "
+            "so that the vehicle hovers with the same command."
+        )
+    return (*said, *delay_comments(made, simulator))
+
+
+def delay_comments(made: Described, simulator: str) -> tuple[str, ...]:
+    """A sentence where there is a delay: none of the simulators has one."""
+    delay = float(np.mean(made.values["delay"])) if "delay" in made.values else 0.0
+    return (f"{simulator} has no delay: hold its commands back by {delay:.4g} s.",) if delay > 0.0 else ()

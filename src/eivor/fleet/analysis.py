@@ -1,0 +1,986 @@
+"""Analysis of a fleet: pooled quantities, changes over time and queries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy import special
+
+from eivor.errors import UsageError, did_you_mean
+from eivor.fleet.change_points import (
+    Drifts,
+    Isolation,
+    Ordered,
+    SharedSlopes,
+    Steps,
+    after_step,
+    deviation_p_values,
+    drifts,
+    shared_slopes,
+    steps,
+)
+from eivor.fleet.logs import with_covariates
+from eivor.fleet.table import (
+    COPY,
+    DIAGNOSTIC,
+    FAILED,
+    NUMBERS,
+    VERDICT,
+    motions_there,
+    quantity_names,
+    read_flights,
+)
+from eivor.flights.motion import Motion
+from eivor.flights.quantity import AcrossFlights, Covariate
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.random_effects import (
+    Groups,
+    between_distribution,
+    paule_mandel,
+    q_profile,
+    random_effects_means,
+    weighted,
+    weights_of,
+)
+from eivor.inference.verdict import Status
+from eivor.motions import motion_by_name
+from eivor.process_pool import useful_workers
+from eivor.tools import Bool, Float
+
+# -- Pooled rows --
+
+#: Type of a flight whose type is not known, and what stands before the name of a log that has no vehicle.
+UNKNOWN, LOG = "unknown", "log "
+HOUR_S = 3600.0
+#: Columns by which rows belong together.
+VEHICLE = ("type", "vehicle")
+#: Columns of ordered rows: with which vehicles a vehicle is pooled, which is its type where both are known
+#: and the vehicle alone elsewhere; and whether the log has no vehicle.
+TOGETHER, SINGLE = "together", "single"
+#: Column of rows of a quantity: whether it is a share, below `AcrossFlights.largest`.
+SHARE = "is_share"
+#: Why rows are left out, in this order.
+NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
+    "the log gave no result",
+    "the flight tells no value with a standard error",
+    "no reference: the value may be biased more than its interval says",
+    f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
+    "not positive",
+)
+#: What a share is above that is left out.
+NOT_BELOW = "not below {:g}, the largest share"
+
+
+def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
+    """What a motion compares over flights; its headline as it is where it says nothing.
+
+    Parameters
+    ----------
+    motion : Motion
+        Which.
+    further : sequence of str
+        Columns of covariates that are given, of whose slopes nothing is known where the motion says nothing.
+    """
+    quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
+    return tuple(
+        replace(
+            one, covariates=(*one.covariates, *(Covariate(name) for name in further if not _goes(one, name)))
+        )
+        for one in quantities
+    )
+
+
+def _goes(across: AcrossFlights, name: str) -> bool:
+    return any(one.name == name for one in across.covariates)
+
+
+def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
+    """Columns of a fleet's table that its report reads."""
+    numbers = [
+        f"{one.name}.{part}" for one in across for part in ("value", "std_error", "low", "high", "verdict")
+    ]
+    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for one in across for name in one.told_by]
+    about = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
+    return list(
+        dict.fromkeys([*about, *numbers, *told, *(with_.name for one in across for with_ in one.covariates)])
+    )
+
+
+def in_order(table: pl.DataFrame) -> pl.DataFrame:
+    """Rows by type, vehicle and time, without copies, with the hours flown before the middle of each flight.
+
+    A log without a vehicle is a vehicle of its own, named after the log: two such logs may be of one vehicle
+    or of two, so that neither its flights nor its type are pooled.
+
+    Parameters
+    ----------
+    table : polars.DataFrame
+        Rows of one motion.
+    """
+    duration = pl.col("duration_s").fill_null(0.0)
+    kind, vehicle = (pl.col(name).cast(pl.String) for name in VEHICLE)
+    earlier = pl.when(pl.col("name").is_duplicated()).then(pl.format(" {}", pl.col("sha256").str.head(12)))
+    log = pl.concat_str(pl.lit(LOG), "name", earlier.fill_null(""))  # of a log that changed
+    own = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
+    return (
+        table.filter(pl.col("verdict") != COPY)
+        .with_columns(
+            kind.fill_null(UNKNOWN),
+            vehicle.fill_null(log),
+            vehicle.is_null().alias(SINGLE),
+            (kind.is_null() | vehicle.is_null()).alias(TOGETHER),
+        )
+        .sort(SINGLE, "type", TOGETHER, "vehicle", "start", "name", nulls_last=True)
+        .with_columns(pl.when(TOGETHER).then(own).otherwise("type").alias(TOGETHER))
+        .with_columns(((duration.cum_sum() - 0.5 * duration) / HOUR_S).over(VEHICLE).alias("hours"))
+    )
+
+
+def why_left_out(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
+    """Why a row does not say anything of a quantity; null where it does.
+
+    Parameters
+    ----------
+    across : AcrossFlights
+        The quantity.
+    columns : sequence of str
+        Of the table.
+    """
+    value, error = pl.col(f"{across.name}.value"), _error(across)
+    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
+    weak = pl.any_horizontal(
+        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in told if name in columns)]
+    )
+    provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
+    return (
+        pl.when(pl.col("verdict") == FAILED)
+        .then(pl.lit(NO_RESULT))
+        .when(value.is_null() | error.is_null() | (error <= 0.0))
+        .then(pl.lit(NO_NUMBER))
+        .when(provisional)
+        .then(pl.lit(NO_REFERENCE))
+        .when(weak)
+        .then(pl.lit(NOT_EXCITED))
+        .when((value <= 0.0) & across.logarithm)
+        .then(pl.lit(NOT_POSITIVE))
+        .when(pl.col(SHARE) & (value >= across.largest))
+        .then(pl.lit(NOT_BELOW.format(across.largest)))
+        .otherwise(None)
+    )
+
+
+def is_share(across: AcrossFlights) -> pl.Expr:
+    """`SHARE` of ordered rows: whether half of the positive values of those that are pooled are below it."""
+    value = pl.col(f"{across.name}.value")
+    share = value.filter(value > 0.0).median().over(TOGETHER) < across.largest
+    return (share.fill_null(value=False) & math.isfinite(across.largest)).alias(SHARE)
+
+
+def compared(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """The number of which changes are compared, and its variance."""
+    value, error = pl.col(f"{across.name}.value"), _error(across)
+    return (value.log(), (error / value) ** 2) if across.logarithm else (value, error**2)
+
+
+def pooled(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """The number that is pooled, and its variance: as `compared`, of a share its logit."""
+    y, v = compared(across)
+    left = across.largest - pl.col(f"{across.name}.value")
+    return (
+        pl.when(SHARE).then(y - left.log()).otherwise(y),
+        pl.when(SHARE).then(v * (across.largest / left) ** 2).otherwise(v),
+    )
+
+
+def own_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """`low` and `high` that a flight tells by itself, or by its standard error; within the bounds."""
+    reach = normal_quantile(0.95) * _error(across)
+    low, high = (
+        pl.coalesce(
+            pl.col(f"{across.name}.{end}").fill_nan(None), pl.col(f"{across.name}.value") + sign * reach
+        ).alias(end)
+        for end, sign in (("low", -1.0), ("high", 1.0))
+    )
+    if across.logarithm:
+        top = pl.when(SHARE).then(across.largest).otherwise(math.inf)
+        low, high = low.clip(lower_bound=0.0), pl.min_horizontal(high, top).alias("high")
+    return low, high
+
+
+def _error(across: AcrossFlights) -> pl.Expr:
+    """Standard error, or that of an interval where there is none."""
+    half = 0.5 * (pl.col(f"{across.name}.high") - pl.col(f"{across.name}.low"))
+    return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
+
+
+def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
+    """Groups of rows that stand together already, with what they go by."""
+    begins = [pl.col(name).ne_missing(pl.col(name).shift()) for name in by]
+    first = rows.select(pl.any_horizontal(begins) | (pl.int_range(pl.len()) == 0)).to_series().arg_true()
+    ends = np.append(first.to_numpy()[1:], rows.height)
+    return rows.select(by)[first], Groups((ends - first.to_numpy()).astype(np.int64))
+
+
+# -- Trends --
+
+#: Share of vehicles without change that may be said to change; share of those told to differ that may not.
+LEVEL = 0.05
+#: Flights with a time, at least, for a course to be told; vehicles of a type, at least, for one to differ.
+FEWEST_FLIGHTS, FEWEST_VEHICLES = 6, 4
+#: Share of flights that must know a covariate for it to be used.
+KNOWN = 0.8
+#: What a step has to explain beyond a drift, since its place was searched for.
+SEARCHED = 5.0
+#: A logarithm of a covariate that lies so near to the mean of its type differs from it by rounding only.
+ROUNDING = 1e-9
+STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Estimates of a quantity without what covariates explain.
+
+    Parameters
+    ----------
+    ordered : Ordered
+        By vehicle, over flight hours.
+    vehicles : Groups
+        Of each set: the vehicles of a type, or one vehicle alone.
+    sets : polars.Series
+        Type of each set; of one vehicle alone that and the vehicle.
+    used : tuple of Covariate
+        Covariates, in the order of the slopes.
+    slopes : SharedSlopes
+        Of each set.
+    """
+
+    ordered: Ordered
+    vehicles: Groups
+    sets: pl.Series
+    used: tuple[Covariate, ...]
+    slopes: SharedSlopes
+
+
+def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
+    """Estimates without what covariates explain, at the mean conditions of their type.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        Those that say something of the quantity, in order.
+    across : AcrossFlights
+        The quantity.
+    """
+    about, groups = groups_of(rows, *VEHICLE, TOGETHER)
+    sets, vehicles = groups_of(about, "type", TOGETHER)
+    y, v = (rows.select(one).to_series().to_numpy() for one in compared(across))
+    used = tuple(one for one in across.covariates if _is_known(rows, one.name))
+    x = (
+        rows.select(_about_the_type(one.name).alias(one.name) for one in used)
+        .to_numpy()
+        .T.reshape(len(used), rows.height)
+        .astype(float)
+    )
+    if not across.logarithm:
+        x *= _of_type(groups, vehicles, y, v)
+    at = rows["hours"].to_numpy()
+    given = _Given(groups, vehicles, y, v, at, x, used)
+    found, slopes, between = given.without(given.errors(y), given.between(y, v), at[None, :])
+    if used:  # again, beside the step that is seen now
+        found, slopes, _ = given.without(found.errors, between, np.stack([at, after_step(found)]))
+    return Corrected(found, vehicles, sets[TOGETHER], used, slopes)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Estimates as they are, with covariates about their type's mean."""
+
+    groups: Groups
+    vehicles: Groups
+    y: Float[np.ndarray, " rows"]
+    v: Float[np.ndarray, " rows"]
+    at: Float[np.ndarray, " rows"]
+    x: Float[np.ndarray, "p rows"]
+    used: tuple[Covariate, ...]
+
+    def without(
+        self,
+        errors: Float[np.ndarray, " rows"],
+        between: Float[np.ndarray, " groups"],
+        courses: Float[np.ndarray, "c rows"],
+    ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
+        """Estimates without covariates, by the errors and the variance between that were found before."""
+        slopes = shared_slopes(
+            self.groups,
+            self.vehicles,
+            self.y,
+            weights_of(self.groups, errors, between),
+            courses,
+            self.x,
+            np.array([one.slope for one in self.used]),
+            np.array([one.uncertainty for one in self.used]),
+        )
+        of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
+        level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
+        covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
+        errors = self.errors(level) if self.used else errors
+        between = self.between(level, errors, between)
+        weights, own = (weights_of(self.groups, one, between) for one in (errors, self.v))
+        return (
+            Ordered(self.groups, level, errors, weights, own, self.at, self.x, covariance),
+            slopes,
+            between,
+        )
+
+    def between(
+        self,
+        level: Float[np.ndarray, " rows"],
+        errors: Float[np.ndarray, " rows"],
+        near: Float[np.ndarray, " groups"] | None = None,
+    ) -> Float[np.ndarray, " groups"]:
+        """Variance between flights, common to a type."""
+        return paule_mandel(self.groups, level, errors, together=self.vehicles, near=near)
+
+    def errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Variances of the estimates, those of isolated ones as large as they are far off."""
+        return self.v + self._isolation.added(level)
+
+    @cached_property
+    def _isolation(self) -> Isolation:
+        return Isolation(self.groups, self.vehicles, self.v)
+
+
+def _of_type(
+    groups: Groups, vehicles: Groups, y: Float[np.ndarray, " rows"], v: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " rows"]:
+    """Mean of the type of each row: what turns the power of a covariate into a slope of the value itself."""
+    first, total = (vehicles.sums(groups.sums(one)) for one in (y / v, 1.0 / v))
+    return groups.spread(vehicles.spread(first / total))
+
+
+def _is_known(rows: pl.DataFrame, name: str) -> bool:
+    if name not in rows.columns or not rows.schema[name].is_numeric():
+        return False
+    return bool(rows.height and (rows[name] > 0.0).sum() >= KNOWN * rows.height)
+
+
+def _about_the_type(name: str) -> pl.Expr:
+    """Logarithm of a covariate about that of the type; zero where it is not known or does not vary."""
+    log = pl.when(pl.col(name) > 0.0).then(pl.col(name)).log()
+    about = log - log.mean().over(TOGETHER)
+    return pl.when(about.abs() > ROUNDING).then(about).otherwise(0.0)
+
+
+@dataclass(frozen=True)
+class Course:
+    """What changes in one quantity.
+
+    Parameters
+    ----------
+    about : polars.DataFrame
+        `type` and `vehicle` of each group.
+    ordered : Ordered
+        Behind it.
+    drifts : Drifts
+        Straight lines.
+    steps : Steps
+        Best steps.
+    told : ndarray of bool, shape (vehicles,)
+        Whether there are enough flights.
+    """
+
+    about: pl.DataFrame
+    ordered: Ordered
+    drifts: Drifts
+    steps: Steps
+    told: np.ndarray
+
+    def form(self, tests: Float[np.ndarray, " vehicles"]) -> np.ndarray:
+        """Form of each vehicle's course: `STEADY`, `DRIFTS` or `STEPS`.
+
+        Parameters
+        ----------
+        tests : ndarray, shape (vehicles,)
+            How many there are of the vehicle.
+        """
+        p_drift, p_step = self.drifts.p_values * tests, self.steps.p_values * tests
+        scale = self.ordered.scale(self.steps.squares, 2)
+        by_step = self.steps.squares + SEARCHED * scale < self.drifts.squares
+        form = np.where((p_drift <= LEVEL) & ((p_step > LEVEL) | ~by_step), DRIFTS, STEADY)
+        form = np.where((p_step <= LEVEL) & ((p_drift > LEVEL) | by_step), STEPS, form)
+        return np.where(self.told, form, "")
+
+    def deviations(self, form: np.ndarray) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+        """P-values of flights about the form of their vehicle, and that form."""
+        ordered, groups = self.ordered, self.ordered.groups
+        total = groups.sums(ordered.weights)
+        mean = groups.spread(groups.sums(ordered.weights * ordered.y) / total)
+        line, leverage = mean, ordered.weights / groups.spread(total)
+        of_rows = np.repeat(form, groups.sizes)
+        for name, other in ((DRIFTS, self.drifts), (STEPS, self.steps)):
+            line = np.where(of_rows == name, other.line, line)
+            leverage = np.where(of_rows == name, other.leverage, leverage)
+        parameters = np.where(form == STEADY, 1.0, 2.0)
+        p_values = deviation_p_values(ordered, line, leverage, parameters)
+        return np.where(np.repeat(self.told, groups.sizes), p_values, 1.0), line
+
+
+def course(rows: pl.DataFrame, across: AcrossFlights) -> tuple[Course, Corrected]:
+    """Drifts and steps of every vehicle.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        Those that say something of the quantity and know their time, in order.
+    across : AcrossFlights
+        The quantity.
+    """
+    about, groups = groups_of(rows, *VEHICLE)
+    found = corrected(rows, across)
+    return (
+        Course(
+            about, found.ordered, drifts(found.ordered), steps(found.ordered), groups.sizes >= FEWEST_FLIGHTS
+        ),
+        found,
+    )
+
+
+def differing_p_values(found: Corrected) -> Float[np.ndarray, " vehicles"]:
+    """P-values of vehicles against the others of their type; not a number where there are too few.
+
+    A vehicle whose flights scatter more than those of its type, which share one variance between them, knows
+    its mean less well: its error goes by its own scatter then.
+
+    Parameters
+    ----------
+    found : Corrected
+        Their estimates.
+    """
+    ordered, vehicles = found.ordered, found.vehicles
+    groups, w = ordered.groups, ordered.weights
+    total = groups.sums(w)
+    means = groups.sums(w * ordered.y) / total
+    scatter = groups.sums(w * (ordered.y - groups.spread(means)) ** 2) / np.maximum(groups.sizes - 1, 1)
+    errors = np.maximum(scatter, 1.0) / total
+    at = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
+    none = np.zeros((0, means.size))
+    about = Ordered(
+        vehicles,
+        means,
+        errors,
+        at.weights,
+        at.weights,
+        none.sum(axis=0),
+        none,
+        np.zeros((vehicles.sizes.size, 0, 0)),
+    )
+    line, leverage = vehicles.spread(at.mean), at.weights / vehicles.spread(at.total)
+    p_values = deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))
+    return np.where(vehicles.spread(vehicles.sizes.astype(float)) >= FEWEST_VEHICLES, p_values, np.nan)
+
+
+def among_many(p_values: Sequence[float] | Float[np.ndarray, " tests"]) -> Float[np.ndarray, " tests"]:
+    """P-values that keep the share of false ones among those told (Benjamini and Hochberg 1995)."""
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(-p)
+    ranks = np.arange(p.size, 0, -1)
+    adjusted = np.empty(p.size)
+    adjusted[order] = np.minimum.accumulate(np.minimum(p[order] * p.size / ranks, 1.0))
+    return adjusted
+
+
+# -- Pool --
+
+#: Columns of a mean: the value with its interval, the standard deviation between members with its own, and
+#: the interval of the next member. Of logarithms the deviation is a share of the value.
+POOLED = ("mean", "low", "high", "between", "between_low", "between_high", "next_low", "next_high")
+#: The interval of a vehicle's only flight, as that flight tells it.
+ONLY = ("only_low", "only_high")
+
+
+def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
+    """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        Those that say something of the quantity, in order.
+    across : AcrossFlights
+        The quantity.
+    """
+    about, groups = groups_of(rows, *VEHICLE)
+    y, v = (rows.select(one).to_series().to_numpy() for one in pooled(across))
+    first = rows[groups.starts].select(own_interval(across))
+    only = (
+        pl.when(pl.Series(groups.sizes == 1)).then(first[end]).alias(name)
+        for name, end in zip(ONLY, first.columns, strict=True)
+    )
+    shares = rows[SHARE].to_numpy()[groups.starts]
+    return _told(about, groups, y, v, across, shares).with_columns(*only)
+
+
+def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
+    """Each type's mean over its vehicles: `type`, `pooled` (how many vehicles), and `POOLED`.
+
+    Vehicles whose type is not known, and logs without a vehicle, are of no type.
+
+    Parameters
+    ----------
+    rows, across
+        As for `pooled_vehicles`.
+    """
+    rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
+    about, groups = groups_of(rows, *VEHICLE)
+    types, vehicles = groups_of(about, "type")
+    y, v = (rows.select(one).to_series().to_numpy() for one in pooled(across))
+    means = weighted(groups, y, v, paule_mandel(groups, y, v, together=vehicles))
+    shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
+    return _told(types, vehicles, means.mean, 1.0 / means.total, across, shares)
+
+
+def _told(
+    about: pl.DataFrame,
+    groups: Groups,
+    y: Float[np.ndarray, " rows"],
+    v: Float[np.ndarray, " rows"],
+    across: AcrossFlights,
+    shares: Bool[np.ndarray, " groups"],
+) -> pl.DataFrame:
+    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    known = between_distribution(groups, y, v)
+    half, ahead = known.mean_half_widths(found), known.next_half_widths(found.value)
+    low, high = q_profile(groups, y, v, near=found.between)
+    ends = np.stack(
+        [found.value, *(found.value + sign * one for one in (half, ahead) for sign in (-1.0, 1.0))]
+    )
+    largest = across.largest
+    if across.logarithm:
+        with np.errstate(over="ignore"):
+            ends[:, ~shares] = np.exp(ends[:, ~shares])
+    ends[:, shares] = np.where(np.isfinite(ends[:, shares]), largest * special.expit(ends[:, shares]), np.nan)
+    mean, mean_low, mean_high, next_low, next_high = ends
+    between = np.sqrt([found.between, low, high])
+    between[:, shares] *= 1.0 - mean[shares] / largest  # a share of the value, not of the odds
+    columns = (mean, mean_low, mean_high, *between, next_low, next_high)
+    known_ends = np.isfinite(half)
+    numbers = dict(zip(POOLED, columns, strict=True))
+    return about.with_columns(
+        pl.Series("pooled", groups.sizes),
+        *(
+            pl.Series(
+                name, np.where(np.isfinite(one) & (known_ends | (name == "mean")), one, np.nan)
+            ).fill_nan(None)
+            for name, one in numbers.items()
+        ),
+    )
+
+
+# -- Queries --
+
+
+def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
+    """How many logs have which verdict."""
+    return table.group_by("motion", "verdict").agg(pl.len().alias("logs")).sort("motion", "logs", "verdict")
+
+
+def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
+    """Each vehicle: its logs, those with a result, the hours they hold, days of the first and the last."""
+    told = pl.col("verdict").is_in((COPY, FAILED)).not_()
+    return (
+        table.group_by("motion", "type", "vehicle")
+        .agg(
+            pl.len().alias("logs"),
+            told.sum().alias("told"),
+            (pl.col("verdict") == "identified").sum().alias("identified"),
+            (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
+            pl.col("start").min().dt.date().alias("first"),
+            pl.col("start").max().dt.date().alias("last"),
+        )
+        .sort("motion", "type", "vehicle", nulls_last=True)
+    )
+
+
+def _failed(table: pl.DataFrame) -> pl.DataFrame:
+    """Logs without a result, and why."""
+    return table.filter(pl.col("verdict") == FAILED).select("motion", "name", "reason")
+
+
+def _refused(table: pl.DataFrame) -> pl.DataFrame:
+    """Flights that were refused, and why."""
+    return table.filter(pl.col("verdict") == "refused").select("motion", "name", "reason")
+
+
+def _copies(table: pl.DataFrame) -> pl.DataFrame:
+    """Logs that are copies, and what of."""
+    firsts = table.filter(pl.col("verdict") != COPY).select(
+        "motion", pl.col("sha256").alias("copy_of"), pl.col("name").alias("first")
+    )
+    copies = table.filter(pl.col("verdict") == COPY).select("motion", "name", "copy_of")
+    return copies.join(firsts, on=["motion", "copy_of"], how="left").select("motion", "name", "first")
+
+
+#: Queries by name.
+QUERIES: Mapping[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
+    "verdicts": _verdicts,
+    "vehicles": _vehicles,
+    "failed": _failed,
+    "refused": _refused,
+    "copies": _copies,
+}
+
+
+def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
+    """Answer of a query.
+
+    Parameters
+    ----------
+    table : polars.DataFrame
+        Rows of a fleet.
+    what : str
+        A name out of `QUERIES`, or a quantity: its value in every flight, by vehicle and time.
+
+    Raises
+    ------
+    UsageError
+        When it is neither.
+    """
+    if what in QUERIES:
+        return QUERIES[what](table)
+    names = quantity_names(table)
+    if what not in names:
+        raise UsageError(
+            f"a query out of {', '.join(QUERIES)}, or a quantity of the fleet ({', '.join(names)})",
+            f"'{what}'",
+            did_you_mean(what, [*QUERIES, *names], "Name one of them."),
+        )
+    return (
+        table.filter(pl.col(f"{what}.{VERDICT}").is_not_null())
+        .sort("motion", "type", "vehicle", "start", "name", nulls_last=True)
+        .select(
+            "motion",
+            "vehicle",
+            "start",
+            "name",
+            *(pl.col(f"{what}.{part}").alias(part) for part in (*NUMBERS, VERDICT)),
+        )
+    )
+
+
+# -- Report --
+
+#: Tables without rows.
+COVARIATES = pl.DataFrame(
+    schema={
+        **dict.fromkeys(("type", "quantity", "covariate"), pl.String),
+        **dict.fromkeys(("slope", "std_error"), pl.Float64),
+    }
+)
+DEVIATING = pl.DataFrame(
+    schema={
+        **dict.fromkeys((*VEHICLE, "name", "sha256"), pl.String),
+        "start": pl.Datetime("us", "UTC"),
+        "hours": pl.Float64,
+        "quantity": pl.String,
+        **dict.fromkeys(("value", "std_error", "low", "high", "expected", "p_value"), pl.Float64),
+    }
+)
+#: A slope is told by the flights where its error is at most this share of what it was beforehand.
+MOVED = 0.9
+#: Tests of a quantity: for a drift, and for a step.
+FORMS = 2
+
+
+@dataclass(frozen=True)
+class FleetReport:
+    """What the flights of one motion say of a fleet.
+
+    Parameters
+    ----------
+    motion : Motion
+        Which.
+    logs : mapping of str to int
+        How many there are, how many are copies, and how many gave no result.
+    quantities : tuple of AcrossFlights
+        Those that any flight tells.
+    vehicles : polars.DataFrame
+        One row for each vehicle and quantity: `type`, `vehicle`, `quantity`, `pooled` (flights), `left_out`,
+        what `pool.POOLED` and `pool.ONLY` name, `course` and what changed.
+    types : polars.DataFrame
+        The same of types, `pooled` vehicles each.
+    left_out : polars.DataFrame
+        `quantity`, `reason`, `flights`.
+    covariates : polars.DataFrame
+        `type`, `quantity`, `covariate`, `slope`, `std_error`: what the flights told and was taken out.
+    deviating : polars.DataFrame
+        Flights that deviate: `type`, `vehicle`, `name`, `start`, `hours`, `quantity`, `value`, `std_error`,
+        `low`, `high`, `expected`, `p_value` (times the number of tests).
+    flights : polars.DataFrame
+        Rows in order, with the hours flown before each; see `pooled_rows.in_order`.
+    expected : frozenset of (str, str)
+        Quantities and covariates that the flights know, whether or not they tell the slope.
+    """
+
+    motion: Motion[Any]
+    logs: dict[str, int]
+    quantities: tuple[AcrossFlights, ...]
+    vehicles: pl.DataFrame
+    types: pl.DataFrame
+    left_out: pl.DataFrame
+    covariates: pl.DataFrame
+    deviating: pl.DataFrame
+    flights: pl.DataFrame
+    expected: frozenset[tuple[str, str]] = frozenset()
+
+
+def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str] = ()) -> FleetReport:
+    """Report of the flights of a motion.
+
+    Parameters
+    ----------
+    table : polars.DataFrame
+        Rows of a fleet, those of other motions among them.
+    motion : Motion
+        Which.
+    further : sequence of str
+        Columns of covariates beside those that the motion knows.
+    """
+    across = across_of(motion, further)
+    absent = [name for name in wanted_columns(across) if name not in table.columns]
+    table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
+    own = table.filter(pl.col("motion") == motion.name)
+    rows = in_order(own)
+    with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
+        found = list(pool.map(partial(_Quantity.of, rows), across))
+        told = [one for one in found if one.used.height]
+        tests = _tests(told)
+        vehicles = list(pool.map(lambda one: one.vehicles(tests), told))
+        types = list(pool.map(_Quantity.types, told))
+        deviating = list(pool.map(lambda one: one.deviating(tests), told))
+    logs = {
+        "logs": own.height,
+        "copies": int((own["verdict"] == COPY).sum()),
+        "failed": int((own["verdict"] == FAILED).sum()),
+    }
+    together = _differing(pl.concat(vehicles, how="diagonal")) if vehicles else pl.DataFrame()
+    return FleetReport(
+        motion,
+        logs,
+        tuple(one.across for one in told),
+        together,
+        _concat(types),
+        _concat([one.left_out() for one in found]),
+        _concat([COVARIATES, *(one.covariates() for one in told)]),
+        _concat([DEVIATING, *deviating]).sort("p_value"),
+        rows,
+        frozenset(
+            (one.across.name, known.name)
+            for one in told
+            for known in (one.corrected.used if one.corrected else ())
+        ),
+    )
+
+
+def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
+    return pl.concat(parts, how="diagonal") if parts else pl.DataFrame()
+
+
+def _tests(told: list[_Quantity]) -> pl.DataFrame:
+    """How many quantities of each vehicle have enough flights for a course."""
+    parts = [one.course.about.filter(pl.Series(one.course.told)) for one in told if one.course is not None]
+    if not parts:
+        return pl.DataFrame(schema={**dict.fromkeys(VEHICLE, pl.String), "tests": pl.Float64})
+    return pl.concat(parts).group_by(VEHICLE).agg(pl.len().cast(pl.Float64).alias("tests"))
+
+
+def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:
+    """Vehicles with p-values that count how many vehicles and quantities there are."""
+    known = vehicles["differs_p"].fill_null(np.nan).to_numpy()
+    tested = np.isfinite(known)
+    adjusted = np.ones(known.size)
+    adjusted[tested] = among_many(known[tested])
+    return vehicles.with_columns(
+        differs=pl.Series(adjusted <= LEVEL),
+        differs_p=pl.Series(np.where(tested, adjusted, np.nan)).fill_nan(None),
+    )
+
+
+@dataclass(frozen=True)
+class _Quantity:
+    """One quantity of all flights."""
+
+    across: AcrossFlights
+    marked: pl.DataFrame
+    used: pl.DataFrame
+    timed: pl.DataFrame
+    course: Course | None
+    corrected: Corrected | None
+
+    @classmethod
+    def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
+        marked = rows.with_columns(is_share(across)).with_columns(
+            why_left_out(across, rows.columns).alias("why")
+        )
+        used = marked.filter(pl.col("why").is_null())
+        timed = used.filter(pl.col("start").is_not_null())
+        if not timed.height:
+            return cls(across, marked, used, timed, None, None)
+        return cls(across, marked, used, timed, *course(timed, across))
+
+    @property
+    def name(self) -> pl.Expr:
+        return pl.lit(self.across.name)
+
+    def left_out(self) -> pl.DataFrame:
+        """How many flights say nothing of it, by reason."""
+        out = self.marked.filter(pl.col("why").is_not_null())
+        counts = (
+            out.group_by("why")
+            .agg(pl.len().alias("flights"))
+            .sort("flights", "why", descending=[True, False])
+        )
+        return counts.select(self.name.alias("quantity"), pl.col("why").alias("reason"), "flights")
+
+    def vehicles(self, tests: pl.DataFrame) -> pl.DataFrame:
+        """Means of vehicles, and what changed."""
+        out = self.marked.group_by(VEHICLE).agg(pl.col("why").is_not_null().sum().alias("left_out"))
+        pooled = pooled_vehicles(self.used, self.across).join(
+            out, on=VEHICLE, how="left", maintain_order="left"
+        )
+        pooled = pooled.with_columns(quantity=self.name)
+        if self.course is None or self.corrected is None:
+            return pooled.with_columns(course=pl.lit(""), differs_p=pl.lit(None, pl.Float64))
+        return pooled.join(
+            self._changes(self.course, self.corrected, tests), on=VEHICLE, how="left", maintain_order="left"
+        ).with_columns(pl.col("course").fill_null(""))
+
+    def _changes(self, found: Course, corrected: Corrected, tests: pl.DataFrame) -> pl.DataFrame:
+        """Drift and step of each vehicle, and whether it differs."""
+        groups, steps = found.ordered.groups, found.steps
+        starts = groups.starts
+        span = found.ordered.at[starts + groups.sizes - 1] - found.ordered.at[starts]
+        slope = found.drifts.slope * span
+        half = np.where(span > 0.0, found.drifts.half_widths(), np.inf) * np.where(span > 0.0, span, 1.0)
+        form = found.form(self._counts(found, tests))
+        at = np.minimum(starts + steps.place, starts + groups.sizes - 1)
+        stepped = form == STEPS
+        numbers = {
+            "hours": span,
+            "change": self._effect(slope),
+            "change_low": self._effect(slope - half),
+            "change_high": self._effect(slope + half),
+            "change_p": found.drifts.p_values,
+            "step": self._effect(steps.size),
+            "step_low": self._effect(steps.size - steps.half_width),
+            "step_high": self._effect(steps.size + steps.half_width),
+            "step_p": steps.p_values,
+            "step_hours": found.ordered.at[at],
+            "step_flight": (steps.place + 1).astype(float),
+            "step_flight_first": (steps.first + 1).astype(float),
+            "step_flight_last": (steps.last + 1).astype(float),
+        }
+        only_steps = {name for name in numbers if name.startswith("step_flight") or name == "step_hours"}
+        return found.about.with_columns(
+            pl.Series("course", form.astype(str)),
+            *(
+                pl.Series(
+                    name, np.where(found.told & (stepped | (name not in only_steps)), one, np.nan)
+                ).fill_nan(None)
+                for name, one in numbers.items()
+            ),
+            pl.when(pl.Series(stepped)).then(self.timed["start"].gather(at)).alias("step_start"),
+            pl.Series("differs_p", differing_p_values(corrected)),
+        )
+
+    def _counts(self, found: Course, tests: pl.DataFrame) -> Float[np.ndarray, " vehicles"]:
+        counts = found.about.join(tests, on=VEHICLE, how="left", maintain_order="left")["tests"]
+        return FORMS * counts.fill_null(1.0).to_numpy()
+
+    def _effect(self, values: Float[np.ndarray, " vehicles"]) -> Float[np.ndarray, " vehicles"]:
+        """A difference; as a share for what is compared as its logarithm."""
+        if not self.across.logarithm:
+            return values
+        with np.errstate(over="ignore"):
+            return np.where(np.isfinite(values), np.expm1(values), np.nan)
+
+    def types(self) -> pl.DataFrame:
+        """Means of types."""
+        return pooled_types(self.used, self.across).with_columns(quantity=self.name)
+
+    def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
+        """Flights that deviate from the course of their vehicle."""
+        if self.course is None:
+            return DEVIATING
+        counts = self._counts(self.course, tests)
+        form = self.course.form(counts)
+        p_values, line = self.course.deviations(form)
+        groups = self.course.ordered.groups
+        many = p_values * groups.spread(groups.sizes * counts / FORMS)
+        about = np.exp(line) if self.across.logarithm else line
+        return (
+            self.timed.select(*VEHICLE, "name", "sha256", "start", "hours")
+            .with_columns(
+                quantity=self.name,
+                value=self.timed[f"{self.across.name}.value"],
+                std_error=self.timed[f"{self.across.name}.std_error"],
+                **self.timed.select(own_interval(self.across)).to_dict(),
+                expected=pl.Series(about),
+                p_value=pl.Series(np.minimum(many, 1.0)),
+            )
+            .filter(pl.col("p_value") <= LEVEL)
+        )
+
+    def covariates(self) -> pl.DataFrame:
+        """Slopes that the flights told, type by type; those that they left as expected are none."""
+        if self.corrected is None or not self.corrected.used:
+            return COVARIATES
+        slopes = self.corrected.slopes
+        types = pl.DataFrame({"type": self.corrected.sets.str.replace("\n", ", ", literal=True)})
+        return pl.concat(
+            [
+                types.with_columns(
+                    quantity=self.name,
+                    covariate=pl.lit(one.name),
+                    slope=pl.Series(slopes.values[:, place]),
+                    std_error=pl.Series(np.sqrt(slopes.covariance[:, place, place])),
+                ).filter(pl.col("std_error").is_between(0.0, MOVED * one.uncertainty, closed="right"))
+                for place, one in enumerate(self.corrected.used)
+            ]
+        )
+
+
+# -- Reports --
+
+
+def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
+    """Reports of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        That `eivor fleet run` made.
+    given : polars.DataFrame, optional
+        Covariates of flights, see `given_covariates`.
+
+    Raises
+    ------
+    InputError
+        When it has no table of flights, or covariates are given of none of them.
+    UsageError
+        When the package that brings one of its motions is not there.
+    """
+    motions = [motion_by_name(name) for name in motions_there(folder)]
+    columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
+    table = read_flights(folder, list(dict.fromkeys(columns)))
+    if given is None:
+        return tuple(fleet_report(table, motion) for motion in motions)
+    table = with_covariates(table, given)
+    return tuple(fleet_report(table, motion, given.columns[1:]) for motion in motions)

@@ -1,0 +1,581 @@
+"""Drift, steps and outliers in a series of estimates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from eivor.inference.random_effects import Groups
+from eivor.tools import Bool, Float, Int
+
+# -- Ordered flights --
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """Estimates in the order of their groups.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    y, errors : ndarray, shape (rows,)
+        Estimates, less what covariates explain, and their variances v: their own, and what `isolated` adds.
+    weights : ndarray, shape (rows,)
+        w = 1 / (v + variance between).
+    own_weights : ndarray, shape (rows,)
+        The same by their own variances alone.
+    at : ndarray, shape (rows,)
+        When, in a unit that the slopes are of; it rises within a group.
+    covariates : ndarray, shape (p, rows)
+        What y was corrected for.
+    slopes_covariance : ndarray, shape (groups, p, p)
+        Of the slopes by which it was corrected.
+    """
+
+    groups: Groups
+    y: Float[np.ndarray, " rows"]
+    errors: Float[np.ndarray, " rows"]
+    weights: Float[np.ndarray, " rows"]
+    own_weights: Float[np.ndarray, " rows"]
+    at: Float[np.ndarray, " rows"]
+    covariates: Float[np.ndarray, "p rows"]
+    slopes_covariance: Float[np.ndarray, "groups p p"]
+
+    @property
+    def least_scale(self) -> Float[np.ndarray, " groups"]:
+        """What the weighted squares of rows are on average, at least: the share of their own variances."""
+        return self.groups.sums(self.weights * self.errors) / self.groups.sizes
+
+    def scale(self, squares: Float[np.ndarray, " groups"], parameters: int) -> Float[np.ndarray, " groups"]:
+        """Mean of weighted squares about a model, never less than the rows' own variances say.
+
+        Parameters
+        ----------
+        squares : ndarray, shape (groups,)
+            Sum of them.
+        parameters : int
+            Of the model.
+        """
+        degrees = np.maximum(self.groups.sizes - parameters, 1)
+        return np.maximum(squares / degrees, self.least_scale)
+
+    def correction_variance(
+        self, differences: Float[np.ndarray, "p rows"], of_rows: bool
+    ) -> Float[np.ndarray, " rows"]:
+        """Variance that unknown slopes add to an effect that covariates differ by, d' C d.
+
+        Parameters
+        ----------
+        differences : ndarray, shape (p, groups) or (p, rows)
+            d.
+        of_rows : bool
+            Whether it has a column for each row.
+        """
+        covariance = self.slopes_covariance
+        if of_rows:
+            covariance = np.repeat(covariance, self.groups.sizes, axis=0)
+        return np.einsum("ig,gij,jg->g", differences, covariance, differences)
+
+
+def centred(
+    groups: Groups, weights: Float[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " rows"]:
+    """Values less the weighted mean of their group."""
+    return values - groups.spread(groups.sums(weights * values) / groups.sums(weights))
+
+
+def slope(
+    groups: Groups,
+    weights: Float[np.ndarray, " rows"],
+    at: Float[np.ndarray, " rows"],
+    values: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, " groups"]:
+    """Slope of values on something centred, in each group; zero where that does not vary."""
+    spread = groups.sums(weights * at**2)
+    return groups.sums(weights * at * values) / np.where(spread > 0.0, spread, np.inf)
+
+
+# -- Deviations --
+
+#: Rows within so many standard errors of their course do not deviate.
+NEAR = 2.0
+
+
+def deviation_p_values(
+    ordered: Ordered,
+    line: Float[np.ndarray, " rows"],
+    leverage: Float[np.ndarray, " rows"],
+    parameters: Float[np.ndarray, " groups"],
+) -> Float[np.ndarray, " rows"]:
+    """P-value of each row by its residual over what the other rows scatter. Performs no checks.
+
+    An isolated row counts little in its course and in what others scatter, and is judged by its own variance.
+
+    Parameters
+    ----------
+    ordered : Ordered
+        The estimates.
+    line, leverage : ndarray, shape (rows,)
+        Their course, and what each row has of it.
+    parameters : ndarray, shape (groups,)
+        Of the course.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
+        One where too few rows are left, or the row is near; nothing is corrected for their number.
+    """
+    groups, w = ordered.groups, ordered.weights
+    own = np.maximum(1.0 - leverage, 1e-9)
+    off = (ordered.y - line) ** 2
+    square = w * off
+    degrees = groups.spread(groups.sizes - parameters - 1.0)
+    others = groups.spread(groups.sums(square)) - square / own
+    scale = np.maximum(others / np.maximum(degrees, 1.0), groups.spread(ordered.least_scale))
+    score = np.sqrt(ordered.own_weights * off / own / scale)
+    p_values = np.ones(w.size)
+    far = (degrees >= 1.0) & (score > NEAR)
+    p_values[far] = 2.0 * special.stdtr(degrees[far], -score[far])
+    return p_values
+
+
+# -- Drift --
+
+
+@dataclass(frozen=True)
+class Drifts:
+    """Straight lines.
+
+    Parameters
+    ----------
+    slope, std_error : ndarray, shape (groups,)
+        By the unit of `Ordered.at`.
+    degrees : ndarray of int, shape (groups,)
+        Of freedom; none for fewer than three estimates.
+    squares : ndarray, shape (groups,)
+        Weighted squares about the line.
+    line : ndarray, shape (rows,)
+        Its values.
+    leverage : ndarray, shape (rows,)
+        What each row has of it.
+    """
+
+    slope: Float[np.ndarray, " groups"]
+    std_error: Float[np.ndarray, " groups"]
+    degrees: Int[np.ndarray, " groups"]
+    squares: Float[np.ndarray, " groups"]
+    line: Float[np.ndarray, " rows"]
+    leverage: Float[np.ndarray, " rows"]
+
+    def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
+        """Half-widths of the slopes' intervals; infinite where there is none."""
+        quantile = special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
+        return np.where(self.degrees > 0, quantile * self.std_error, np.inf)
+
+    @property
+    def p_values(self) -> Float[np.ndarray, " groups"]:
+        """Of no drift; one where there is no line."""
+        score = np.abs(self.slope) / np.where(self.std_error > 0.0, self.std_error, np.inf)
+        return np.where(self.degrees > 0, 2.0 * special.stdtr(np.maximum(self.degrees, 1), -score), 1.0)
+
+
+def drifts(ordered: Ordered) -> Drifts:
+    """Weighted least squares, with a scale from each group's own scatter. Performs no checks.
+
+    Parameters
+    ----------
+    ordered : Ordered
+        The estimates.
+    """
+    groups, w = ordered.groups, ordered.weights
+    at, y = centred(groups, w, ordered.at), centred(groups, w, ordered.y)
+    found = slope(groups, w, at, y)
+    squares = groups.sums(w * (y - groups.spread(found) * at) ** 2)
+    spread = groups.sums(w * at**2)
+    variance = ordered.scale(squares, 2) / np.where(spread > 0.0, spread, np.inf)
+    along = np.array([slope(groups, w, at, one) for one in ordered.covariates]).reshape(-1, found.size)
+    variance = variance + ordered.correction_variance(along, of_rows=False)
+    line = ordered.y - y + groups.spread(found) * at
+    leverage = w / groups.spread(groups.sums(w)) + w * at**2 / np.where(
+        groups.spread(spread) > 0.0, groups.spread(spread), np.inf
+    )
+    degrees = np.where(spread > 0.0, np.maximum(groups.sizes - 2, 0), 0)
+    return Drifts(found, np.sqrt(variance), degrees, squares, line, leverage)
+
+
+# -- Outliers --
+
+#: Neighbours on each side whose median an estimate is held against.
+SIDE = 3
+#: Standard deviations from which on it is far.
+FAR = 2.5
+#: Variance of the median of three normal estimates over that of one; median of a chi-square with one degree.
+OF_THREE, OF_SQUARES = 0.449, 0.455
+
+
+@dataclass(frozen=True)
+class Isolation:
+    """What tells isolated estimates of some variances. Performs no checks.
+
+    Parameters
+    ----------
+    groups, sets : Groups
+        Of the rows, and of the groups: those of a set scatter alike, or more.
+    variances : ndarray, shape (rows,)
+        v.
+    """
+
+    groups: Groups
+    sets: Groups
+    variances: Float[np.ndarray, " rows"]
+
+    def added(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Variance to be added to that of isolated estimates, zero for all others.
+
+        Parameters
+        ----------
+        y : ndarray, shape (rows,)
+            Estimates in their order.
+        """
+        groups = self.groups
+        distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
+        distance[np.isinf(distance)] = 0.0
+        one = self.variances + groups.spread(self._between_neighbours(y))
+        usual = groups.sums(one) / groups.sizes
+        far = distance**2 > FAR**2 * (one + OF_THREE * groups.spread(usual))
+        return np.where(far, distance**2, 0.0)
+
+    def _between_neighbours(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+        """Variance between, by the median of squared differences: of its set, or its own if larger."""
+        squares = (y[self._pairs + 1] - y[self._pairs]) ** 2
+        of_group, of_set = (
+            0.5 * np.maximum(_medians(sizes, squares) / OF_SQUARES - errors, 0.0)
+            for sizes, errors in zip(self._sizes, self._errors, strict=True)
+        )
+        return np.maximum(of_group, self.sets.spread(of_set))
+
+    @cached_property
+    def _pairs(self) -> Int[np.ndarray, " pairs"]:
+        """First rows of neighbours in one group."""
+        of_row = np.repeat(np.arange(self.groups.sizes.size), self.groups.sizes)
+        return np.flatnonzero(of_row[1:] == of_row[:-1])
+
+    @cached_property
+    def _sizes(self) -> tuple[Int[np.ndarray, " groups"], Int[np.ndarray, " sets"]]:
+        """Pairs of each group and of each set."""
+        of_group = self.groups.sizes - 1
+        return of_group, np.add.reduceat(of_group, self.sets.starts)
+
+    @cached_property
+    def _errors(self) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " sets"]]:
+        """Median of what errors add to squared differences, in each group and in each set."""
+        errors = self.variances[self._pairs + 1] + self.variances[self._pairs]
+        of_group, of_set = (_medians(sizes, errors) for sizes in self._sizes)
+        return of_group, of_set
+
+
+def _distance(groups: Groups, y: Float[np.ndarray, " rows"], way: int) -> Float[np.ndarray, " rows"]:
+    """Distance from the median of the next few rows one way; from the nearest where there are fewer."""
+    row = np.arange(y.size)
+    ends = groups.starts if way < 0 else groups.starts + groups.sizes - 1
+    left = np.abs(row - np.repeat(ends, groups.sizes))
+    first, second, third = (np.roll(y, -way * (number + 1)) - y for number in range(SIDE))
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    middle = np.abs(np.maximum(low, np.minimum(high, third)))
+    nearer = np.minimum(np.abs(first), np.abs(second))
+    few = np.where(left == 1, np.abs(first), np.where(left == 2, nearer, middle))
+    return np.where(left > 0, few, np.inf)
+
+
+def _medians(
+    sizes: Int[np.ndarray, " parts"], values: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " parts"]:
+    """Lower median of each part of values that are not negative; zero of an empty one."""
+    found = np.zeros(sizes.size)
+    some = np.flatnonzero(sizes > 0)
+    scale = float(values.mean()) if values.size else 0.0
+    if scale > 0.0:  # one sort for all parts: their numbers, and values as fractions
+        ordered = np.sort(np.repeat(np.arange(sizes.size), sizes) + values / (values + scale))
+        middle = ordered[(np.cumsum(sizes) - sizes + (sizes - 1) // 2)[some]] - some
+        found[some] = scale * middle / (1.0 - middle)
+    return found
+
+
+# -- Shared slopes --
+
+#: Degrees of freedom that must be left for slopes to be estimated.
+FEWEST_DEGREES = 5
+#: Directions in which covariates vary by less than this share of their whole variation have no slope.
+SMALL = 1e-6
+
+
+@dataclass(frozen=True)
+class SharedSlopes:
+    """Slopes of sets of groups.
+
+    Parameters
+    ----------
+    values : ndarray, shape (sets, p)
+        As expected where there is too little to tell them.
+    covariance : ndarray, shape (sets, p, p)
+        Theirs.
+    """
+
+    values: Float[np.ndarray, "sets p"]
+    covariance: Float[np.ndarray, "sets p p"]
+
+
+def shared_slopes(
+    groups: Groups,
+    sets: Groups,
+    y: Float[np.ndarray, " rows"],
+    weights: Float[np.ndarray, " rows"],
+    courses: Float[np.ndarray, "c rows"],
+    covariates: Float[np.ndarray, "p rows"],
+    expected: Float[np.ndarray, " p"],
+    uncertainty: Float[np.ndarray, " p"],
+) -> SharedSlopes:
+    """Slopes by weighted least squares. Performs no checks.
+
+    Parameters
+    ----------
+    groups, sets : Groups
+        Of the rows, and of the groups: those of a set share their slopes.
+    y, weights : ndarray, shape (rows,)
+        Estimates, and 1 / variance.
+    courses : ndarray, shape (c, rows)
+        What else groups may go with, each with a slope of its own: time, a step.
+    covariates : ndarray, shape (p, rows)
+        Each row without gaps.
+    expected, uncertainty : ndarray, shape (p,)
+        What slopes are expected to be, and how well that is known (one standard deviation, infinite where it
+        is not): a measurement beside the others.
+    """
+    count = covariates.shape[0]
+    taken: list[Float[np.ndarray, " rows"]] = []
+
+    def within(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        left = centred(groups, weights, values)
+        for one in taken:
+            left = left - groups.spread(slope(groups, weights, one, left)) * one
+        return left
+
+    taken.extend(within(one) for one in courses)  # each without those before it
+
+    def total(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " sets"]:
+        return sets.sums(groups.sums(values))
+
+    left, x = within(y), [within(one) for one in covariates]
+    gram = np.empty((sets.sizes.size, count, count))
+    moment = np.empty((sets.sizes.size, count))
+    for i in range(count):
+        moment[:, i] = total(weights * x[i] * left)
+        for j in range(count):
+            gram[:, i, j] = total(weights * x[i] * x[j])
+    whole = np.array([total(weights * one**2) for one in covariates]).reshape(count, sets.sizes.size).T
+    degrees = sets.sums(np.maximum(groups.sizes - 1 - len(taken), 0).astype(float)) - count
+    told = degrees >= FEWEST_DEGREES
+    prior = np.diag(uncertainty**-2.0)
+    gram = np.where(told[:, None, None], gram, 0.0) + prior
+    moment = np.where(told[:, None], moment, 0.0) + prior @ expected
+    size = np.sqrt(np.maximum(np.einsum("sii->si", gram), SMALL * whole + np.finfo(float).tiny))
+    inverse = np.linalg.pinv(gram / (size[:, :, None] * size[:, None, :]), rcond=SMALL, hermitian=True)
+    inverse = inverse / (size[:, :, None] * size[:, None, :])
+    values = np.einsum("sij,sj->si", inverse, moment)
+    squares = total(weights * left**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
+    scale = np.where(told, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
+    return SharedSlopes(values, scale[:, None, None] * inverse)
+
+
+# -- Step --
+
+#: Estimates on each side of a step, at least: fewer are members that deviate.
+FEWEST = 3
+#: P-values above this are bounds.
+NO_NEWS = 0.02
+#: -2 ln(1 - sqrt(.95)): likelihood ratio of the true place below which it is in 95 %.
+PLACES = 7.352
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The best place of a step in each group.
+
+    Parameters
+    ----------
+    place, first, last : ndarray of int, shape (groups,)
+        Rows of the group before the step, and the fewest and most that the estimates leave open.
+    size, half_width : ndarray, shape (groups,)
+        Mean after it less mean before it, with the half-width of its 95 % interval at that place.
+    p_values : ndarray, shape (groups,)
+        Of no step anywhere; one where a group has too few estimates.
+    squares : ndarray, shape (groups,)
+        Weighted squares about both means.
+    line : ndarray, shape (rows,)
+        Those means.
+    leverage : ndarray, shape (rows,)
+        What each row has of its mean.
+    """
+
+    place: Int[np.ndarray, " groups"]
+    first: Int[np.ndarray, " groups"]
+    last: Int[np.ndarray, " groups"]
+    size: Float[np.ndarray, " groups"]
+    half_width: Float[np.ndarray, " groups"]
+    p_values: Float[np.ndarray, " groups"]
+    squares: Float[np.ndarray, " groups"]
+    line: Float[np.ndarray, " rows"]
+    leverage: Float[np.ndarray, " rows"]
+
+
+def after_step(ordered: Ordered) -> Bool[np.ndarray, " rows"]:
+    """Which rows come after the best step of their group; none where there are too few. Performs no checks.
+
+    Parameters
+    ----------
+    ordered : Ordered
+        The estimates.
+    """
+    found = _Search.of(ordered)
+    return found.possible[found.best[found.group]] & (found.number > found.number[found.best[found.group]])
+
+
+def steps(ordered: Ordered) -> Steps:
+    """Best step of each group, see this module. Performs no checks.
+
+    Parameters
+    ----------
+    ordered : Ordered
+        The estimates.
+    """
+    groups, w, search = ordered.groups, ordered.weights, _Search.of(ordered)
+    best, gain, possible, number = search.best, search.gain, search.possible, search.number
+    squares = groups.spread(groups.sums(w * search.y**2)) - gain
+    degrees = np.maximum(groups.sizes - 2, 1)
+    scale = np.maximum(squares / groups.spread(degrees.astype(float)), groups.spread(ordered.least_scale))
+    differences = np.array([search.jump(one) for one in ordered.covariates]).reshape(-1, w.size)
+    variance = scale * search.inverse + ordered.correction_variance(differences, of_rows=True)
+    score = np.where(possible, np.abs(search.size) / np.sqrt(variance), 0.0)
+    largest = np.maximum.reduceat(score, groups.starts)
+    found = possible[best]
+    line, leverage = _two_means(groups, w, ordered.y, number <= groups.spread(number[best]))
+    near = possible & (groups.spread(gain[best]) - gain <= PLACES * groups.spread(scale[best]))
+    half_width = special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
+    return Steps(
+        np.where(found, number[best], 0).astype(int),
+        np.where(found, _smallest(groups, number, near), 0).astype(int),
+        np.where(found, -_smallest(groups, -number, near), 0).astype(int),
+        np.where(found, search.size[best], 0.0),
+        np.where(found, half_width, np.inf),
+        np.where(found, _tail(groups, largest, degrees, possible, search.before, search.total), 1.0),
+        np.where(found, squares[best], np.inf),
+        line,
+        leverage,
+    )
+
+
+@dataclass(frozen=True)
+class _Search:
+    """Difference of the means after and before every row, and the row with the clearest one."""
+
+    ordered: Ordered
+    y: Float[np.ndarray, " rows"]
+    number: Float[np.ndarray, " rows"]
+    possible: Bool[np.ndarray, " rows"]
+    before: Float[np.ndarray, " rows"]
+    total: Float[np.ndarray, " rows"]
+    after: Float[np.ndarray, " rows"]
+    inverse: Float[np.ndarray, " rows"]
+    size: Float[np.ndarray, " rows"]
+    gain: Float[np.ndarray, " rows"]
+    best: Int[np.ndarray, " groups"]
+
+    @classmethod
+    def of(cls, ordered: Ordered) -> _Search:
+        groups, w = ordered.groups, ordered.weights
+        y = centred(groups, w, ordered.y)
+        number = groups.running(np.ones(w.size))
+        possible = (number >= FEWEST) & (groups.spread(groups.sizes.astype(float)) - number >= FEWEST)
+        before, total = groups.running(w), groups.spread(groups.sums(w))
+        after = np.where(possible, total - before, 1.0)
+        inverse = 1.0 / before + 1.0 / after
+        size = _jump(groups, w, y, before, after)
+        gain = np.where(possible, size**2 / inverse, -1.0)
+        best = _first_largest(groups, gain)
+        return cls(ordered, y, number, possible, before, total, after, inverse, size, gain, best)
+
+    @property
+    def group(self) -> Int[np.ndarray, " rows"]:
+        groups = self.ordered.groups
+        return np.repeat(np.arange(groups.sizes.size), groups.sizes)
+
+    def jump(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Mean of values after each row less that up to it."""
+        return _jump(self.ordered.groups, self.ordered.weights, values, self.before, self.after)
+
+
+def _jump(
+    groups: Groups,
+    w: Float[np.ndarray, " rows"],
+    values: Float[np.ndarray, " rows"],
+    before: Float[np.ndarray, " rows"],
+    after: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, " rows"]:
+    weighted = w * values
+    upto = groups.running(weighted)
+    return (groups.spread(groups.sums(weighted)) - upto) / after - upto / before
+
+
+def _first_largest(groups: Groups, values: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " groups"]:
+    """First row of each group with its largest value."""
+    is_largest = values >= groups.spread(np.maximum.reduceat(values, groups.starts))
+    return np.minimum.reduceat(np.where(is_largest, np.arange(values.size), values.size), groups.starts)
+
+
+def _smallest(
+    groups: Groups, values: Float[np.ndarray, " rows"], among: np.ndarray
+) -> Float[np.ndarray, " groups"]:
+    """Smallest value of each group among some rows; what it would be without any is of no use."""
+    return np.minimum.reduceat(np.where(among, values, values.max() + 1.0), groups.starts)
+
+
+def _two_means(
+    groups: Groups, w: Float[np.ndarray, " rows"], y: Float[np.ndarray, " rows"], early: np.ndarray
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    """Mean of its side of the step for each row, and what the row has of it."""
+    line, leverage = np.empty(y.size), np.empty(y.size)
+    for side in (early, ~early):
+        weights = np.where(side, w, 0.0)
+        total = groups.sums(weights)
+        total = groups.spread(np.where(total > 0.0, total, 1.0))
+        mean = groups.spread(groups.sums(weights * y)) / total
+        line, leverage = np.where(side, mean, line), np.where(side, w / total, leverage)
+    return line, leverage
+
+
+def _tail(
+    groups: Groups,
+    largest: Float[np.ndarray, " groups"],
+    degrees: Int[np.ndarray, " groups"],
+    possible: np.ndarray,
+    before: Float[np.ndarray, " rows"],
+    total: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, " groups"]:
+    """P-value of the largest |t| over all places, see this module; where that is no news, only a bound."""
+    one_sided = np.maximum(special.stdtr(degrees, -largest), 1e-300)
+    bound = 2.0 * one_sided * groups.sums(possible.astype(float))
+    pairs = np.append(possible[:-1] & possible[1:], False) & (groups.spread(2.0 * one_sided) < NO_NEWS)
+    k = np.flatnonzero(pairs)
+    shared = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
+    rho = np.sqrt(np.clip(shared, 0.0, 1.0))
+    own = groups.spread(one_sided)[k]
+    c = -special.ndtri(own)
+    both = np.zeros(before.size)
+    for sign in (1.0, -1.0):
+        apart = special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
+        both[k] += 2.0 * np.maximum(own - 2.0 * apart, 0.0)
+    return np.clip(bound - groups.sums(both), 2.0 * one_sided, 1.0)

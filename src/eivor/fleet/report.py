@@ -1,0 +1,622 @@
+"""Report of a fleet: document, JSON and page."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+import polars as pl
+
+from eivor.fleet.analysis import (
+    DRIFTS,
+    ONLY,
+    SHARE,
+    SINGLE,
+    STEPS,
+    UNKNOWN,
+    VEHICLE,
+    FleetReport,
+    is_share,
+    own_interval,
+    why_left_out,
+)
+from eivor.fleet.table import report_place, reports_there
+from eivor.flights.quantity import AcrossFlights, Wording
+from eivor.inference.random_effects import FEW
+from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
+from eivor.report.flight import section
+from eivor.report.flight_page import Figures, number_table
+from eivor.report.html import Markup, element, joined, section_html, whole_page
+from eivor.report.json_document import Json
+from eivor.report.svg import Curve, Dots, Forest, ForestRow, Mark, Picture, Pictures, Plot, Rule, margined
+from eivor.report.wording import NO_NUMBER, plain_numbers
+
+# -- Reported fleet --
+
+Row = Mapping[str, Any]
+#: Sentences of one kind, at most.
+MOST = 20
+#: Of an interval that reaches so many times the value, digits that half its length tells would leave a zero.
+FAR = 20.0
+
+
+def wording_of(report: FleetReport, across: AcrossFlights) -> Wording:
+    """How a quantity is called."""
+    return report.motion.wording[across.name]
+
+
+def interval_told(row: Row, wording: Wording, names: tuple[str, str, str]) -> tuple[str, str]:
+    """Value and interval of a row as they are shown."""
+    value, low, high = (row[name] for name in names)
+    if value is None:
+        return NO_NUMBER, NO_NUMBER
+    value *= wording.scale
+    low, high = (float("nan") if end is None else end * wording.scale for end in (low, high))
+    if 0.0 < FAR * value < high:
+        return _two_digits(value), f"[{_two_digits(low)}, {_two_digits(high)}]"
+    return plain_numbers(value, (low, high))
+
+
+def mean_told(row: Row, wording: Wording) -> tuple[str, str]:
+    """Mean and interval of a vehicle or type; of a single flight its own, with a mark."""
+    if not _is_of_one_flight(row):
+        return interval_told(row, wording, ("mean", "low", "high"))
+    value, interval = interval_told(row, wording, ("mean", *ONLY))
+    return value, f"{interval} †"
+
+
+def _is_of_one_flight(row: Row) -> bool:
+    return all(row.get(name) is not None for name in ONLY)
+
+
+def only_told(rows: Sequence[Row]) -> Iterator[str]:
+    """Return what the mark of `mean_told` means, where there is one."""
+    if any(map(_is_of_one_flight, rows)):
+        yield "† of its only flight: how much flights differ is not in it."
+
+
+def singles_told(report: FleetReport) -> Iterator[str]:
+    """Return what is done with logs that have no vehicle, where there are any."""
+    if report.flights[SINGLE].any():
+        yield (
+            "A log without a vehicle id stands alone under its own name, and counts for no type. "
+            "eivor fleet run --vehicle-from says which vehicle each log is of."
+        )
+
+
+def _two_digits(number: float) -> str:
+    return f"{float(f'{number:.2g}'):g}"
+
+
+def between_told(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str, str]:
+    """Standard deviation between members, and its interval: a share where logarithms are compared."""
+    numbers = [row[name] for name in ("between", "between_low", "between_high")]
+    if any(one is None for one in numbers):
+        return NO_NUMBER, ""
+    if across.logarithm:
+        value, low, high = (100.0 * one for one in numbers)
+        return f"{value:.1f} %", f"[{low:.1f}, {high:.1f}]"
+    value, low, high = (wording.scale * one for one in numbers)
+    return plain_numbers(value, (low, high))
+
+
+def next_told(row: Row, wording: Wording) -> str:
+    """Interval of the next member, with a mark where there are few; none where it has no end."""
+    if not _next_is_bounded(row):
+        return NO_NUMBER
+    ends = (row["next_low"] * wording.scale, row["next_high"] * wording.scale)
+    _, interval = plain_numbers(row["mean"] * wording.scale, ends)
+    return f"{interval} *" if row["pooled"] < FEW else interval
+
+
+def _next_is_bounded(row: Row) -> bool:
+    return row["next_low"] is not None and row["next_high"] is not None
+
+
+def few_told(rows: Sequence[Row], members: str) -> Iterator[str]:
+    """Return what the mark of `next_told` means, where there is one."""
+    if any(_next_is_bounded(row) and row["pooled"] < FEW for row in rows):
+        yield f"* of fewer than {FEW} {members}: take it with care."
+
+
+def changes_told(report: FleetReport) -> list[str]:
+    """Return a sentence about each vehicle that changes, the clearest first."""
+    if not report.vehicles.height:
+        return []
+    changing = report.vehicles.filter(report.vehicles["course"].is_in([DRIFTS, STEPS]))
+    rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
+    return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
+
+
+def _change(report: FleetReport, row: Row) -> str:
+    across = next(one for one in report.quantities if one.name == row["quantity"])
+    words = report.motion.wording[across.name].words
+    who = f"{row['vehicle']}: the {words}"
+    if row["course"] == DRIFTS:
+        told = _effect(report, across, row, "change")
+        return f"{who} drifts by {told} over {row['hours']:.3g} flight hours."
+    when = f" ({row['step_start']:%Y-%m-%d})" if row["step_start"] is not None else ""
+    first, last = int(row["step_flight_first"]), int(row["step_flight_last"])
+    place = f"flight {first}" if first == last else f"flights {first} to {last}"
+    return (
+        f"{who} steps by {_effect(report, across, row, 'step')} at flight {int(row['step_flight'])}{when}, "
+        f"after {row['step_hours']:.3g} flight hours; the flights leave {place} open."
+    )
+
+
+def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> str:
+    wording = report.motion.wording[across.name]
+    numbers = [row[key] for key in (name, f"{name}_low", f"{name}_high")]
+    scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
+    value, low, high = (scale * (float("nan") if one is None else one) for one in numbers)
+    shown, interval = plain_numbers(value, (low, high))
+    return f"{shown}{unit} {interval}"
+
+
+def differences_told(report: FleetReport) -> list[str]:
+    """Return a sentence about each vehicle that differs from its type."""
+    if not report.vehicles.height:
+        return []
+    rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
+    told = []
+    for row in rows:
+        wording = report.motion.wording[row["quantity"]]
+        value, interval = interval_told(row, wording, ("mean", "low", "high"))
+        unit = f" {wording.shown_unit}" if wording.shown_unit else ""
+        told.append(
+            f"{row['vehicle']}: its {wording.words}, {value}{unit} {interval}, is not that of the other "
+            f"vehicles of type {row['type']}."
+        )
+    return _at_most(told, "vehicles differ")
+
+
+def left_out_told(report: FleetReport) -> list[str]:
+    """Return what was left out, and why."""
+    told = []
+    for row in report.left_out.iter_rows(named=True):
+        words = report.motion.wording[row["quantity"]].words
+        flights = "1 flight" if row["flights"] == 1 else f"{row['flights']} flights"
+        told.append(f"{words}: {flights}; {row['reason']}.")
+    return told
+
+
+def covariates_told(report: FleetReport) -> list[str]:
+    """Return which slopes the flights told, which were taken as expected, and what is not known."""
+    told = []
+    taken = report.covariates.iter_rows(named=True) if report.covariates.height else ()
+    for row in taken:
+        words = report.motion.wording[row["quantity"]].words
+        power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
+        told.append(f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power}).")
+    used = (
+        set(zip(report.covariates["quantity"], report.covariates["covariate"], strict=True))
+        if told
+        else set()
+    )
+    missing: dict[str, list[str]] = {}
+    expected: dict[str, list[str]] = {}
+    for across in report.quantities:
+        for one in across.covariates:
+            if (across.name, one.name) not in used:
+                place = expected if (across.name, one.name) in report.expected else missing
+                place.setdefault(one.name, []).append(report.motion.wording[across.name].words)
+    shown = _at_most(told, "slopes were estimated")
+    shown += [
+        f"The flights do not tell how {_listed(words)} goes with {name.replace('_', ' ')}: what was expected "
+        "beforehand is allowed for, with its uncertainty."
+        for name, words in expected.items()
+    ]
+    shown += [
+        f"{name.replace('_', ' ')} is not known of enough flights: what looks like a change of "
+        f"{_listed(words)} may be it."
+        for name, words in missing.items()
+    ]
+    return shown
+
+
+def _listed(words: list[str]) -> str:
+    *others, last = words
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def _at_most(told: list[str], what: str) -> list[str]:
+    return told if len(told) <= MOST else [*told[:MOST], f"{len(told)} {what}; the JSON has all."]
+
+
+# -- Fleet document --
+
+#: Vehicles in a table, at most.
+MOST_VEHICLES = 30
+#: Sections in which a page has pictures.
+FOREST, LINES = "forest", "lines"
+
+
+def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> Document:
+    """Document of a fleet's report.
+
+    Parameters
+    ----------
+    report : FleetReport
+        Of one motion.
+    title : str
+        The fleet's name.
+    links : mapping of str to str, optional
+        Addresses of flights' own reports, by the hash of their logs; for media that have links.
+    """
+    return Document(title, None, about_fleet(report), tuple(_sections(report, links)))
+
+
+def about_fleet(report: FleetReport) -> str:
+    """How many logs, vehicles and types there are."""
+    flights = report.flights
+    known = flights.filter(~pl.col(SINGLE))
+    vehicles = known.select(VEHICLE).n_unique()
+    types = known.filter(pl.col("type") != UNKNOWN)["type"].n_unique()
+    counts = [_count(report.logs["logs"], "log")]
+    if report.logs["copies"]:
+        counts.append(
+            "1 of them a copy" if report.logs["copies"] == 1 else f"{report.logs['copies']} of them copies"
+        )
+    if report.logs["failed"]:
+        counts.append(f"{report.logs['failed']} without a result")
+    told = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
+    if flights.height > known.height:
+        told += f"; {_count(flights.height - known.height, 'log')} without a vehicle, each by itself"
+    return f"{report.motion.words.title}: {', '.join(counts)}; {told}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number:,} {what}s"
+
+
+def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
+    if not report.vehicles.height:
+        yield Section("Nothing to pool", (Bullets(("No flight tells a quantity with a standard error.",)),))
+        yield from section("Left out", Bullets, left_out_told(report))
+        return
+    types = list(report.types.iter_rows(named=True))
+    if types:
+        yield Section("By type", (_types(report, types), *_notes(few_told(types, "vehicles"))))
+    shown = _shown(report.vehicles)
+    vehicles = list(shown.iter_rows(named=True))
+    notes = [*few_told(vehicles, "flights"), *only_told(vehicles), *singles_told(report)]
+    if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
+        notes.append(
+            f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."
+        )
+    yield Section("By vehicle", (_vehicles(report, vehicles), *_notes(notes), Figure(FOREST)))
+    nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
+    yield Section("Changes", (Bullets(tuple(changes_told(report) or nothing)), Figure(LINES)))
+    if report.deviating.height:
+        yield Section("Flights that deviate", tuple(_deviating(report, links)))
+    yield from section("Vehicles that differ", Bullets, differences_told(report))
+    yield from section("Left out", Bullets, left_out_told(report))
+    yield from section("Taken out before changes were sought", Bullets, covariates_told(report))
+
+
+def _notes(notes: Iterator[str] | list[str]) -> tuple[Bullets, ...]:
+    told = tuple(notes)
+    return (Bullets(told),) if told else ()
+
+
+def shown_vehicles(vehicles: pl.DataFrame) -> pl.DataFrame:
+    """Vehicles by what is noticed of them: those that change or differ first."""
+    noticed = pl.col("course").is_in(["drifts", "steps"]) | pl.col("differs")
+    by_vehicle = vehicles.group_by("type", "vehicle", maintain_order=True).agg(noticed.any().alias("noticed"))
+    return by_vehicle.sort("noticed", descending=True, maintain_order=True)
+
+
+def _shown(vehicles: pl.DataFrame) -> pl.DataFrame:
+    chosen = shown_vehicles(vehicles).head(MOST_VEHICLES).with_row_index("place")
+    numbered = vehicles.with_row_index("order")
+    return chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
+
+
+def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:
+    """A flight's name, which leads to its report; one without says so where others have one."""
+    link = links.get(sha256, "")
+    return Cell(name, "no report of its own" if links and not link else "", link=link)
+
+
+def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[TableOf | Bullets]:
+    """Flights that deviate, the clearest first."""
+    rows = list(report.deviating.head(MOST).iter_rows(named=True))
+    cells = []
+    for row in rows:
+        wording = report.motion.wording[row["quantity"]]
+        unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+        cells.append(
+            (
+                linked(row["name"], row["sha256"], links or {}),
+                Cell(row["vehicle"]),
+                Cell(f"{wording.words} {wording.symbol}{unit}"),
+                Cell(*interval_told(row, wording, ("value", "low", "high"))),
+                Cell(f"{row['expected'] * wording.scale:.4g}"),
+            )
+        )
+    columns = (
+        TableColumn("flight", strong=True),
+        TableColumn("vehicle"),
+        TableColumn("quantity"),
+        TableColumn("value", right=True, whole=True, below=Tone.FAINT),
+        TableColumn("the others", right=True, whole=True),
+    )
+    yield TableOf(columns, tuple(cells))
+    if report.deviating.height > MOST:
+        yield Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
+
+
+def _columns(first: str, members: str, following: str) -> tuple[TableColumn, ...]:
+    return (
+        TableColumn(first, strong=True),
+        TableColumn("quantity"),
+        TableColumn("mean", right=True, whole=True, below=Tone.FAINT),
+        TableColumn("between", right=True, whole=True, below=Tone.FAINT),
+        TableColumn(following, right=True, whole=True),
+        TableColumn(members, right=True, below=Tone.FAINT),
+    )
+
+
+def _cells(report: FleetReport, row: Row, first: str) -> tuple[Cell, ...]:
+    across = next(one for one in report.quantities if one.name == row["quantity"])
+    wording = report.motion.wording[across.name]
+    value, interval = mean_told(row, wording)
+    unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+    left_out = f"{row['left_out']} left out" if row.get("left_out") else ""
+    return (
+        Cell(first),
+        Cell(f"{wording.words} {wording.symbol}{unit}"),
+        Cell(value, interval),
+        Cell(*between_told(row, across, wording)),
+        Cell(next_told(row, wording)),
+        Cell(f"{row['pooled']}", left_out),
+    )
+
+
+def _types(report: FleetReport, rows: Sequence[Row]) -> TableOf:
+    ordered = sorted(rows, key=lambda row: row["type"])
+    seen: set[str] = set()
+    cells = []
+    for row in ordered:
+        cells.append(_cells(report, row, "" if row["type"] in seen else row["type"]))
+        seen.add(row["type"])
+    return TableOf(_columns("type", "vehicles", "next vehicle"), tuple(cells))
+
+
+def _vehicles(report: FleetReport, rows: Sequence[Row]) -> TableOf:
+    columns = (*_columns("vehicle", "flights", "next flight"), TableColumn("course", whole=True))
+    seen: set[tuple[str, str]] = set()
+    cells = []
+    for row in rows:
+        key = (row["type"], row["vehicle"])
+        cells.append((*_cells(report, row, "" if key in seen else row["vehicle"]), Cell(row["course"])))
+        seen.add(key)
+    return TableOf(columns, tuple(cells))
+
+
+# -- JSON fleet --
+
+SCHEMA = "eivor.fleet_report/1"
+
+
+def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
+    """Document of the reports of a fleet, one for each motion; numbers are in SI units.
+
+    Parameters
+    ----------
+    reports : sequence of FleetReport
+        In their order.
+    """
+    return {
+        "schema": SCHEMA,
+        "motions": [_motion_json(report) for report in reports],
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def _motion_json(report: FleetReport) -> dict[str, Json]:
+    return {
+        "motion": report.motion.name,
+        **report.logs,
+        "quantities": [
+            {
+                "name": one.name,
+                "unit": report.motion.wording[one.name].unit,
+                "logarithm": one.logarithm,
+                "covariates": [each.name for each in one.covariates],
+            }
+            for one in report.quantities
+        ],
+        "types": _rows(report.types),
+        "vehicles": _rows(report.vehicles),
+        "deviating": _rows(report.deviating),
+        "left_out": _rows(report.left_out),
+        "covariates": _rows(report.covariates),
+    }
+
+
+def _rows(table: pl.DataFrame) -> list[Json]:
+    return [{name: _value(one) for name, one in row.items()} for row in table.iter_rows(named=True)]
+
+
+def _value(one: Any) -> Json:
+    if isinstance(one, datetime):
+        return one.isoformat()
+    return None if isinstance(one, float) and not math.isfinite(one) else one
+
+
+# -- Fleet page --
+
+#: Vehicles of a forest, and vehicles whose quantities are drawn over time, at most.
+MOST_ROWS, MOST_LINES = 40, 8
+NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --reports makes them."
+
+
+def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
+    """Text of a page that tells a fleet: HTML without anything to fetch.
+
+    Parameters
+    ----------
+    reports : sequence of FleetReport
+        One for each motion.
+    title : str
+        The fleet's name.
+    links : mapping of str to str
+        Addresses of flights' own reports, by the hash of their logs.
+    """
+    figures = Figures(0)
+    documents = [fleet_document(report, title, links) for report in reports]
+    told = [
+        _motion_section(report, document, figures, f"m{number}-", links)
+        for number, (report, document) in enumerate(zip(reports, documents, strict=True))
+    ]
+    theme = element("button", {"type": "button", "id": "theme"}, "Dark")
+    about = element("p", {"class": "about"}, "Eivor · Fleet")
+    save = element("button", {"type": "button", "id": "save"}, "Save the numbers as JSON")
+    body = joined(
+        [
+            element("header", None, element("div", None, about, element("h1", None, title)), theme),
+            element("main", {"id": "main"}, *told, element("p", None, save)),
+        ]
+    )
+    return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
+
+
+def _motion_section(
+    report: FleetReport, document: Document, figures: Figures, name: str, links: Mapping[str, str]
+) -> Markup:
+    drawn = {}
+    if report.vehicles.height:
+        drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
+        drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
+    sections = [section_html(one, f"{name}{_word(one)}", drawn) for one in document.sections]
+    about = [element("p", {"class": "said"}, document.about)]
+    if report.vehicles.height and not links:
+        about.append(element("p", {"class": "note"}, NO_REPORTS))
+    return joined([*about, *sections])
+
+
+def _word(section: Section) -> str:
+    return "-".join(section.heading.lower().split())
+
+
+def _forests(report: FleetReport) -> Iterator[Picture]:
+    """Vehicles side by side, and below them their type."""
+    chosen = shown_vehicles(report.vehicles).head(MOST_ROWS).select(VEHICLE)
+    several = report.vehicles["type"].n_unique() > 1
+    for across in report.quantities:
+        mine = pl.col("quantity") == across.name
+        rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
+        wording = report.motion.wording[across.name]
+        drawn = [
+            _forest_row(
+                row, report, across, f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
+            )
+            for row in rows.iter_rows(named=True)
+        ]
+        drawn += [
+            _forest_row(row, report, across, f"type {row['type']}", whole=True)
+            for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
+        ]
+        axis = f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
+        yield Picture(f"{wording.words[0].upper()}{wording.words[1:]}", "", Forest(axis, tuple(drawn)), None)
+
+
+def _forest_row(
+    row: Row, report: FleetReport, across: AcrossFlights, label: str, *, whole: bool = False
+) -> ForestRow:
+    wording = report.motion.wording[across.name]
+    ends = [row[name] for name in ("low", "high")]
+    ends = [row.get(name) for name in ONLY] if None in ends else ends
+    pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
+    numbers = " ".join(dict.fromkeys(mean_told(row, wording)))
+    return ForestRow(label, numbers, row["mean"] * wording.scale, pieces, None, whole)
+
+
+def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
+    """Flights of a few vehicles over their hours, those that change first."""
+    chosen = shown_vehicles(report.vehicles).head(MOST_LINES).select(VEHICLE)
+    rows = report.flights.with_columns(
+        is_share(across).name.suffix(f".{across.name}") for across in report.quantities
+    )
+    for kind, vehicle in chosen.iter_rows():
+        own = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
+        flights, means = rows.filter(own), report.vehicles.filter(own)
+        for across in report.quantities:
+            row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
+            used = flights.with_columns(pl.col(f"{SHARE}.{across.name}").alias(SHARE))
+            used = used.filter(why_left_out(across, used.columns).is_null())
+            if row is not None and used.height > 1:
+                yield _line(report, across, row, used, links)
+
+
+def _line(
+    report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
+) -> Picture:
+    wording = report.motion.wording[across.name]
+    hours = used["hours"].to_numpy()
+    numbers = used.select(pl.col(f"{across.name}.value"), *own_interval(across))
+    value, low, high = (wording.scale * one.to_numpy() for one in numbers)
+    flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
+    gap = np.full(hours.size, np.nan)
+    bars = np.stack([low, high, gap], axis=1).ravel()
+    marks: list[Mark] = [
+        Curve("", "measured", np.repeat(hours, 3), bars),
+        Dots("flights, 95 %", "measured", hours, value),
+        *_course(row, across, hours, wording.scale),
+    ]
+    unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+    table = number_table(
+        ("flight hours", f"{wording.symbol}{unit}", "low", "high", "flight"),
+        zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
+    )
+    y = margined(f"{wording.symbol}{unit}", np.concatenate([low, high]))
+    return Picture(
+        f"{row['vehicle']}: {wording.words}",
+        "",
+        Plot(margined("flight hours", hours), y, tuple(marks)),
+        table,
+    )
+
+
+def _course(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) -> Iterator[Mark]:
+    """Mean, drift or step of a vehicle."""
+    mean = row["mean"] * scale
+    if row["course"] == STEPS and row["step_hours"] is not None:
+        yield Rule("step", "second", row["step_hours"], True)
+    elif row["course"] == DRIFTS and row["hours"]:
+        share = (hours - hours.mean()) / row["hours"]
+        change = np.log1p(row["change"]) * share if across.logarithm else row["change"] * scale * share
+        line = mean * np.exp(change) if across.logarithm else mean + change
+        yield Curve("drift", "predicted", hours, line)
+        return
+    yield Rule("mean", "predicted", mean, False)
+
+
+# -- Flight links --
+
+
+def flight_links(folder: Path, page: Path) -> Mapping[str, str]:
+    """Address of the report of each log that has one, by the log's hash, relative to a page.
+
+    An address has the fleet's folder and the hash in it, and nothing that a log says.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the fleet.
+    page : Path
+        Where the page will be.
+    """
+    beside = page.resolve().parent
+    return {
+        sha256: quote(Path(os.path.relpath(report_place(folder.resolve(), sha256), beside)).as_posix())
+        for sha256 in reports_there(folder)
+    }

@@ -1,0 +1,748 @@
+"""Table of flights in a fleet's folder: one row for each log and motion."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import math
+import os
+import re
+import uuid
+import zlib
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from enum import IntEnum
+from fnmatch import fnmatchcase
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import polars as pl
+
+from eivor.atomic_file import remove_abandoned, write_whole
+from eivor.errors import EivorError, InputError, UsageError
+from eivor.fleet.logs import ALL, PAGE_LOGS, Log, LogList, PathPattern
+from eivor.flights.motion import Motion
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.lab.study_run import is_sealed, sealed, system_errors_told
+from eivor.logs.channel_map import load_channel_map, shipped_maps
+from eivor.logs.read import format_at, read_log
+from eivor.motions import DEFAULT, motion_by_name
+from eivor.motions.identify import identify_flight
+from eivor.process_pool import Limits
+from eivor.signals.recording import Recording
+
+# -- Fleet options --
+
+#: Digits of the hash that rows are marked with.
+HASH_DIGITS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOptions:
+    """What is asked of every log."""
+
+    motion: str = DEFAULT  # name of the motion
+    vehicle_file: str = ""  # vehicle of the motions that ask for one: a name, or a file
+    flight: FlightOptions = field(default_factory=FlightOptions)  # of every identification
+    # patterns of logs' or files' names, and channel maps (names or files); the first that fits is taken
+    maps: tuple[tuple[str, str], ...] = ()
+    # pattern of paths with ``{vehicle}``, see `PathPattern`, or a column of the list or of the logs;
+    # empty for the board's id
+    vehicle_from: str = ""
+    limits: Limits = field(default_factory=Limits)  # of one log
+
+    def __post_init__(self) -> None:
+        self.chosen_motion()
+        for _, chosen in self.maps:
+            load_channel_map(chosen)
+        self.pattern()
+
+    def chosen_motion(self) -> Motion[Any]:
+        """The motion, of its vehicle; its channels are known from then on."""
+        motion = motion_by_name(self.motion)
+        return motion.of_vehicle(self.vehicle_file) if self.vehicle_file else motion
+
+    def pattern(self) -> PathPattern | None:
+        """Pattern of paths; None when there is none."""
+        return PathPattern(self.vehicle_from) if "{" in self.vehicle_from else None
+
+    def map_of(self, name: str) -> str:
+        """Channel map of a log; empty for none."""
+        names = (name, name.rpartition("/")[2])
+        return next((one for pattern, one in self.maps if any(fnmatchcase(n, pattern) for n in names)), "")
+
+    def document(self) -> dict[str, Any]:
+        """Everything that rows depend on, as JSON: files by their content's hash."""
+        return {
+            "motion": self.motion,
+            "vehicle": _content(self.vehicle_file),
+            "flight": _plain(asdict(self.flight)),
+            "maps": [[pattern, _content(one)] for pattern, one in self.maps],
+            "vehicle_from": self.vehicle_from,
+            "limits": asdict(self.limits),
+        }
+
+    def hash(self) -> str:
+        """What rows of the same options are marked with."""
+        text = json.dumps(self.document(), sort_keys=True, separators=(",", ":"))
+        return hashlib.sha256(text.encode()).hexdigest()[:HASH_DIGITS]
+
+    def marks(self) -> dict[str, str]:
+        """Columns that all rows have alike."""
+        return {"motion": self.motion, "eivor_version": version("eivor"), "options_hash": self.hash()}
+
+
+def given_maps(texts: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+    """Patterns and maps as typed: ``PATTERN=MAP``; a map alone is that of all logs."""
+    found = []
+    for text in texts:
+        pattern, equals, chosen = text.rpartition("=")
+        if not chosen or (equals and not pattern):
+            raise UsageError(
+                f"PATTERN=MAP, with a file or one of {', '.join(shipped_maps())}",
+                f"'{text}'",
+                "Write --map 'lab/*.csv=lab.toml', for example.",
+            )
+        found.append((pattern or "*", chosen))
+    return tuple(found)
+
+
+def _content(text: str) -> str:
+    """A name as it is, a file as its hash: another content is another choice."""
+    path = Path(text)
+    return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" if text and path.is_file() else text
+
+
+def _plain(value: Any) -> Any:
+    """Value as JSON can have it."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    return value if value is None or isinstance(value, str | int | float | bool) else repr(value)
+
+
+# -- Table --
+
+#: Folder of the parts, and how they are called.
+FLIGHTS, PART = "flights", "part-*.parquet"
+#: Verdicts of rows without a result, beside those of `eivor.inference.verdict.Status`.
+FAILED, COPY = "failed", "copy"
+#: Columns of a quantity, after its name and a dot.
+NUMBERS, VERDICT = ("value", "std_error", "low", "high"), "verdict"
+#: Before the name of a diagnostic.
+DIAGNOSTIC = "diagnostic."
+
+#: Columns before those of the quantities, and after them.
+LEADING: Mapping[str, Any] = {
+    **dict.fromkeys(("sha256", "name", "copy_of", "vehicle", "type", "motion", "firmware"), pl.String()),
+    "start": pl.Datetime("us", "UTC"),
+    "duration_s": pl.Float64(),
+    "verdict": pl.String(),
+    "reason": pl.String(),
+}
+TRAILING: Mapping[str, Any] = {
+    "covariance": pl.List(pl.Float64()),
+    "covariance_names": pl.List(pl.String()),
+    **dict.fromkeys(("battery_voltage", "temperature", "air_density"), pl.Float64()),
+    "eivor_version": pl.String(),
+    "options_hash": pl.String(),
+}
+#: By which rows are sorted: a log has one row for each motion.
+ORDER = ("motion", "name", "sha256")
+
+Row = Mapping[str, Any]
+
+
+def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
+    """Rows as a table: every column that all fleets have, and those that these rows bring.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        Values by column; what a row does not name, and numbers that are not finite, are null.
+    """
+    own = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
+    schema = {name: LEADING.get(name) or TRAILING.get(name) or _type(name) for name in _in_order(own)}
+    known = [{name: _known(row.get(name)) for name in schema} for row in rows]
+    # a hundred columns of few rows: at once, which is three times as quick as one after the other
+    return pl.from_dicts(known, schema=schema).sort(ORDER, nulls_last=True)
+
+
+def _in_order(own: set[str]) -> list[str]:
+    """Every column that all fleets have, quantities by their names between them, diagnostics at the end."""
+    parts = {part: place for place, part in enumerate((*NUMBERS, VERDICT))}
+
+    def place(name: str) -> tuple[str, int]:
+        quantity, _, part = name.rpartition(".")
+        return quantity, parts.get(part, len(parts))
+
+    diagnostics = sorted(name for name in own if name.startswith(DIAGNOSTIC))
+    return [*LEADING, *sorted(own.difference(diagnostics), key=place), *TRAILING, *diagnostics]
+
+
+def _type(name: str) -> Any:
+    return pl.String() if name.endswith(f".{VERDICT}") else pl.Float64()
+
+
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def part_files(folder: Path) -> list[Path]:
+    """Parts of a fleet, in the order of their names."""
+    return sorted((folder / FLIGHTS).glob(PART))
+
+
+def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
+    """Table of all rows of a fleet, sorted by `ORDER`.
+
+    Parameters
+    ----------
+    folder : Path
+        That `eivor fleet run` made.
+    columns : sequence of str, optional
+        Those that are read, default all; null where no part has one.
+
+    Raises
+    ------
+    InputError
+        When there is no such table, or it cannot be read.
+    """
+    parts = _parts(folder, None if columns is None else {*columns, *ORDER})
+    table = pl.concat(parts, how="diagonal", rechunk=True)
+    if columns is not None:
+        absent = [name for name in columns if name not in table.columns]
+        table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
+    if columns is None:
+        columns = _in_order({name for name in table.columns if name not in LEADING and name not in TRAILING})
+    return table.sort(ORDER, nulls_last=True).select(columns)
+
+
+def motions_there(folder: Path) -> list[str]:
+    """Motions of which a fleet has rows, sorted by name; raises as `read_flights` does."""
+    found = (part["motion"].drop_nulls().unique().to_list() for part in _parts(folder, {"motion"}))
+    return sorted({name for names in found for name in names})
+
+
+def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
+    files = part_files(folder)
+    if not files:
+        raise InputError(
+            "the folder of a fleet, with its table of flights",
+            f"'{folder}', which has no {FLIGHTS}/{PART}",
+            "Make one: eivor fleet run LOGS -o FOLDER.",
+        )
+    try:
+        return [_part(file, columns) for file in files]
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError(
+            f"a table of flights in '{folder}' that can be read",
+            f"{type(error).__name__}: {error}",
+            "Run `eivor fleet run` on it again, which sets damaged parts aside and makes them anew.",
+        ) from error
+
+
+def _part(file: Path, columns: Set[str] | None) -> pl.DataFrame:
+    """Those of some columns that a part has; no key of another folder is read as a column."""
+    content = pl.scan_parquet(file, hive_partitioning=False)
+    if columns is None:
+        return content.collect()
+    there = content.collect_schema().names()
+    return content.select([name for name in there if name in columns]).collect()
+
+
+def quantity_names(table: pl.DataFrame) -> list[str]:
+    """Quantities that a table of flights has columns of, in their order."""
+    ending = f".{VERDICT}"
+    return [name.removesuffix(ending) for name in table.columns if name.endswith(ending)]
+
+
+# -- Ledger --
+
+#: Parts of the table that logs which cannot be opened are spread over, by their names.
+SHARES = 64
+
+_TABLES = (
+    "CREATE TABLE rows (sha256 BLOB, name TEXT, verdict TEXT)",
+    "CREATE TABLE firsts (sha256 BLOB PRIMARY KEY, name TEXT, is_there INTEGER) WITHOUT ROWID",
+    "CREATE TABLE reports (sha256 BLOB PRIMARY KEY) WITHOUT ROWID",
+    "CREATE INDEX unopened ON logs (share, name) WHERE share IS NOT NULL",
+)
+_BEGIN_ANEW = (
+    "DROP TABLE IF EXISTS rows",
+    "DROP TABLE IF EXISTS firsts",
+    "DROP TABLE IF EXISTS reports",
+    "DROP INDEX IF EXISTS unopened",
+    "UPDATE logs SET sha256 = NULL, problem = '', task = 0, share = NULL",
+)
+#: The log whose row has the numbers of a hash: that which is there, else the first of the given ones by name.
+_FIRSTS_THERE = """INSERT OR REPLACE INTO firsts SELECT sha256, name, 1 FROM rows
+    WHERE verdict <> ? AND sha256 IS NOT NULL ORDER BY sha256, rowid"""
+_FIRSTS_GIVEN = """INSERT OR IGNORE INTO firsts SELECT sha256, min(name), 0 FROM logs
+    WHERE sha256 IS NOT NULL GROUP BY sha256"""
+_SETTLE = """UPDATE logs SET task = CASE
+    WHEN (SELECT is_there = 0 AND firsts.name = logs.name FROM firsts
+        WHERE firsts.sha256 = logs.sha256) THEN ?
+    WHEN (SELECT firsts.name <> logs.name FROM firsts WHERE firsts.sha256 = logs.sha256)
+        AND NOT EXISTS (SELECT 1 FROM rows WHERE rows.sha256 = logs.sha256 AND rows.name = logs.name) THEN ?
+    ELSE 0 END"""
+_SETTLE_REPORTS = """UPDATE logs SET task = CASE
+    WHEN sha256 NOT IN reports AND EXISTS (SELECT 1 FROM rows
+        WHERE rows.sha256 = logs.sha256 AND rows.name = logs.name AND rows.verdict NOT IN (?, ?)) THEN ?
+    ELSE 0 END"""
+_OF_TASK = "SELECT * FROM logs WHERE task = ? AND name > ? ORDER BY name LIMIT ?"
+_OF_SHARE = "SELECT * FROM logs WHERE share = ? AND name > ? ORDER BY name LIMIT ?"
+
+
+class Task(IntEnum):
+    """What is to be done with a log."""
+
+    NOTHING = 0
+    IDENTIFY = 1
+    TELL_COPY = 2
+    REPORT = 3
+
+
+class Ledger:
+    """The state of a run over a list of logs."""
+
+    def __init__(self, logs: LogList) -> None:
+        self._logs, self._database = logs, logs.database
+        for statement in (*_BEGIN_ANEW, *_TABLES):
+            self._database.execute(statement)
+
+    def logs(self) -> Iterator[tuple[Log, ...]]:
+        """All logs, `PAGE_LOGS` at a time, in the order of their names."""
+        return self._logs.pages(ALL)
+
+    def note(self, logs: Sequence[Log]) -> None:
+        """Keep the hashes of logs, or why they cannot be opened."""
+        self._database.executemany(
+            "UPDATE logs SET sha256 = ?, problem = ?, share = ? WHERE name = ?",
+            [
+                (_bytes(log.sha256), log.problem, None if log.sha256 else share_of(log.name), log.name)
+                for log in logs
+            ],
+        )
+
+    def take_rows(self, parts: Iterable[pl.DataFrame]) -> None:
+        """Keep which rows are there, in place of what was known of them."""
+        self._database.execute("DROP INDEX IF EXISTS row_keys")
+        self._database.execute("DELETE FROM rows")
+        for part in parts:
+            rows = part.select("sha256", "name", "verdict").iter_rows()
+            self._database.executemany(
+                "INSERT INTO rows VALUES (?, ?, ?)", ((_bytes(sha256), *more) for sha256, *more in rows)
+            )
+        self._database.execute("CREATE INDEX row_keys ON rows (sha256, name)")
+
+    def settle(self) -> None:
+        """Say of each log that was opened whether to identify it, or to tell that it is a copy."""
+        self._database.execute(_FIRSTS_THERE, (COPY,))
+        self._database.execute(_FIRSTS_GIVEN)
+        self._database.execute(_SETTLE, (Task.IDENTIFY, Task.TELL_COPY))
+
+    def settle_reports(self, there: Iterable[str]) -> None:
+        """Say of each log whether it has a result and wants its report."""
+        self._database.executemany(
+            "INSERT OR IGNORE INTO reports VALUES (?)", ((_bytes(one),) for one in there)
+        )
+        self._database.execute(_SETTLE_REPORTS, (COPY, FAILED, Task.REPORT))
+
+    def of_task(self, task: Task, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
+        """Logs with which something is to be done, so many at a time, in the order of their names."""
+        return self._logs.pages(_OF_TASK, task, size=size)
+
+    def count(self, task: Task) -> int:
+        """How many logs these are."""
+        return self._database.number("SELECT count(*) FROM logs WHERE task = ?", task)
+
+    def opened(self) -> int:
+        """How many logs could be opened."""
+        return self._database.number("SELECT count(*) FROM logs WHERE sha256 IS NOT NULL")
+
+    def first(self, log: Log) -> str:
+        """Name of the log whose row has the numbers of a log that was opened."""
+        query = "SELECT name FROM firsts WHERE sha256 = ?"
+        (name,) = self._database.execute(query, (_bytes(log.sha256),)).fetchone()
+        return str(name)
+
+    def unopened(self, share: int) -> Iterator[Log]:
+        """Logs of a share, see `share_of`, that cannot be opened."""
+        for page in self._logs.pages(_OF_SHARE, share):
+            yield from page
+
+    def has(self, name: str) -> bool:
+        """Whether a log of this name is in the list."""
+        return self._database.number("SELECT count(*) FROM logs WHERE name = ?", name) > 0
+
+    def rows(self) -> int:
+        """How many rows are there."""
+        return self._database.number("SELECT count(*) FROM rows")
+
+    def verdicts(self) -> Mapping[str, int]:
+        """How many of the rows that are there, of these logs, have which verdict."""
+        query = "SELECT verdict, count(*) FROM rows JOIN logs USING (sha256, name) GROUP BY verdict"
+        return dict(self._database.execute(query).fetchall())
+
+
+def share_of(name: str) -> int:
+    """Which part of the table has the row of a log that cannot be opened: the same in every run."""
+    return zlib.crc32(name.encode("utf-8")) % SHARES
+
+
+def _bytes(sha256: str | None) -> bytes | None:
+    return bytes.fromhex(sha256) if sha256 else None
+
+
+# -- Fleet folder --
+
+SCHEMA = "eivor.fleet/1"
+IDENTITY, RUN = "fleet.json", ".run"
+#: Packages whose versions bear on the rows.
+PACKAGES = ("eivor", "numpy", "scipy", "polars")
+#: Before the name of a part that was damaged.
+DAMAGED = "damaged-"
+#: Digits of a part's name.
+NAME_DIGITS = 24
+#: Parts of the logs that could not be opened, each of a share of them; written anew by every run.
+UNOPENED = "part-unopened-{motion}-{share:02d}.parquet"
+#: Columns that say what is there.
+KEY_COLUMNS = ("name", "sha256", "verdict")
+
+#: The system's error for a file of a fleet's folder, as one of Eivor's.
+fleet_errors_told = partial(system_errors_told, of="fleet", kept="Rows that were written")
+
+
+class SupersededError(Exception):
+    """Another run has begun on the folder; what this one makes is not wanted any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class FleetFolder:
+    """Where a run writes its rows."""
+
+    folder: Path  # absolute, the same for all workers
+    run: str = ""  # mark of the run, see `begin`
+
+    def begin(self) -> FleetFolder:
+        """The folder for a new run, which ends the writing of all before it."""
+        run = uuid.uuid4().hex
+        with fleet_errors_told(self.folder):
+            (self.folder / FLIGHTS).mkdir(parents=True, exist_ok=True)
+            for place in (self.folder, self.folder / FLIGHTS):
+                remove_abandoned(place)
+            write_whole(self.folder / RUN, run)
+        return FleetFolder(self.folder, run)
+
+    def state(self, options: FleetOptions) -> None:
+        """Write down whose rows these are; those of other motions stay."""
+        versions = {package: version(package) for package in PACKAGES}
+        before = self._document()
+        if before is not None and before["versions"] != versions and part_files(self.folder):
+            raise InputError(
+                f"the versions that made the rows of '{self.folder}': {_versions_text(before['versions'])}",
+                _versions_text(versions),
+                "Rows of different versions need not agree, so they are never put together. Begin anew in "
+                "another folder with -o, or install those versions.",
+            )
+        held = {} if before is None else before["options"]
+        document = {
+            "schema": SCHEMA,
+            "versions": versions,
+            "options": {**held, options.motion: {"hash": options.hash(), **options.document()}},
+        }
+        if document != before:
+            with fleet_errors_told(self.folder):
+                write_whole(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
+
+    def check(self, options: FleetOptions) -> None:
+        """Refuse a folder that is not for these options."""
+        folder = self.folder
+        if folder.exists() and not folder.is_dir():
+            raise UsageError("a folder for the fleet", f"the file '{folder}'", "Choose another with -o.")
+        before = self._document()
+        if before is None:
+            if part_files(folder):
+                raise UsageError(
+                    "a new folder, or the folder of a fleet",
+                    f"'{folder}', which has parts of flights and no {IDENTITY}",
+                    "Choose another with -o.",
+                )
+            return
+        held = before["options"].get(options.motion)
+        if held is not None and held.get("hash") != options.hash():
+            changed = [key for key, value in options.document().items() if held.get(key) != value]
+            raise UsageError(
+                f"a new folder, or the options that '{folder}' was begun with for the motion "
+                f"'{options.motion}'",
+                f"others ({', '.join(changed)})",
+                "Rows of different options are never put together: choose another folder with -o, or give "
+                f"those of {IDENTITY}.",
+            )
+
+    def _document(self) -> dict[str, Any] | None:
+        """What the folder says of itself; None of a new one."""
+        path = self.folder / IDENTITY
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, RecursionError):
+            document = None
+        kinds = {"options": dict, "versions": dict}
+        if (
+            not isinstance(document, dict)
+            or document.get("schema") != SCHEMA
+            or not all(isinstance(document.get(key), kind) for key, kind in kinds.items())
+        ):
+            found = document.get("schema") if isinstance(document, dict) else None
+            raise InputError(
+                f"a folder of the format {SCHEMA}",
+                f"'{path}' of {found!r}" if found else f"'{path}', which is another file",
+                "Another version of Eivor made it: use that, or choose another folder with -o.",
+            )
+        return document
+
+    def check_run(self) -> None:
+        """Refuse to go on with a run that another one has followed."""
+        try:
+            now = (self.folder / RUN).read_text(encoding="utf-8")
+        except OSError:
+            now = ""
+        if now != self.run:
+            raise SupersededError
+
+    def write(self, rows: Sequence[Row], options_hash: str, name: str = "") -> str:
+        """Keep rows as a part, and give its name."""
+        content = sealed(flight_frame(rows), _facts(options_hash))
+        name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
+        self.check_run()
+        with fleet_errors_told(self.folder):
+            write_whole(self.folder / FLIGHTS / name, content)
+        return name
+
+    def there(self, motion: str) -> Iterator[pl.DataFrame]:
+        """`KEY_COLUMNS` of the rows of a motion that exist, part by part; a damaged part is set aside."""
+        unopened = {self._unopened(motion, share).name for share in range(SHARES)}
+        with fleet_errors_told(self.folder):
+            for path in part_files(self.folder):
+                content = path.read_bytes()
+                if not is_sealed(content, {}):
+                    path.rename(path.with_name(f"{DAMAGED}{path.name}"))
+                elif path.name not in unopened:
+                    part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
+                    yield part.filter(pl.col("motion") == motion).select(KEY_COLUMNS)
+
+    def replace_unopened(
+        self, share: int, rows: Sequence[Row], is_given: Callable[[str], bool], options: FleetOptions
+    ) -> None:
+        """Write the rows of logs that could not be opened, in place of earlier ones."""
+        path = self._unopened(options.motion, share)
+        with fleet_errors_told(self.folder):
+            before = pl.read_parquet(path).rows(named=True) if path.exists() else []
+        now = [*rows, *(row for row in before if not is_given(row["name"]))]
+        if now:
+            self.write(now, options.hash(), path.name)
+        else:
+            with fleet_errors_told(self.folder):
+                path.unlink(missing_ok=True)
+
+    def _unopened(self, motion: str, share: int) -> Path:
+        return self.folder / FLIGHTS / UNOPENED.format(motion=motion, share=share)
+
+
+def _facts(options_hash: str) -> dict[str, str]:
+    return {"eivor.fleet": SCHEMA, "eivor.options": options_hash}
+
+
+def _versions_text(versions: Mapping[str, Any]) -> str:
+    return ", ".join(f"{package} {number}" for package, number in versions.items())
+
+
+# -- Report files --
+
+#: Folder of the reports in that of the fleet.
+REPORTS = "reports"
+#: Key of a row, until it is written, that holds the page of its flight.
+PAGE = "page"
+_NAME = re.compile(r"([0-9a-f]{64})\.html")
+
+#: What makes the page of a result.
+PageOf: TypeAlias = Callable[[FlightEstimate], str]
+
+
+def report_place(folder: Path, sha256: str) -> Path:
+    """Where the report of a log is, by its hash and by nothing else that the log says."""
+    return folder / REPORTS / f"{sha256}.html"
+
+
+def write_report(folder: Path, sha256: str, page: str) -> None:
+    """Write the report of a log."""
+    place = report_place(folder, sha256)
+    with fleet_errors_told(folder):
+        place.parent.mkdir(exist_ok=True)
+        write_whole(place, page)
+
+
+def reports_there(folder: Path) -> Generator[str, None, None]:
+    """Hashes of the logs that have a report, in any order; none are kept."""
+    with fleet_errors_told(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
+        for entry in entries:
+            found = _NAME.fullmatch(entry.name)
+            if found is not None:
+                yield found[1]
+
+
+# -- Flight row --
+
+#: Channels whose mean over the log is a column of their own.
+SURROUNDINGS = {
+    "battery_voltage": "battery_voltage",
+    "temperature": "air_temperature",
+    "air_density": "air_density",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FlightRow:
+    """The function from a log to its row.
+
+    Parameters
+    ----------
+    options : FleetOptions
+        What is asked of every log.
+    page_of : callable, optional
+        What makes the page of a result, which the row then holds as `PAGE` until it is written.
+    """
+
+    options: FleetOptions
+    page_of: PageOf | None = None
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """Row of a log that could be opened; also of one without a result."""
+        motion = self.options.chosen_motion()
+        about = NamedRow(self.options)(log)
+        try:
+            recording = read_log(log.path, channel_map=self._map(log))
+            if recording.sha256 != log.sha256:
+                return failed_row(about, "The file changed while the fleet was run: run it again.")
+            about = {**about, **_of_recording(recording), **self._whose(log, recording)}
+            result = identify_flight(recording, self.options.flight, model=motion)
+        except EivorError as error:
+            return failed_row(about, str(error))
+        page = {} if self.page_of is None else {PAGE: self.page_of(result)}
+        return {**about, **_of_result(result), **page}
+
+    def _map(self, log: Log) -> str | None:
+        """Channel map of a log, when it is of a format that takes one."""
+        chosen = self.options.map_of(log.name)
+        if not chosen:
+            return None
+        return chosen if format_at(Path(log.path)).takes_map else None
+
+    def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
+        """Vehicle and type: as the user says where it is said, else as the log does."""
+        origin, told = recording.origin, _whose_by_name(self.options, log)
+        found = {"vehicle": origin.board, "type": origin.airframe, **told}
+        if self.options.vehicle_from and self.options.pattern() is None and not told:
+            found["vehicle"] = _in_table(Path(log.path), self.options.vehicle_from) or origin.board
+        return {key: text for key, text in found.items() if text}
+
+
+class NamedRow:
+    """What every row of a log has, also of one that is not read: what its name and the list tell of it.
+
+    Parameters
+    ----------
+    options : FleetOptions
+        What is asked of every log.
+    """
+
+    def __init__(self, options: FleetOptions) -> None:
+        self._options, self._marks = options, options.marks()
+
+    def __call__(self, log: Log) -> dict[str, Any]:
+        """Beginning of the row of a log."""
+        about = {"sha256": log.sha256 or None, "name": log.name}
+        return {**about, **self._marks, **_whose_by_name(self._options, log)}
+
+
+def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
+    """Vehicle and type as the log's path or the list says, where the user says that it does."""
+    pattern = options.pattern()
+    if pattern is not None:
+        return pattern.told(log.name)
+    told = log.told.get(options.vehicle_from, "")
+    return {"vehicle": told} if told else {}
+
+
+def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
+    """Row of a log without a result."""
+    return {**about, "verdict": FAILED, "reason": reason}
+
+
+def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
+    """Row of a copy: it names the first, and has no numbers of its own."""
+    told = {
+        "copy_of": about["sha256"],
+        "verdict": COPY,
+        "reason": f"A copy of {first}, whose row has the numbers.",
+    }
+    return {**about, **told}
+
+
+def _of_recording(recording: Recording) -> dict[str, Any]:
+    start, end = recording.span_s
+    origin = recording.origin
+    found: dict[str, Any] = {
+        "firmware": origin.firmware or None,
+        "start": origin.start,
+        "duration_s": end - start,
+    }
+    for column, name in SURROUNDINGS.items():
+        channel = recording.channels.get(name)
+        if channel is not None and np.isfinite(channel.values).any():
+            found[column] = float(np.nanmean(channel.values))
+    return found
+
+
+def _of_result(result: FlightEstimate) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "verdict": result.verdict.status.value,
+        "reason": " ".join(result.verdict.sentences) or None,
+    }
+    for name, one in result.quantities.items():
+        numbers = (one.value, one.std_error, *one.interval)
+        row |= {f"{name}.{part}": float(number) for part, number in zip(NUMBERS, numbers, strict=True)}
+        row[f"{name}.{VERDICT}"] = one.verdict.value
+    if result.fit is not None:
+        row["covariance"] = result.covariance.ravel().tolist()
+        row["covariance_names"] = list(result.names)
+    row |= {f"{DIAGNOSTIC}{name}": float(value) for name, value in result.diagnostics.items()}
+    return row
+
+
+def _in_table(path: Path, column: str) -> str:
+    """First text of a column of a log that is a table; empty when it has no such column."""
+    import polars as pl
+
+    scans: dict[str, Callable[[Path], pl.LazyFrame]] = {
+        "csv": lambda place: pl.scan_csv(place, infer_schema=False),
+        "parquet": pl.scan_parquet,
+    }
+    try:
+        scan = scans.get(format_at(path).name)
+        if scan is None:
+            return ""
+        text = scan(path).select(pl.col(column).drop_nulls().first()).collect().item()
+    except (EivorError, OSError, pl.exceptions.PolarsError):
+        return ""
+    return "" if text is None else str(text)

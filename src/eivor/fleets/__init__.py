@@ -1,1 +1,0 @@
-"""Fleets: many logs, one row for each flight, and what the rows tell together."""

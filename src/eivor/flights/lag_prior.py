@@ -1,0 +1,455 @@
+"""Prior knowledge of the actuator lag: from rates, telemetry or the user."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import hypot, sqrt
+
+import numpy as np
+
+from eivor.errors import EstimationError, UsageError
+from eivor.estimation.derived import ratio
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.methods import identify, least_squares
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, Unjudged, Wording
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, told
+from eivor.inference.distributions import chi_square_tail
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.regression import Parameter
+from eivor.models.separable import Bounds, Nuisance, Prior, SeparableProblem, Values
+from eivor.signals.filters import actuator_state
+from eivor.signals.recording import Channel
+from eivor.tools import Float
+
+# -- Lag quantities --
+
+#: Sum of lag and delay, which a flight tells better than either.
+EFFECTIVE_LAG = "effective_lag"
+
+
+#: How the three are called and shown.
+LAG_WORDINGS = {
+    ACTUATOR_LAG.name: Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
+    DELAY.name: Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
+    EFFECTIVE_LAG: Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+}
+
+
+def joint_quantities(estimate: Estimate) -> dict[str, Unjudged]:
+    """Every parameter of the joint vector."""
+    return {
+        name: Unjudged(estimate.parameters[name], unit, estimate.std_error(name), estimate.interval(name))
+        for name, unit in zip(estimate.names, estimate.units, strict=True)
+    }
+
+
+def ratio_quantity(estimate: Estimate, numerator: str | float, denominator: str, unit: str) -> Unjudged:
+    """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`.
+
+    Its interval has no bound as soon as the denominator cannot be told from zero; the standard error is by
+    the delta method.
+    """
+    at, below = estimate.parameters, estimate.parameters[denominator]
+    above = at[numerator] if isinstance(numerator, str) else float(numerator)
+    interval = ratio(estimate, numerator, denominator).hull
+    if not below:
+        return Unjudged(NAN, unit, NAN, interval)
+    gradient = -above / below**2 * estimate.direction(denominator)
+    if isinstance(numerator, str):
+        gradient = gradient + estimate.direction(numerator) / below
+    return Unjudged(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
+
+
+def reciprocal(of: Unjudged, unit: str) -> Unjudged:
+    """One over a quantity; without bounds where its interval is not to one side of zero."""
+    low, high = of.interval
+    told = low > 0.0 or high < 0.0
+    interval = (1.0 / high, 1.0 / low) if told else NO_INTERVAL
+    if not of.value:
+        return Unjudged(NAN, unit, NAN, interval)
+    return Unjudged(1.0 / of.value, unit, of.std_error / of.value**2, interval)
+
+
+def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:
+    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
+
+    A sum that cannot be negative has no interval below zero; that of a measured state's delay may. One
+    that is known between bounds has these for its interval.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        With the nuisances actuator_lag and delay; the latter discrete, or continuous without a lag.
+    estimate : Estimate
+        Of it.
+    """
+    joint = joint_quantities(estimate)
+    lag = joint.get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    if DELAY.name in joint and ACTUATOR_LAG.name in joint:
+        return {
+            ACTUATOR_LAG.name: lag,
+            DELAY.name: joint[DELAY.name],
+            EFFECTIVE_LAG: replace(_sum_of_both(estimate), lowest=0.0),
+        }
+    if DELAY.name in joint:
+        return {ACTUATOR_LAG.name: lag, DELAY.name: joint[DELAY.name], EFFECTIVE_LAG: joint[DELAY.name]}
+    effective = lag
+    named = {nuisance.name: nuisance for nuisance in problem.nuisances}
+    bounds = named[ACTUATOR_LAG.name].bounds
+    if bounds is not None:
+        lags = [candidate.at[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
+        at = estimate.best.at
+        lag = Unjudged(at[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
+        whole = named[ACTUATOR_LAG.name].with_others(at)
+        effective = Unjudged(whole, "s", NAN, (bounds.low, bounds.high))
+    if ACTUATOR_LAG.name in estimate.names:
+        sum_of = _effective_lag(estimate)
+        value, direction = sum_of(estimate.best)
+        error = estimate.best.covariance.std_error(direction)
+        effective = Unjudged(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
+    delay = chosen(named[DELAY.name], estimate)
+    return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
+
+
+def _sum_of_both(estimate: Estimate) -> Unjudged:
+    """Lag and delay together, where both were searched for between their grids' values."""
+    direction = estimate.direction(ACTUATOR_LAG.name) + estimate.direction(DELAY.name)
+    interval = estimate.interval_of(lambda candidate: (float(direction @ candidate.values), direction))
+    error = estimate.best.covariance.std_error(direction)
+    return Unjudged(float(direction @ estimate.best.values), "s", error, interval)
+
+
+def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:
+    """A discrete nuisance: it has the values that fit in place of an interval."""
+    fitting = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.tenable()}))
+    tried = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.candidates}))
+    choice = Choice(fitting, tried)
+    unit = nuisance.parameter.unit
+    return Unjudged(estimate.best.at[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice)
+
+
+def _effective_lag(estimate: Estimate) -> Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]:
+    """Lag plus delay and its gradient, at a candidate."""
+    direction = estimate.direction(ACTUATOR_LAG.name)
+    return lambda candidate: (float(direction @ candidate.values) + candidate.at[DELAY.name], direction)
+
+
+# -- Measured lag --
+
+
+@dataclass(frozen=True)
+class ToldLag:
+    """The effective lag that telemetry, or another motion of the same flight, tells.
+
+    Parameters
+    ----------
+    source : str
+        "telemetry", or the name of the motion.
+    who : str
+        The same in words.
+    told : Unjudged
+        Lag and delay together, as they were estimated, systematic parts included [s].
+    apart_s : float
+        Standard deviation of what its sensors may be later or earlier by than those of the motion [s].
+    apart : str
+        The reason of that in words, after "with".
+    """
+
+    source: str
+    who: str
+    told: Unjudged
+    apart_s: float
+    apart: str
+
+    @property
+    def prior(self) -> Prior:
+        """The same as what is known of the lag: half a 95 % interval is two standard errors at most."""
+        own = max(0.5 * self.told.half_width, self.told.std_error)
+        return Prior(self.told.value, hypot(own, self.apart_s))
+
+    @property
+    def sentence(self) -> str:
+        """What it says, with its interval, and what is added to that."""
+        known = self.prior
+        low, high = (1e3 * max(end, 0.0) for end in self.told.interval)
+        return (
+            f"{1e3 * known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with {self.apart} "
+            f"± {1e3 * known.std:.2g} ms (one standard deviation)"
+        )
+
+
+# -- Lag from the user --
+
+#: Neither lag nor delay.
+NO_LAG = Bounds(0.0, 0.0)
+#: Lags that are tried between bounds, at most so far apart [s], and at most so many.
+TRIED_EVERY_S, MOST_TRIED = 0.005, 13
+#: Standard deviation of what may lie anywhere between two ends, as a share of half their distance.
+EVEN_STD = 3.0**-0.5
+
+
+@dataclass(frozen=True)
+class GivenLag:
+    """A lag that is known beside the flight, and the flight's own.
+
+    Parameters
+    ----------
+    known : Prior or Bounds
+        Of the effective lag, actuator lag plus delay [s].
+    alone : Unjudged
+        The effective lag that the flight tells without it [s].
+    slack_s : float
+        What the flight's command may be late or early by throughout, and its lag by as much [s].
+    by : ToldLag or None
+        What told it, when it was not a user.
+    """
+
+    known: Prior | Bounds
+    alone: Unjudged
+    slack_s: float = 0.0
+    by: ToldLag | None = None
+
+    @property
+    def for_the_log(self) -> Prior | Bounds:
+        """What is known of the lag that makes up for the command's lateness, too."""
+        known, slack = self.known, self.slack_s
+        if not slack or known == NO_LAG:
+            return known
+        if isinstance(known, Prior):
+            return replace(known, std=float(np.hypot(known.std, slack * EVEN_STD)))
+        return Bounds(max(known.low - slack, 0.0), known.high + slack)
+
+    @property
+    def p_value(self) -> float:
+        """Of the test that both are of one lag: how far they are apart, over the standard error of that.
+
+        A lag of the flight between the bounds that were given is not apart from them.
+        """
+        known, alone = self.known, self.alone
+        if isinstance(known, Prior):
+            apart, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
+        else:
+            apart = alone.value - min(max(alone.value, known.low), known.high)
+            variance = alone.std_error**2
+        variance += (self.slack_s * EVEN_STD) ** 2
+        return chi_square_tail(apart**2 / variance, 1) if apart else 1.0
+
+    @property
+    def contradicted(self) -> bool:
+        """Beyond doubt."""
+        return self.p_value <= BEYOND_DOUBT
+
+    @property
+    def agrees(self) -> bool:
+        """Without a doubt."""
+        return self.p_value >= SIGNIFICANT
+
+    @property
+    def closer_alone(self) -> bool:
+        """Whether the flight tells the lag within less than bounds that it agrees with."""
+        known, (low, high) = self.known, self.alone.interval
+        return isinstance(known, Bounds) and known.low < low and high < known.high
+
+    @property
+    def outcome(self) -> str:
+        """Whether they agree, in a word or two."""
+        return told(self.p_value, ("agree", "may contradict each other", "contradict each other"))
+
+    @property
+    def given(self) -> str:
+        """What was given, in words."""
+        if self.by is not None:
+            return self.by.sentence
+        if isinstance(self.known, Prior):
+            return f"{1e3 * self.known.mean:.3g} ± {1e3 * self.known.std:.2g} ms (one standard deviation)"
+        if self.known == NO_LAG:
+            return "neither lag nor delay"
+        if self.known.low == self.known.high:
+            return f"{1e3 * self.known.low:.3g} ms exactly"
+        return f"{1e3 * self.known.low:.3g} to {1e3 * self.known.high:.3g} ms"
+
+    @property
+    def sentence(self) -> str:
+        """What was given, what the flight says, and whether they agree."""
+        low, high = self.alone.interval
+        low, high = (1e3 * max(end, 0.0) for end in (low - self.slack_s, high + self.slack_s))
+        closer = ", and the flight alone is closer: leave out the bounds for shorter intervals"
+        who = "given" if self.by is None else f"{self.by.who} says"
+        return (
+            f"{who} {self.given}; "
+            f"the flight alone says {1e3 * self.alone.value:.3g} [{low:.3g}, {high:.3g}] ms: "
+            f"they {self.outcome}{closer if self.closer_alone else ''}"
+        )
+
+
+def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
+    """Return the problem with what is known of the sum of lag and delay.
+
+    Parameters
+    ----------
+    problem : SeparableProblem
+        With a lag to search.
+    known : Prior or Bounds
+        Of the sum [s].
+    alone : mapping of str to float
+        Lag and delay of the flight without it: between bounds that sum is one of those that are tried, and a
+        delay that is no choice of a few stays as it is.
+    """
+    if known == NO_LAG:
+        return problem.with_nuisances(
+            tuple(
+                one.known_at(0.0) if one.name in (ACTUATOR_LAG.name, DELAY.name) else one
+                for one in problem.nuisances
+            )
+        )
+    return problem.with_nuisances(tuple(_with_known(one, known, alone) for one in problem.nuisances))
+
+
+def _with_known(one: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+    if one.name == DELAY.name and one.refined and isinstance(known, Bounds):
+        return one.known_at(alone[one.name])
+    if one.name != ACTUATOR_LAG.name:
+        return one
+    lag = replace(one, known_with=(DELAY.name,))
+    if isinstance(known, Prior):
+        return replace(lag, prior=known)
+    return replace(lag, bounds=known, discrete=True, grid=_between(known, lag.with_others(alone)))
+
+
+def _between(bounds: Bounds, own: float) -> Float[np.ndarray, " lags"]:
+    """Lags to try: evenly between the bounds, both included, and the flight's own if it is between."""
+    count = min(int(np.ceil((bounds.high - bounds.low) / TRIED_EVERY_S)) + 1, MOST_TRIED)
+    tried = np.linspace(bounds.low, bounds.high, count)
+    return np.unique([*tried, own]) if bounds.low < own < bounds.high else np.unique(tried)
+
+
+def lag_searched(problem: SeparableProblem) -> bool:
+    """Whether the problem has an actuators' lag to search."""
+    return any(one.name == ACTUATOR_LAG.name and one.refined for one in problem.nuisances)
+
+
+def check_lag_searched(problem: SeparableProblem) -> None:
+    """Refuse what is known of a lag that is not searched for.
+
+    Raises
+    ------
+    UsageError
+        When the problem has no lag to search.
+    """
+    if not lag_searched(problem):
+        raise UsageError(
+            "a flight whose actuators' lag is searched for",
+            "one whose actuators' state was measured, or a motion without a lag",
+            "Leave out what is known of the lag, or name the command with --input.",
+        )
+
+
+# -- Telemetry --
+
+#: Its name as a source of a lag.
+TELEMETRY = "telemetry"
+#: Slower telemetry tells no lag [Hz]: that of 20 Hz does.
+TELEMETRY_RATE_HZ = 19.5
+#: Standard deviation of telemetry's own delay [s]; that of a time within its period is added.
+OWN_DELAY_S = 0.015
+#: Telemetry follows the commands when less than this share of its variance is left.
+LARGEST_SHARE_LEFT = 0.5
+
+SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
+
+
+@dataclass(frozen=True)
+class LaggedParabola:
+    """Mean state of the actuators, and its square, at the stamps of telemetry.
+
+    Parameters
+    ----------
+    flight : PreparedFlight
+        Whose commands.
+    time_s : ndarray, shape (n,)
+        The stamps [s].
+    """
+
+    flight: PreparedFlight
+    time_s: Float[np.ndarray, " n"]
+
+    def __call__(self, at: Values) -> Float[np.ndarray, "n 2"]:
+        """Columns at a lag and a delay, about the mean command."""
+        signals = self.flight.signals
+        commands = signals.family(self.flight.input.name)
+        lag_s, delay_s = at[ACTUATOR_LAG.name], at[DELAY.name]
+        state = actuator_state(commands, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
+        away = np.interp(self.time_s, self.flight.grid.time_s, state) - commands.mean()
+        return np.column_stack([away, away**2])
+
+
+def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> ToldLag | None:
+    """Lag of the actuators by the telemetry of flights that have it.
+
+    Parameters
+    ----------
+    flights : tuple of PreparedFlight
+        All with runs.
+    families : tuple of str
+        Channels of measured states, the first that a log has.
+
+    Returns
+    -------
+    ToldLag or None
+        None where no flight has telemetry of 20 Hz or more beside its commands, and where it does not
+        follow them.
+    """
+    found = {
+        number: channels
+        for number, flight in enumerate(flights)
+        if not flight.input.measured and (channels := _telemetry(flight, families))
+    }
+    columns = tuple(_columns(number, flights[number], channels) for number, channels in found.items())
+    if not any(one.runs for one in columns):
+        return None
+    problem = LaggedRuns(columns, (SLOPE, CURVATURE), lag_and_delay())
+    try:
+        estimate = identify(problem, least_squares())
+        told = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
+    except EstimationError:
+        return None
+    response = estimate.best.rows.response
+    left = float(estimate.residuals @ estimate.residuals) / float(response @ response)
+    at_the_end = estimate.best.at[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
+    if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(told.half_width):
+        return None
+    slowest = min(channel.rate_hz for channels in found.values() for channel in channels)
+    own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
+    return ToldLag(TELEMETRY, "telemetry of the actuators", told, own_delay_s, "a delay of its own")
+
+
+def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channel]:
+    """Channels of the first family that the log has, when they are fast enough."""
+    for family in families:
+        channels = flight.recording.family(family)
+        if channels:
+            return channels if min(one.rate_hz for one in channels) >= TELEMETRY_RATE_HZ else []
+    return []
+
+
+def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> AxisColumns:
+    """Mean of the telemetry at the first channel's stamps, and the runs of the flight among these."""
+    known = [
+        (one.time_s[good], one.values[good]) for one in channels if (good := np.isfinite(one.values)).any()
+    ]
+    time_s = known[0][0] if known else np.empty(0)
+    mean = np.mean([np.interp(time_s, *one) for one in known], axis=0) if known else time_s
+    flight = flight.shortened
+    grid_s = flight.grid.time_s
+    ends = [np.searchsorted(time_s, grid_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]
+    return AxisColumns(
+        step_s=1.0 / channels[0].rate_hz,
+        runs=tuple(slice(first, last) for first, last in ends if last - first > 2),
+        responses=mean[:, None],
+        fixed=np.empty((time_s.size, 0)),
+        moving=LaggedParabola(flight, time_s),
+        instruments=np.empty((time_s.size, 0)),
+        flight=number,
+    )

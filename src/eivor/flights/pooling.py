@@ -1,0 +1,466 @@
+"""Results and verdict of pooled flights, and the bootstrap over flights."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import EivorError, EstimationError, UsageError
+from eivor.estimation.bootstrap import PoolFlights, Replicate, pool_flights
+from eivor.estimation.derived import ParameterSets
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.methods import by_name
+from eivor.estimation.moments import Instrumental
+from eivor.estimation.pool import Pooled, pooled
+from eivor.estimation.weighting import SpectralWhitening
+from eivor.flights.identify import Instruments, circumstances, instruments, known_lag, with_fit
+from eivor.flights.lag_prior import EFFECTIVE_LAG, with_given_lag
+from eivor.flights.motion import Circumstances, Motion
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight, SensorAgreement
+from eivor.flights.quantity import Drawn
+from eivor.flights.result import (
+    Fit,
+    FitDiagnostics,
+    FlightEstimate,
+    FlightRow,
+    Unaided,
+    fit_diagnostics,
+    flight_findings,
+    pooled_traces,
+)
+from eivor.inference.bootstrap import Bootstrap, check_draws
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.diagnostics.instruments import OverIdentification
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import SeparableProblem
+from eivor.signals.recording import Finding
+from eivor.tools import Float
+
+# -- Bootstrap --
+
+#: Replicates that are made when their number is not named.
+RUNS = 999
+
+
+def bootstrap_flights(
+    fit: FlightEstimate, *, runs: int = RUNS, seed: int | np.random.Generator = 0
+) -> Bootstrap:
+    """Bootstrap the estimate of a pool of flights by drawing whole flights.
+
+    Parameters
+    ----------
+    fit : FlightEstimate
+        Of several flights, from `identify_flight` with its default method. Of any motion.
+    runs : int
+        Replicates to make.
+    seed : int or numpy.random.Generator
+        The same seed gives the same replicates.
+
+    Returns
+    -------
+    Bootstrap
+        Replicates of the linear parameters, of the nuisances that were searched for, and of what the motion
+        derives from them. Take the expanded intervals, the default: with ten flights the percentiles
+        themselves are too narrow by a sixth.
+
+    Raises
+    ------
+    UsageError
+        Without an estimate by whitened instruments of two flights or more.
+
+    Notes
+    -----
+    Some seconds for a pool of ten flights of a minute; a replicate takes a few milliseconds, whatever the
+    flights' length.
+    """
+    checks.kind(
+        "fit", fit, FlightEstimate, "a pool's estimate", "Make one by ev.identify_flight(recordings)."
+    )
+    check_draws(runs, seed)
+    found = _fitted(fit)
+    pool = pool_flights(found.problem, found.estimate)
+    again = _Again(fit.motion, found.problem, pool, _sums(fit.motion, found.problem, pool))
+    whole = again.quantities(pool.whole, np.ones(len(pool.flights)))
+    random = np.random.default_rng(seed)
+    made = np.array(list(again.replicates(random, runs))).reshape(-1, len(whole))
+    return Bootstrap(
+        tuple(whole),
+        _units(fit.motion, found, tuple(whole)),
+        np.array(list(whole.values())),
+        made,
+        runs - made.shape[0],
+        len(pool.flights),
+        float("nan"),
+        None if isinstance(seed, np.random.Generator) else seed,
+    )
+
+
+def _fitted(result: FlightEstimate) -> Fit:
+    if result.fit is None:
+        raise UsageError(
+            "a pool with an estimate", "one without", "See its verdict for what the flights lack."
+        )
+    return result.fit
+
+
+#: A motion's sums by name, of each flight at each node of a candidate.
+Sums = Mapping[str, Float[np.ndarray, "F T"]]
+
+
+def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
+    """Sums that the motion needs, for each candidate."""
+    flights = list(pool.flights)
+    found: list[Sums] = []
+    for candidate in pool.candidates:
+        at_nodes = [motion.flight_sums(problem, at) for at in candidate.points]
+        found.append(
+            {name: np.stack([sums[name][flights] for sums in at_nodes], axis=1) for name in at_nodes[0]}
+        )
+    return tuple(found)
+
+
+@dataclass(frozen=True)
+class _Again:
+    """How a draw of flights becomes quantities.
+
+    Parameters
+    ----------
+    motion : Motion
+        Which derives them.
+    problem : SeparableProblem
+        The pool's.
+    pool : PoolFlights
+        Its flights.
+    sums : tuple
+        The motion's, for each candidate.
+    """
+
+    motion: Motion[Any]
+    problem: SeparableProblem
+    pool: PoolFlights
+    sums: tuple[Sums, ...]
+
+    def replicates(self, random: np.random.Generator, runs: int) -> Iterator[list[float]]:
+        """Quantities of those runs that give an estimate."""
+        for _ in range(runs):
+            try:
+                found, times = self.pool.replicate(random)
+                quantities = self.quantities(found, times)
+            except (EivorError, np.linalg.LinAlgError):
+                continue
+            yield list(quantities.values())
+
+    def quantities(self, found: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
+        """What the motion makes of a replicate, and of the sums over its flights."""
+        names = [parameter.name for parameter in self.pool.parameters]
+        sums = {
+            name: float(times @ values @ found.weights) for name, values in self.sums[found.candidate].items()
+        }
+        parameters = dict(zip(names, found.theta.tolist(), strict=True))
+        return self.motion.resampled(self.problem, Drawn(parameters, found.at, sums))
+
+
+def _units(motion: Motion[Any], found: Fit, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Unit of each quantity: that of the parameter, or of the motion's table."""
+    nuisances = [nuisance.parameter for nuisance in found.problem.nuisances]
+    known = {one.name: one.unit for one in (*nuisances, *found.estimate.joint_parameters)}
+    return tuple(known[name] if name in known else motion.wording[name].unit for name in names)
+
+
+# -- Pool verdict --
+
+
+def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
+    """Whether the instruments agree in the flights of a pool, each by itself.
+
+    Flights differ in trim, battery and air, which is nothing that instruments disagree about. The p-value is
+    that of half the flights: with p_(k) the k-th smallest of n, k half of them, n/k p_(k) is a p-value
+    however the flights hang together (Ruger 1978).
+    """
+    found = [one.agreement for one in alone if one.agreement is not None]
+    known = sorted(one.p_value for one in found if np.isfinite(one.p_value))
+    if not known:
+        return None
+    half = (len(known) + 1) // 2
+    p_value = min(len(known) / half * known[half - 1], 1.0)
+    return OverIdentification(sum(one.J for one in found), sum(one.degrees for one in found), p_value, None)
+
+
+def linear_names(pool: Pooled) -> tuple[str, ...]:
+    """Linear parameters of a flight, in their order."""
+    return tuple(parameter.name for parameter in pool.estimates[0].best.rows.parameters)
+
+
+def pool_findings(motion: Motion[Any], pool: Pooled, at: Circumstances) -> Iterator[Finding]:
+    """What stands out in a pool."""
+    own = " and ".join(motion.wording[name].words for name in pool.own)
+    if pool.differs:
+        why = f" (p {pool.own_p_value:.2g})" if not pool.separate else ""
+        yield Finding(
+            "flights_differ",
+            f"The flights differ in {own}{why}: its value here is their mean, whose interval counts the "
+            "differences. Each flight's own is listed by flight.",
+        )
+    if pool.inflation > 1.0:
+        shared = [name for name in linear_names(pool) if name not in pool.own]
+        names = [motion.wording[name].words for name in shared]
+        names += [
+            axis.nuisance.parameter.name.replace("_", " ") for axis in pool.candidates[0].separate.nodes.axes
+        ]
+        yield Finding(
+            "shared_differs",
+            f"The flights differ in what a vehicle keeps ({', '.join(names)}) by more than chance says "
+            f"(p {pool.shared_p_value:.2g}): its intervals are {pool.inflation**0.5:.2g} times as wide.",
+        )
+    searched = any(one.name == ACTUATOR_LAG.name and one.refined for one in pool.nuisances)
+    if at.single_frequency_hz and searched and at.given_lag is None:
+        yield Finding(
+            "lag_by_differences",
+            f"The references of all flights have one frequency ({at.single_frequency_hz:.2g} Hz), at which "
+            f"lag and {own} act alike: the lag rests on the differences of the {own} between flights.",
+        )
+
+
+# -- Pooled --
+
+
+@dataclass(frozen=True)
+class Member:
+    """A flight of a pool.
+
+    Parameters
+    ----------
+    logged, flight : PreparedFlight
+        The flight as logged, and as it was estimated: with its sensors aligned where that was asked for.
+    fit : Fit
+        Its own fit, by whitened instruments.
+    exogenous : bool
+        Its instruments do not answer the vehicle.
+    """
+
+    logged: PreparedFlight
+    flight: PreparedFlight
+    fit: Fit
+    exogenous: bool
+
+
+def pooled_result(
+    motion: Motion[Any],
+    prepared: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    alone: Sequence[FlightEstimate],
+) -> FlightEstimate | None:
+    """Result of a pool some of whose parameters belong to the flight.
+
+    Parameters
+    ----------
+    motion : Motion
+        What to identify.
+    prepared : tuple of PreparedFlight
+        The flights.
+    options : FlightOptions
+        Choices.
+    alone : sequence of FlightEstimate
+        Each flight by itself.
+
+    Returns
+    -------
+    FlightEstimate or None
+        None where nothing belongs to the flight, or all is to be common; for another method than one by
+        whitened instruments; and where fewer than two flights have an estimate by it.
+    """
+    if not motion.of_flight or options.pool_friction == "common":
+        return None
+    members = _members(prepared, options, alone)
+    if len(members) < 2 or any(one.flight.input_map != one.logged.input_map for one in members):
+        return None  # a map that was found out is another one in each flight
+    chosen = instruments(tuple(one.flight for one in members), options, by_name(options.method))
+    if chosen.absent:
+        return None
+    try:
+        found = _Pool(motion, members, options, chosen).result()
+    except (EstimationError, np.linalg.LinAlgError):
+        return None
+    serving = {id(one.logged): one.flight for one in members}
+    left_out = [one for one in prepared if one.runs and id(one) not in serving]
+    told = tuple(serving.get(id(one), one) for one in prepared if not one.runs or id(one) in serving)
+    findings = (*flight_findings(told, motion.words), *map(_left_out, left_out), *found.findings)
+    return replace(found, prepared=told, findings=findings)
+
+
+def _members(
+    prepared: Sequence[PreparedFlight], options: FlightOptions, alone: Sequence[FlightEstimate]
+) -> tuple[Member, ...]:
+    """Flights with an estimate by whitened instruments; those that answer no vehicle, if there are any."""
+    method = by_name(options.method)
+    found = [
+        Member(flight, own.prepared[0], own.fit, instruments((flight,), options, method).exogenous)
+        for flight, own in zip(prepared, alone, strict=True)
+        if own.fit is not None and _by_whitened_instruments(own.fit)
+    ]
+    clean = tuple(one for one in found if one.exogenous)
+    return clean or tuple(found)
+
+
+def _by_whitened_instruments(fit: Fit) -> bool:
+    method = by_name(fit.estimate.method)
+    return (
+        isinstance(method, LinearMethod)
+        and isinstance(method.assembler, Instrumental)
+        and isinstance(method.row_weighting, SpectralWhitening)
+    )
+
+
+def _left_out(flight: PreparedFlight) -> Finding:
+    return Finding(
+        "left_out_of_pool",
+        f"{flight.recording.name} is not in the pool: it gives no estimate by a reference like the others'.",
+    )
+
+
+@dataclass(frozen=True)
+class _Pool:
+    """How flights become the result of their pool."""
+
+    motion: Motion[Any]
+    members: tuple[Member, ...]
+    options: FlightOptions
+    chosen: Instruments
+
+    def result(self) -> FlightEstimate:
+        """Quantities of the pool and of each flight, with their verdicts."""
+        motion, flights = self.motion, tuple(one.flight for one in self.members)
+        problem, sensors, aligned = self._problem()
+        pool, unaided = self._pooled(problem), None
+        estimate = pool.whole()
+        given, noticed = known_lag(motion, flights, self.options, problem, estimate)
+        if given is not None:
+            unaided = Unaided(problem, estimate)
+            problem = with_given_lag(problem, given.for_the_log, estimate.best.at)
+            pool = self._pooled(problem)
+            estimate = pool.whole()
+        sets = _found({name: pool.whole_sets(name) for name in linear_names(pool)})
+        fit = Fit(
+            problem,
+            estimate,
+            self.chosen.rule.label,
+            self._checks(pool),
+            given,
+            {name: sets[name] for name in motion.headline if name in sets},
+            sensors,
+            unaided,
+            pool,
+            {**_profiles(sets), **_of_lags(pool)},
+        )
+        numbers = dict(motion.diagnostics(problem, estimate, tuple(one.shortened for one in flights)))
+        at = replace(
+            circumstances(motion, flights, self.chosen, numbers),
+            given_lag=given,
+            sensors=sensors,
+            aligned=aligned,
+        )
+        whole = with_fit(motion, flights, self.options, fit, at)
+        by_flight = tuple(self._by_flight(pool, fit, at))
+        tests = {
+            "pool_own_p_value": pool.own_p_value,
+            "pool_shared_p_value": pool.shared_p_value,
+            "pool_inflation": pool.inflation,
+        }
+        findings = (
+            *motion.findings(flights, whole.quantities),
+            *pool_findings(motion, pool, at),
+            *noticed,
+        )
+        return replace(
+            whole,
+            by_flight=by_flight,
+            diagnostics={**whole.diagnostics, **tests},
+            findings=findings,
+        )
+
+    def _problem(self) -> tuple[SeparableProblem, SensorAgreement | None, bool]:
+        """All flights as one problem, whether sensors agree as logged, and whether they were aligned."""
+        logged = tuple(one.logged.shortened for one in self.members)
+        problem = self.motion.problem(logged, self.chosen.rule)
+        sensors = self.motion.sensors(problem, logged)
+        if all(one.flight is one.logged for one in self.members):
+            return problem, sensors, False
+        aligned = tuple(one.flight.shortened for one in self.members)
+        return self.motion.problem(aligned, self.chosen.rule), sensors, True
+
+    def _pooled(self, whole: SeparableProblem) -> Pooled:
+        return pooled(
+            [one.fit.by_itself.problem for one in self.members],
+            [one.fit.by_itself.estimate for one in self.members],
+            self.motion.of_flight,
+            nuisances=whole.nuisances,
+            separate=self.options.pool_friction == "separate",
+        )
+
+    def _checks(self, pool: Pooled) -> FitDiagnostics:
+        """Diagnostics of the pool; strength and agreement of the instruments as its flights have them."""
+        made = fit_diagnostics(pooled_traces(self.motion, pool), pool.whole())
+        by_flight = [_first_stage(pool, number) for number in range(len(self.members))]
+        return replace(
+            made,
+            first_stage={name: float(np.median([one[name] for one in by_flight])) for name in by_flight[0]},
+            rank=pool.candidates[pool.best].separate.instruments,
+            agreement=agreement([one.fit.checks for one in self.members]),
+        )
+
+    def _by_flight(self, pool: Pooled, fit: Fit, at: Circumstances) -> Iterator[FlightRow]:
+        """What the pool says of each flight."""
+        motion = self.motion
+        of_own = {name: pool.member_sets(name) for name in pool.own}
+        shared = {name: one for name, one in fit.profiles.items() if name not in pool.own}
+        for number, member in enumerate(self.members):
+            flight = (member.flight,)
+            problem = pool.problems[number].with_nuisances(pool.nuisances)
+            estimate = pool.member(number)
+            here = replace(
+                at,
+                flights=1,
+                command_rate_hz=member.flight.rates_hz["command"],
+                excitation=motion.excitation(flight),
+                numbers=dict(motion.diagnostics(problem, estimate, (member.flight.shortened,))),
+            )
+            checks = replace(member.fit.checks, first_stage=_first_stage(pool, number))
+            of_flight = _found({name: each[number] for name, each in of_own.items()})
+            sets = {name: one for name, one in {**fit.sets, **of_flight}.items() if name in motion.headline}
+            profiles = {**shared, **_profiles(of_flight)}
+            own = Fit(
+                problem, estimate, member.fit.instruments, checks, fit.given_lag, sets, profiles=profiles
+            )
+            told = with_fit(motion, flight, self.options, own, here)
+            yield FlightRow(
+                member.flight.recording.name, told.verdict.status, told.quantities, told.verdict.sentences
+            )
+
+
+def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
+    """Conditional first-stage F of the vector of one flight."""
+    joint = pool.candidates[pool.best].joint
+    names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
+    return dict(zip(names, joint.first_stage[joint.places[number]].tolist(), strict=True))
+
+
+def _profiles(sets: Mapping[str, ParameterSets]) -> dict[str, ConfidenceSet]:
+    return {name: one.profile for name, one in sets.items()}
+
+
+def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
+    """Profile sets of the lag, and of lag and delay together."""
+    if pool.nuisance_names != (ACTUATOR_LAG.name,):
+        return {}
+    names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
+    found = {name: pool.lag_set(each) for name, each in names.items()}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def _found(sets: dict[str, ParameterSets | None]) -> dict[str, ParameterSets]:
+    return {name: one for name, one in sets.items() if one is not None}

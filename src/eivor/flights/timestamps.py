@@ -1,0 +1,451 @@
+"""Time stamps: jitter, aliasing of the command period and the command clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor.signals.filters import REACH, on_lines
+from eivor.signals.recording import Channel, Finding, Recording
+from eivor.tools import Float, Int
+
+# -- Command period from aliasing --
+
+#: A line has so many times the power that white noise has on average, which chance reaches in no log.
+LINE = 25.0
+#: Lines below this frequency are clocks that drift.
+SLOWEST = 0.02
+#: Frequencies looked at closely beside the highest of the spectrum, and phases of the saw.
+CLOSELY, PHASES = 33, 32
+#: The size of the saw may be off by this share.
+SIZE = 0.15
+#: A distance of more medians than this is a pause.
+BEATING_PAUSE = 2.5
+#: Fewer stamps tell nothing; so many tell enough.
+FEWEST_STAMPS, MOST_BEATING_STAMPS = 500, 6000
+#: Over so many instants, pauses among them, a phase is followed.
+MOST_INSTANTS = 20 * MOST_BEATING_STAMPS
+
+
+def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | None:
+    """Time between two commands h_c [s] that jittering stamps beat with; None where they do not.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps [s], increasing.
+    shortest_s : float
+        No controller is quicker [s].
+    """
+    if time_s.size < FEWEST_STAMPS:
+        return None
+    number = _even_instants(time_s[:MOST_BEATING_STAMPS])
+    number = number[number <= MOST_INSTANTS]
+    if number.size < FEWEST_STAMPS:
+        return None
+    logged, first = np.polyfit(number, time_s[: number.size], 1).tolist()
+    away = time_s[: number.size] - first - logged * number
+    beat = _line(number, away)
+    if beat is None:
+        return None
+    most = int(logged / shortest_s)
+    steps = [logged / (k + sign * beat) for k in range(1, most + 1) for sign in (-1.0, 1.0)]
+    found = [(step, *_saw(number, away, logged / step)) for step in steps if shortest_s <= step < logged]
+    fitting = [(power, step) for step, size, power in found if abs(size / step - 1.0) <= SIZE]
+    return max(fitting)[1] if fitting else None
+
+
+def _even_instants(time_s: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """Number of each stamp's even instant."""
+    steps = np.diff(time_s)
+    pause = steps > BEATING_PAUSE * np.median(steps)
+    usual = float(steps[~pause].mean())
+    whole = np.cumsum(np.where(pause, np.rint(steps / usual), 1.0))
+    return np.asarray(np.concatenate([[0], whole]).astype(np.int64))
+
+
+def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float | None:
+    """Frequency of the strongest line; None where none is beyond chance."""
+    row = np.zeros(int(number[-1]) + 1)
+    row[number] = away
+    power = np.abs(np.fft.rfft(row)) ** 2 / float(away @ away)
+    frequency = np.fft.rfftfreq(row.size)
+    power[frequency < SLOWEST] = 0.0
+    place = int(np.argmax(power))
+    if power[place] < LINE:
+        return None
+    near = frequency[place] + np.linspace(-1.0, 1.0, CLOSELY) / row.size
+    near = np.append(near[near < 0.5], 0.5) if near[-1] > 0.5 else near
+    found = np.abs(np.exp(-2j * np.pi * np.outer(near, number)) @ away)
+    return float(near[int(np.argmax(found))])
+
+
+def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: float) -> tuple[float, float]:
+    """Size [s] of the saw of so many turns per stamp at its best phase, and what it explains."""
+    phases = (np.arange(PHASES) + 0.5)[:, None] / PHASES
+    saws = -np.mod(phases + np.mod(turns, 1.0) * number, 1.0)
+    saws -= saws.mean(axis=1, keepdims=True)
+    along, own = saws @ away, np.sum(saws**2, axis=1)
+    best = int(np.argmax(along / np.sqrt(own)))
+    return float(along[best] / own[best]), float(along[best] ** 2 / own[best])
+
+
+# -- Timestamp jitter --
+
+#: Even stamps: the standard deviation of their distances, pauses left out, is below this share of the median.
+EVEN_SHARE = 0.03
+#: A distance of more medians than this is a pause.
+UNEVEN_PAUSE = 3.0
+#: The slope is taken over so many samples to both sides.
+SLOPE_REACH = 5
+#: Fewer samples tell nothing.
+FEWEST_SAMPLES = 100
+#: A coefficient is told from one half when it is so many standard errors from it.
+TOLD = 3.0
+
+
+def uneven(channel: Channel) -> bool:
+    """Whether a channel's stamps are uneven."""
+    steps = np.diff(channel.time_s)
+    if steps.size < FEWEST_SAMPLES:
+        return False
+    median = float(np.median(steps))
+    return float(np.std(steps[steps <= UNEVEN_PAUSE * median])) > EVEN_SHARE * median
+
+
+def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
+    """Whether samples with uneven stamps were taken when these say; None when nothing tells it."""
+    return truth_of(_coefficient(one) for one in channels if uneven(one))
+
+
+def told_of_stamps(channel: Channel) -> tuple[float, float]:
+    """What a channel tells: the coefficient, and its variance; no numbers where its stamps are even."""
+    return _coefficient(channel) if uneven(channel) else (np.nan, np.nan)
+
+
+def truth_of(found: Iterable[tuple[float, float]]) -> bool | None:
+    """Whether stamps are true, by the coefficients and variances that channels tell; None for no answer."""
+    told = [(value, variance) for value, variance in found if np.isfinite(value) and variance > 0.0]
+    if not told:
+        return None
+    weights = np.array([1.0 / variance for _, variance in told])
+    mean = float(weights @ np.array([value for value, _ in told]) / weights.sum())
+    return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > TOLD else None
+
+
+def _coefficient(channel: Channel) -> tuple[float, float]:
+    """Coefficient of a channel's regression, and its variance; no numbers where it does not move."""
+    known = np.isfinite(channel.values)
+    time, values = channel.time_s[known], channel.values[known]
+    if time.size < FEWEST_SAMPLES:
+        return np.nan, np.nan
+    number = np.arange(1, time.size - 1)
+    low, high = np.maximum(number - SLOPE_REACH, 0), np.minimum(number + SLOPE_REACH, time.size - 1)
+    away = _from_middle(time)
+    near = np.abs(away) <= np.median(np.diff(time))
+    moved = (away * (values[high] - values[low]) / (time[high] - time[low]))[near]
+    bend = _from_middle(values)[near]
+    power = float(moved @ moved)
+    if power <= 0.0:
+        return np.nan, np.nan
+    value = float(moved @ bend) / power
+    return value, float(np.sum((moved * (bend - value * moved)) ** 2)) / power**2
+
+
+def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+    """Distance of each value from the middle between its neighbours."""
+    return np.asarray(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
+
+
+# -- Command clock --
+
+#: A distance of stamps within this share of another is taken as the same.
+SAME = 0.025
+#: Mean cosine of the angles that distances make on the circle of a step; 1 when all are multiples of it.
+#: Chance gives 0 with a standard deviation of 1 over the root of twice their number; so many are asked for.
+CLOSE = 0.6
+BEYOND_CHANCE = 3.2
+#: A larger step that fits the distances as well as this is preferred.
+AS_WELL = 0.02
+#: So small a share of distances that are no multiples of the usual one are a logger's slips.
+ODD_SHARE = 0.002
+#: So many stamps say as much as all of a day.
+MOST_COMMAND_STAMPS = 20_000
+#: No controller of a vehicle's height runs at shorter steps [s].
+SHORTEST_STEP_S = 0.001
+#: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
+ROUNDED_S = 0.001
+#: A command that was logged at steps up to this is taken as logged whenever it was issued, unless other
+#: channels are logged more often [s]; also then, if theirs are uneven and its own are at even steps.
+QUICK_STEP_S = 0.0105
+#: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
+#: jump of the reference between two stamps moves the command by what no line between stamps has.
+BAND_SHARE = 1.0 / 40.0
+#: Values that repeat are those of a logger that looks what is in force: this share of them or more, each no
+#: more than so many times, and in a command whose usual change is so many times its least.
+REPEATED_SHARE, MOST_TIMES, USUAL_CHANGES = 0.05, 4, 20.0
+#: Parts of a distance of stamps in which what was issued is not known to be held.
+FINE_PARTS = 8
+#: Another channel is logged more often when its step is shorter than this share of the command's.
+MORE_OFTEN = 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class CommandClock:
+    """When a command was logged and when it was issued.
+
+    Parameters
+    ----------
+    logged_s : float
+        Median distance of its stamps h_l [s].
+    issued_s : float
+        Time between two commands h_c that is assumed [s]: `logged_s` for a log that holds every command.
+    told : bool
+        The log tells it; else it lies between zero and the longest that it can be, of which half is assumed.
+    looked : bool
+        The log holds what was in force when the logger looked, which may have been issued some time before.
+    """
+
+    logged_s: float
+    issued_s: float
+    told: bool = True
+    looked: bool = False
+
+    @property
+    def thinned(self) -> bool:
+        """Commands were issued, or may have been, that the log does not hold."""
+        return self.issued_s < self.logged_s
+
+    @property
+    def slack_s(self) -> float:
+        """What the command may be late or early by, since the log does not tell when it was issued [s]."""
+        return 0.0 if self.told else 0.5 * self.issued_s
+
+    def band_hz(self, band_hz: tuple[float, float]) -> tuple[float, float]:
+        """Part of a band in which the line between stamps is as good as the commands [Hz]."""
+        low, high = band_hz
+        return (low, min(high, BAND_SHARE / self.logged_s)) if self.thinned else band_hz
+
+    @property
+    def sentence(self) -> str:
+        """What is done about commands that the log may not hold."""
+        logged, issued = 1e3 * self.logged_s, 1e3 * self.issued_s
+        if self.looked:
+            return (
+                "The command's stamps are uneven and some of its values repeat: the log holds what was in "
+                "force when the logger looked, and the command is taken from the line between stamps."
+            )
+        if self.told:
+            return (
+                f"The command is logged every {logged:.3g} ms and was issued every {issued:.3g} ms, as its "
+                "stamps tell: those between are taken from the line between two stamps."
+            )
+        return (
+            f"The command is logged every {logged:.3g} ms, and the log does not tell whether more were "
+            f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter."
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Witness:
+    """What another channel tells of a command's clock.
+
+    Parameters
+    ----------
+    told : tuple of float
+        See `told_of_stamps`.
+    step_s : float
+        Median distance of its stamps [s], infinite where it has none.
+    sampled_with_it : bool
+        It is sampled, and has the command's stamps.
+    """
+
+    told: tuple[float, float]
+    step_s: float
+    sampled_with_it: bool
+
+    @classmethod
+    def of(cls, other: Channel, command: Channel) -> _Witness:
+        """Look at a channel."""
+        time_s = other.time_s
+        step_s = float(np.median(np.diff(time_s), overwrite_input=True)) if time_s.size > 1 else np.inf
+        with_it = not other.held and np.array_equal(time_s, command.time_s)
+        return cls(told_of_stamps(other), step_s, with_it)
+
+
+def command_clock(
+    command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf
+) -> CommandClock:
+    """Read a held command's clock off its stamps, and the rates of other channels.
+
+    Parameters
+    ----------
+    command : Channel
+        With two samples or more.
+    others : iterable of Channel
+        What else was logged of the flight; looked at once, one after the other.
+    issued_within_s : float
+        The longest that the next command can be waited for [s], where stamps do not tell.
+    """
+    steps = np.diff(command.time_s)
+    logged = float(np.median(steps))
+    finer = finer_step(command.time_s)
+    if finer is None and uneven(command):
+        finer = beating_step(command.time_s, SHORTEST_STEP_S)
+    if finer is not None:
+        return CommandClock(logged, finer)
+    seen = [_Witness.of(one, command) for one in others]
+    looked_at = truth_of(one.told for one in seen)
+    if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
+        return CommandClock(logged, logged)
+    if looked_at and uneven(command):
+        if _repeats(command):
+            return CommandClock(logged, logged / FINE_PARTS, looked=True)
+        if not any(one.sampled_with_it for one in seen):
+            return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
+    quickest = min((one.step_s for one in seen), default=np.inf)
+    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
+        return CommandClock(logged, logged)
+    return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
+
+
+def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:
+    """Whether distances are multiples of the usual one, but for a logger's slips."""
+    turns = steps / usual
+    return float(np.mean(np.abs(turns - np.rint(turns)) > SAME)) <= ODD_SHARE
+
+
+def _repeats(command: Channel) -> bool:
+    """Whether values repeat now and then, as those do that a logger looks at twice."""
+    values = command.values[np.isfinite(command.values)]
+    changes = np.abs(np.diff(values))
+    moved = changes[changes > 0.0]
+    if not moved.size or np.median(moved) < USUAL_CHANGES * moved.min():
+        return False  # rounded values repeat by themselves
+    same = np.flatnonzero(np.concatenate([[True], changes > 0.0, [True]]))
+    times = np.diff(same)
+    limits = (values.min(), values.max())
+    few = (times <= MOST_TIMES) & ~np.isin(values[same[:-1]], limits)
+    return bool(np.sum(times[few] - 1) >= REPEATED_SHARE * values.size)
+
+
+def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
+    """Largest step of which distances of stamps are multiples, and not the usual distance; None without.
+
+    Notes
+    -----
+    The usual distance is a multiple of it, so that only its parts are tried: h = usual / k. Distances d lie
+    on the circle of a step at the angles 2 pi d / h, which are zero where it is theirs, and jitter about zero
+    where stamps do. Only those that are no multiples of the usual distance tell that the step is finer.
+    """
+    distances = np.diff(time_s[:MOST_COMMAND_STAMPS])
+    if not distances.size:
+        return None
+    usual = float(np.sort(distances)[distances.size // 2])  # one of them: of two kinds the median is neither
+    for _ in range(3):  # to the middle of those around it
+        usual = float(distances[np.abs(distances - usual) <= SAME * usual].mean())
+    fewest = ODD_SHARE * distances.size
+    fits: dict[float, float] = {}
+    for parts in range(2, int(usual / SHORTEST_STEP_S) + 1):
+        turns = distances * (parts / usual)
+        near = np.cos(2.0 * np.pi * turns)
+        odd = near[np.rint(turns) % parts != 0]
+        if odd.size > fewest and near.mean() >= CLOSE:
+            fit = float(odd.mean())
+            if fit >= max(CLOSE, BEYOND_CHANCE / np.sqrt(2.0 * odd.size)):
+                fits[usual / parts] = fit
+    best = max(fits.values(), default=0.0)
+    step = next((step for step, fit in fits.items() if fit >= best - AS_WELL), None)
+    return None if step is None or _rounded(time_s, step) else step
+
+
+def _rounded(time_s: Float[np.ndarray, " n"], step: float) -> bool:
+    """Whether stamps are multiples of a step for being rounded to it: to a power of ten, and from zero on."""
+    tenth = 10.0 ** round(float(np.log10(step)))
+    if tenth > ROUNDED_S or abs(step / tenth - 1.0) > 1e-3:
+        return False
+    away = time_s / tenth
+    return bool(np.abs(away - np.rint(away)).max() <= 1e-3)
+
+
+def as_issued(command: Channel, clock: CommandClock) -> Channel:
+    """Return the command with what was issued between its stamps: the line between them, held h_c at a time.
+
+    Gaps, and what lies beside missing values, stay as they are.
+    """
+    time, values = command.time_s, command.values
+    distances = np.diff(time)
+    parts = np.maximum(np.rint(distances / clock.issued_s), 1.0).astype(np.int64)
+    known = np.isfinite(values)
+    parts[~(known[1:] & known[:-1])] = 1
+    for start, end in command.gaps():
+        parts[np.searchsorted(time, start) : np.searchsorted(time, end)] = 1
+    if (parts == 1).all():
+        return command
+    begins = np.repeat(np.arange(distances.size), parts)
+    share = (np.arange(begins.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[begins]
+    between = time[begins] + share * distances[begins]
+    rise = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
+    if clock.looked:
+        share = share + 0.5 / parts[begins]  # the line's mean over the part, not its value at the beginning
+    return replace(
+        command,
+        time_s=np.append(between, time[-1]),
+        values=np.append(values[begins] + share * rise[begins], values[-1]),
+    )
+
+
+# -- Timestamp errors --
+
+#: Stamps far apart are off by no more than so many times what neighbours are.
+ADDED_UP = 1.15
+
+
+def with_even_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
+    """Log with stamps that err evened, and a finding that says so; the same log where none is known to err.
+
+    Parameters
+    ----------
+    log : Recording
+        With channels that are smooth between their samples.
+    """
+    doubtful = {name: one for name, one in log.channels.items() if uneven(one)}
+    if stamps_are_true([one for one in doubtful.values() if not one.held]) is not False:
+        return log, ()
+    evened: dict[bytes, Float[np.ndarray, " n"] | None] = {}
+    channels, largest_s = dict(log.channels), 0.0
+    for name, one in doubtful.items():
+        clock = one.time_s.tobytes()
+        if clock not in evened:
+            evened[clock] = even_stamps(one.time_s)
+        stamps = evened[clock]
+        if stamps is not None:
+            channels[name] = replace(one, time_s=stamps)
+            largest_s = max(largest_s, float(np.std(one.time_s - stamps)))
+    if not largest_s:
+        return log, ()
+    told = (
+        f"Samples were taken evenly, and their stamps err, by up to {1e3 * largest_s:.2g} ms (standard "
+        "deviation): each is put on the line through those around it."
+    )
+    return replace(log, channels=channels), (Finding("erring_stamps", told),)
+
+
+def even_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"] | None:
+    """Stamps of an even clock with their errors averaged out; None where their errors add up.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Increasing stamps [s].
+    """
+    distances = np.diff(time_s)
+    longest_s = UNEVEN_PAUSE * float(np.median(distances))
+    unbroken = np.cumsum(np.concatenate([[0], distances > longest_s]))
+    far = (time_s[REACH:] - time_s[:-REACH])[unbroken[REACH:] == unbroken[:-REACH]]
+    if far.size < REACH or np.std(far) > ADDED_UP * np.std(distances[distances <= longest_s]):
+        return None
+    stamps = on_lines(time_s, longest_s)
+    return stamps if np.all(np.diff(stamps) > 0.0) else None

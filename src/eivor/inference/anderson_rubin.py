@@ -1,0 +1,656 @@
+"""Anderson-Rubin and sign-perturbed confidence sets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from math import inf
+
+import numpy as np
+import scipy.linalg
+from scipy import special
+
+from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.regions import (
+    ConfidenceRegion,
+    Points,
+    RegionFrame,
+    RegionShape,
+    hotelling_quantile,
+    scanned_shadow,
+)
+from eivor.tools import Bool, Float, Int
+
+# -- Anderson rubin --
+
+#: Cosine averages B = RATE rows^(2/3) (Lazarus et al. 2018), and at least so many for each equation.
+AVERAGES_RATE = 0.4
+AVERAGES_PER_EQUATION = 2
+#: Eigenvalues count as real up to this share of their size: they only propose ends, membership decides.
+REAL_SHARE = 1e-3
+#: Variances below this share of all equations' together are lost in rounding, and are taken as this large.
+SMALLEST_SHARE = 1e-13
+
+
+@dataclass(frozen=True)
+class LinearScores:
+    """Sums and cosine averages of scores that are linear in (1; -theta).
+
+    Parameters
+    ----------
+    total : ndarray, shape (p, n + 1)
+        G: sums over the rows, the constants of compensated equations among them.
+    cosines : ndarray, shape (B, p, n + 1)
+        L_j = sqrt(2 samples) times the mean of the scores times cos(pi j (t - 1/2) / samples): their
+        mean square estimates the covariance of the sum.
+    """
+
+    total: Float[np.ndarray, "p n_plus_1"]
+    cosines: Float[np.ndarray, "averages p n_plus_1"]
+
+    def changed(
+        self, equations: Float[np.ndarray, "q p"], unknowns: Float[np.ndarray, "n_plus_1 m"]
+    ) -> LinearScores:
+        """Equations recombined from the left, columns from the right."""
+        return LinearScores(equations @ self.total @ unknowns, equations @ self.cosines @ unknowns)
+
+
+def averages_for(samples: int, equations: int) -> int:
+    """Number of cosine averages B for so many samples and equations.
+
+    Raises
+    ------
+    TooFewSamplesError
+        When there are fewer than four samples for each average.
+    """
+    averages = max(round(AVERAGES_RATE * samples ** (2.0 / 3.0)), AVERAGES_PER_EQUATION * equations)
+    if 4 * averages > samples:
+        raise TooFewSamplesError(
+            f"at least {4 * averages} samples for {equations} moment equations",
+            f"{samples}",
+            "Give a longer record, or fewer instruments.",
+        )
+    return averages
+
+
+@dataclass(frozen=True)
+class RobustShape(RegionShape):
+    """Region of the autocorrelation-robust test, in coordinates in which V is the identity at the pivot.
+
+    Parameters
+    ----------
+    scores : LinearScores
+        In these coordinates; signs such that (1; theta) multiplies it.
+    critical : float
+        Value that AR must not exceed.
+    """
+
+    scores: LinearScores
+    critical: float
+
+    @property
+    def unknowns(self) -> int:
+        """Number of parameters."""
+        return self.scores.total.shape[1] - 1
+
+    @cached_property
+    def _covariances(self) -> Float[np.ndarray, "n_plus_1 n_plus_1 p p"]:
+        """V_ab with V(x) = sum_ab x_a x_b V_ab."""
+        L = self.scores.cosines
+        found: Float[np.ndarray, "n_plus_1 n_plus_1 p p"] = np.einsum("jpa,jqb->abpq", L, L) / L.shape[0]
+        return found
+
+    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+        """AR over its critical value; O(p^2 n^2 + p^3) for each point."""
+        g = points @ self.scores.total.T
+        V = np.tensordot(points[:, :, None] * points[:, None, :], self._covariances, axes=2)
+        # Scores of an exact regressor hardly vary far out: AR grows there, and must not be rounding.
+        floor = SMALLEST_SHARE * np.trace(V, axis1=1, axis2=2)
+        V += np.where(floor > 0.0, floor, 1.0)[:, None, None] * np.eye(V.shape[1])
+        solved = np.linalg.solve(V, g[:, :, None])[:, :, 0]
+        return np.einsum("kp,kp->k", g, solved) / self.critical
+
+    def along(
+        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
+    ) -> ConfidenceSet:
+        """Members on a line: AR = c where the matrix polynomial c V(s) - g(s) g(s)' is singular.
+
+        Its 2p eigenvalues hold every end there is; between them one point each decides.
+        """
+        b, d = self.scores.total @ base, self.scores.total @ step
+        c = self.critical
+        M0 = c * self._between(base, base) - np.outer(b, b)
+        M1 = 2.0 * c * self._between(base, step) - np.outer(b, d) - np.outer(d, b)
+        M2 = c * self._between(step, step) - np.outer(d, d)
+        ends = _real_eigenvalues(M0, M1, M2)
+        return ConfidenceSet.from_membership(
+            lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
+        )
+
+    def shadow(self, axis: int) -> ConfidenceSet:
+        """Scanned; see `scanned_shadow`."""
+        return scanned_shadow(self, axis)
+
+    def _between(
+        self, one: Float[np.ndarray, " n_plus_1"], other: Float[np.ndarray, " n_plus_1"]
+    ) -> Float[np.ndarray, "p p"]:
+        V = np.einsum("a,b,abpq->pq", one, other, self._covariances)
+        return 0.5 * (V + V.T)
+
+
+@dataclass(frozen=True)
+class HomoskedasticShape(RegionShape):
+    """Region of the classical test, a quadratic inequality.
+
+    Parameters
+    ----------
+    explained, unexplained : ndarray, shape (n + 1, n + 1)
+        Z'P Z and Z'(I - P)Z in coordinates in which (1; theta) multiplies them.
+    critical : float
+        Ratio that they must not exceed for the joint region.
+    shadow_critical : float
+        The same for one parameter with the others concentrated out.
+    """
+
+    explained: Float[np.ndarray, "m m"]
+    unexplained: Float[np.ndarray, "m m"]
+    critical: float
+    shadow_critical: float
+
+    @property
+    def unknowns(self) -> int:
+        """Number of parameters."""
+        return self.explained.shape[0] - 1
+
+    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+        """AR over its critical value."""
+        above = np.einsum("ka,ab,kb->k", points, self.explained, points)
+        below = np.einsum("ka,ab,kb->k", points, self.unexplained, points)
+        return above / (self.critical * below)
+
+    def along(
+        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
+    ) -> ConfidenceSet:
+        """Members on a line, in closed form."""
+        Q = self.explained - self.critical * self.unexplained
+        return ConfidenceSet.from_quadratic(
+            float(step @ Q @ step), float(2.0 * (base @ Q @ step)), float(base @ Q @ base)
+        )
+
+    def shadow(self, axis: int) -> ConfidenceSet:
+        """Values that some x of the other parameters passes the test with, in closed form."""
+        Q = self.explained - self.shadow_critical * self.unexplained
+        others = [i for i in range(1, Q.shape[0]) if i != axis]
+        kept = [0, axis]
+        S = Q[np.ix_(kept, kept)]
+        if others:
+            inner = Q[np.ix_(others, others)]
+            if np.linalg.eigvalsh(inner)[0] <= 0.0:
+                # The others can go to infinity at no cost, whatever this one is.
+                return ConfidenceSet.whole_line()
+            cross = Q[np.ix_(others, kept)]
+            S = S - cross.T @ np.linalg.solve(inner, cross)
+        return ConfidenceSet.from_quadratic(float(S[1, 1]), float(2.0 * S[0, 1]), float(S[0, 0]))
+
+
+def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) -> ConfidenceRegion:
+    """Autocorrelation-robust region.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    scores : LinearScores
+        Of (1; -theta); the equations must be independent.
+    level : float
+        Confidence level.
+
+    Raises
+    ------
+    CollinearError
+        When the errors do not vary, or the scores of some equations are always the same.
+    """
+    p, averages = scores.total.shape[0], scores.cosines.shape[0]
+    pivot = _weighted_solution(scores.total, np.eye(p))
+    root = np.eye(p)
+    for _ in range(2):
+        at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
+        root = _triangular_root(at_pivot / np.sqrt(averages))
+        pivot = _weighted_solution(scores.total, root)
+    frame = RegionFrame(pivot, _standard_errors(scores.total, root))
+    whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
+    shape = RobustShape(
+        scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, float(averages))
+    )
+    return ConfidenceRegion(names, frame, shape)
+
+
+def homoskedastic_region(
+    names: tuple[str, ...],
+    instruments: Float[np.ndarray, "rows p"],
+    columns: Float[np.ndarray, "rows n_plus_1"],
+    level: float,
+    partialled: int = 0,
+) -> ConfidenceRegion:
+    """Classical region.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    instruments : ndarray, shape (rows, p)
+        Independent columns.
+    columns : ndarray, shape (rows, n + 1)
+        [y Phi].
+    level : float
+        Confidence level.
+    partialled : int
+        Number of exogenous regressors that instruments and columns were freed of.
+
+    Notes
+    -----
+    One parameter among n has p - n + 1 numerator degrees of freedom instead of p: with the others
+    concentrated out the statistic is no larger than in the strongly identified case (Guggenberger,
+    Kleibergen, Mavroeidis and Chen 2012; in large samples).
+
+    Raises
+    ------
+    TooFewSamplesError
+        When there are no more rows than instruments.
+    CollinearError
+        When nothing is left unexplained.
+    """
+    rows, p = instruments.shape
+    n = columns.shape[1] - 1
+    Q = np.linalg.qr(instruments)[0]
+    inside = Q.T @ columns
+    pivot = np.linalg.lstsq(inside[:, 1:], inside[:, 0], rcond=None)[0]
+    residual = columns @ np.concatenate([[1.0], -pivot])
+    left = residual - Q @ (Q.T @ residual)
+    degrees = rows - p - partialled
+    if degrees < 1:
+        raise TooFewSamplesError(
+            f"more than {p + partialled} rows for as many instruments",
+            f"{rows}",
+            "Give a longer record.",
+        )
+    variance = float(left @ left) / degrees
+    if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
+        raise _no_error()
+    scale = np.sqrt(variance) * _standard_errors(inside, np.eye(p))
+    frame = RegionFrame(pivot, scale)
+    change = _to_frame(frame)
+    moved = columns @ change
+    inside = Q.T @ moved
+    outside = moved - Q @ inside
+    shape = HomoskedasticShape(
+        inside.T @ inside / variance,
+        outside.T @ outside / variance,
+        p / degrees * float(special.fdtri(p, degrees, level)),
+        (p - n + 1) / degrees * float(special.fdtri(p - n + 1, degrees, level)),
+    )
+    return ConfidenceRegion(names, frame, shape)
+
+
+def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+    """Matrix that takes (1; scaled theta) to (1; -theta)."""
+    n = frame.pivot.size
+    change = np.zeros((n + 1, n + 1))
+    change[0, 0] = 1.0
+    change[1:, 0] = -frame.pivot
+    change[1:, 1:] = -np.diag(frame.scale)
+    return change
+
+
+def _weighted_solution(
+    total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
+) -> Float[np.ndarray, " n"]:
+    weighted = scipy.linalg.solve_triangular(root, total, lower=True)
+    lengths = np.linalg.norm(weighted[:, 1:], axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    solution: Float[np.ndarray, " n"] = np.linalg.lstsq(
+        weighted[:, 1:] / lengths, weighted[:, 0], rcond=None
+    )[0]
+    return solution / lengths
+
+
+def _standard_errors(
+    total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
+) -> Float[np.ndarray, " n"]:
+    """Standard error of each parameter at the pivot; with the others held where they cannot be told apart."""
+    A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
+    lengths = np.linalg.norm(A, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
+    kept = singular > 1e-8 * singular[0] if singular[0] > 0.0 else np.zeros(singular.size, dtype=np.bool_)
+    variance = ((V[kept] / singular[kept, None]) ** 2).sum(axis=0)
+    return np.sqrt(np.where(variance > 0.0, variance, 1.0)) / lengths
+
+
+def _triangular_root(rows: Float[np.ndarray, "averages p"]) -> Float[np.ndarray, "p p"]:
+    """Lower triangular L with L L' = rows' rows, by QR.
+
+    Raises
+    ------
+    CollinearError
+        When there is none of full rank.
+    """
+    root: Float[np.ndarray, "p p"] = np.asarray(np.linalg.qr(rows, mode="r")).T
+    lengths = np.linalg.norm(root, axis=1)
+    if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
+        raise _no_error()
+    return root
+
+
+def _real_eigenvalues(
+    M0: Float[np.ndarray, "p p"], M1: Float[np.ndarray, "p p"], M2: Float[np.ndarray, "p p"]
+) -> list[float]:
+    """Real numbers at which M0 + s M1 + s^2 M2 is singular, by its companion pencil, s scaled to size one."""
+    p = M0.shape[0]
+    one, other = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
+    gamma = np.sqrt(one / other) if one > 0.0 and other > 0.0 else 1.0
+    M0, M1, M2 = (M / (one or 1.0) for M in (M0, gamma * M1, gamma**2 * M2))
+    eye, zero = np.eye(p), np.zeros((p, p))
+    values = scipy.linalg.eigvals(
+        np.block([[zero, eye], [-M0, -M1]]), np.block([[eye, zero], [zero, M2]]), check_finite=False
+    )
+    values = values[np.isfinite(values)]
+    real = np.abs(values.imag) <= REAL_SHARE * np.abs(values)
+    return [float(value) for value in gamma * values.real[real]]
+
+
+def _no_error() -> CollinearError:
+    return CollinearError(
+        "errors that vary, and independent moment equations",
+        "equations that hold without any error, or of which one is a combination of others",
+        "Leave out instruments that repeat others; data without any error need no confidence set.",
+    )
+
+
+# -- Concentrated sets --
+
+
+def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> Float[np.ndarray, " k"]:
+    """Least J over all parameters.
+
+    Raises
+    ------
+    LinAlgError
+        When a D is not positive definite: columns are collinear, or nothing is left of the response.
+    """
+    root = np.linalg.cholesky(D)
+    half = np.linalg.solve(root, N)
+    return np.asarray(np.linalg.eigvalsh(np.linalg.solve(root, half.transpose(0, 2, 1)))[:, 0])
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """For each pair of forms the values that stay below its bound.
+
+    Parameters
+    ----------
+    low, high : ndarray, shape (k,)
+        Ends; NaN where no value does, infinite where all do.
+    outside : ndarray of bool, shape (k,)
+        Whether it is what lies not between but beyond the ends.
+    """
+
+    low: Float[np.ndarray, " k"]
+    high: Float[np.ndarray, " k"]
+    outside: Bool[np.ndarray, " k"]
+
+    def pieces(self) -> list[tuple[float, float]]:
+        """Union over pairs that follow one another closely: what lies between ends joins to one interval."""
+        between = self._between
+        found = [(-inf, inf)] if np.isinf(self.low).any() else []
+        if between.any():
+            found.append((float(self.low[between].min()), float(self.high[between].max())))
+        if self.outside.any():
+            found.append((-inf, float(self.low[self.outside].max())))
+            found.append((float(self.high[self.outside].min()), inf))
+        return found
+
+    def continued(self) -> list[tuple[float, float]]:
+        """The same where pairs would go on after the last: without a bound on the side they move to."""
+        between = np.flatnonzero(self._between)
+        if not between.size:
+            return self.pieces()
+        first, last = (self.low[at] + self.high[at] for at in between[[0, -1]])
+        ends = float(self.low[between].min()), float(self.high[between].max())
+        moving = (ends[0], inf) if last >= first else (-inf, ends[1])
+        return [moving if piece == ends else piece for piece in self.pieces()]
+
+    @property
+    def _between(self) -> Bool[np.ndarray, " k"]:
+        return np.isfinite(self.low) & np.isfinite(self.high) & ~self.outside
+
+
+def allowed(
+    N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"], bound: Float[np.ndarray, " k"]
+) -> Allowed:
+    """Values of the first delta at which the least J over the others is at most a bound."""
+    Q = N - bound[:, None, None] * D
+    S = Q[:, :2, :2]
+    free = np.zeros(bound.size, dtype=np.bool_)
+    if Q.shape[1] > 2:
+        inner, cross = Q[:, 2:, 2:], Q[:, 2:, :2]
+        # The others can go to infinity at no cost, whatever this one is.
+        free = np.linalg.eigvalsh(inner)[:, 0] <= 0.0
+        inner = np.where(free[:, None, None], np.eye(inner.shape[1]), inner)
+        S = S - cross.transpose(0, 2, 1) @ np.linalg.solve(inner, cross)
+    a, half, c = S[:, 1, 1], S[:, 0, 1], S[:, 0, 0]
+    square = half**2 - a * c
+    free |= (a <= 0.0) & (square <= 0.0)
+    none = ~free & (square < 0.0)
+    # the root that does not cancel, and the other one by their product
+    larger = half + np.where(half < 0.0, -1.0, 1.0) * np.sqrt(np.maximum(square, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        roots = np.stack([larger / a, np.where(larger != 0.0, c / larger, 0.0)])
+    low, high = roots.min(axis=0), roots.max(axis=0)
+    low, high = np.where(free, -inf, low), np.where(free, inf, high)
+    outside = (a < 0.0) & ~free
+    return Allowed(np.where(none, np.nan, low), np.where(none, np.nan, high), outside)
+
+
+# -- Sign perturbation --
+
+#: Rows whose signs are drawn at a time; the signs depend on it, so it is part of what a seed means.
+SIGN_ROWS = 4096
+#: Points ranked at a time.
+RANKED_POINTS = 256
+#: Squared lengths count as equal within this share, and below what rounding leaves of cancelled sums.
+TIE_SHARE = 1e-10
+ROUNDING = 1e-13
+
+
+@dataclass(frozen=True)
+class SignPerturbedShape(RegionShape):
+    """Region of the rank of the unperturbed sum.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (m, p, n + 1)
+        S_i as matrices that multiply x, shaped; the first one has no signs.
+    excluded : int
+        q.
+    order : ndarray of int, shape (m,)
+        Random order by which ties are broken: of equal lengths the one with the larger number is longer.
+    """
+
+    sums: Float[np.ndarray, "m p n_plus_1"]
+    excluded: int
+    order: Int[np.ndarray, " m"]
+
+    @property
+    def unknowns(self) -> int:
+        """Number of parameters."""
+        return self.sums.shape[2] - 1
+
+    @cached_property
+    def _differences(self) -> Float[np.ndarray, "m_less_1 n_plus_1 n_plus_1"]:
+        """|S_0 x|^2 - |S_i x|^2 as quadratic forms."""
+        forms = np.einsum("ipa,ipb->iab", self.sums, self.sums)
+        return forms[0] - forms[1:]
+
+    @cached_property
+    def _largest(self) -> float:
+        """Largest squared length of a sum's columns."""
+        return float(np.einsum("ipa,ipa->ia", self.sums, self.sums).max())
+
+    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+        """|S_0|^2 over the q-th largest of the others, nudged off one where a tie decides."""
+        found = np.empty(points.shape[0])
+        for start in range(0, points.shape[0], RANKED_POINTS):
+            here = slice(start, start + RANKED_POINTS)
+            S = np.einsum("ipa,ka->kip", self.sums, points[here])
+            lengths = np.einsum("kip,kip->ki", S, S)
+            size = np.einsum("ka,ka->k", points[here], points[here])
+            found[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
+        return found
+
+    def _ratios(
+        self, lengths: Float[np.ndarray, "k m"], rounding: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, " k"]:
+        own, others = lengths[:, :1], lengths[:, 1:]
+        behind = self.order[1:] < self.order[0]
+        tied = np.abs(others - own) <= TIE_SHARE * np.maximum(own, others) + rounding[:, None]
+        shorter = np.where(tied, behind, others < own).sum(axis=1)
+        inside = shorter < lengths.shape[1] - self.excluded
+        bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
+        ratio = np.divide(own[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
+        above = np.nextafter(1.0, 2.0)
+        return np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
+
+    def along(
+        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
+    ) -> ConfidenceSet:
+        """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
+        D = self._differences
+        a, b, c = (
+            np.einsum("a,iab,b->i", step, D, step),
+            2.0 * np.einsum("a,iab,b->i", base, D, step),
+            np.einsum("a,iab,b->i", base, D, base),
+        )
+        ends = np.sort(_real_roots(a, b, c))
+        if ends.size == 0:
+            inside = bool(self.excess(base[None, :])[0] <= 1.0)
+            return ConfidenceSet.whole_line() if inside else ConfidenceSet.empty()
+        reach = max(1.0, float(np.abs(ends).max()))
+        probes = np.concatenate([[ends[0] - reach], 0.5 * (ends[:-1] + ends[1:]), [ends[-1] + reach]])
+        members = self.excess(base + probes[:, None] * step) <= 1.0
+        edges = np.concatenate([[-np.inf], ends, [np.inf]])
+        return ConfidenceSet.union((float(edges[i]), float(edges[i + 1])) for i in np.flatnonzero(members))
+
+    def shadow(self, axis: int) -> ConfidenceSet:
+        """Scanned; see `scanned_shadow`."""
+        return scanned_shadow(self, axis)
+
+
+def excluded_sums(level: float, sums: int) -> int:
+    """Return q such that 1 - q/m is the level.
+
+    Raises
+    ------
+    ParameterError
+        When no whole number is: the coverage would not be the level.
+    """
+    excluded = (1 - Fraction(level).limit_denominator(10**6)) * sums
+    if not (0.0 < level < 1.0 and excluded.denominator == 1 and 1 <= excluded < sums):
+        raise ParameterError(
+            "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number",
+            f"level={level}, sums={sums}",
+            "Use level=0.95 with sums=100, or 0.99 with 200, for example.",
+        )
+    return int(excluded)
+
+
+def sign_perturbed_region(
+    names: tuple[str, ...],
+    instruments: Float[np.ndarray, "rows p"],
+    columns: Float[np.ndarray, "rows n_plus_1"],
+    rng: np.random.Generator,
+    *,
+    level: float,
+    sums: int,
+) -> ConfidenceRegion:
+    """Region by sign perturbation.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    instruments : ndarray, shape (rows, p)
+        Independent columns.
+    columns : ndarray, shape (rows, n + 1)
+        [y Phi].
+    rng : numpy.random.Generator
+        Draws signs and the order of ties.
+    level : float
+        Coverage.
+    sums : int
+        m.
+
+    Raises
+    ------
+    CollinearError
+        When an instrument is a combination of others.
+    ParameterError
+        When level and number of sums do not fit.
+
+    Notes
+    -----
+    O(rows m p n) once; a point then costs O(m p n), a line O(m^2 p n).
+    """
+    excluded = excluded_sums(level, sums)
+    rows, p = instruments.shape
+    root = np.asarray(np.linalg.qr(instruments, mode="r")).T
+    lengths = np.linalg.norm(root, axis=1)
+    if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
+        raise CollinearError(
+            "independent instruments", "one that is a combination of others", "Leave it out."
+        )
+    order = rng.permutation(sums)
+    frame = _frame(columns, scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
+    change = np.zeros((columns.shape[1], columns.shape[1]))
+    change[0, 0] = 1.0
+    change[1:, 0], change[1:, 1:] = -frame.pivot, -np.diag(frame.scale)
+    moved = columns @ change
+    total = np.zeros((sums, p * moved.shape[1]))
+    for start in range(0, rows, SIGN_ROWS):
+        psi, z = instruments[start : start + SIGN_ROWS], moved[start : start + SIGN_ROWS]
+        products = (psi[:, :, None] * z[:, None, :]).reshape(psi.shape[0], -1)
+        signs = np.ones((sums, psi.shape[0]))
+        signs[1:] -= 2.0 * rng.integers(0, 2, size=(sums - 1, psi.shape[0]), dtype=np.int8)
+        total += signs @ products
+    shaped = scipy.linalg.solve_triangular(root, _by_equation(total, p), lower=True)
+    stacked = shaped.reshape(p, sums, -1).transpose(1, 0, 2)
+    return ConfidenceRegion(names, frame, SignPerturbedShape(np.ascontiguousarray(stacked), excluded, order))
+
+
+def _by_equation(total: Float[np.ndarray, "m products"], p: int) -> Float[np.ndarray, "p m_columns"]:
+    return total.reshape(total.shape[0], p, -1).transpose(1, 0, 2).reshape(p, -1)
+
+
+def _frame(
+    columns: Float[np.ndarray, "rows n_plus_1"], shaped: Float[np.ndarray, "p n_plus_1"]
+) -> RegionFrame:
+    """Two-stage estimate, and sizes of parameters that change S_0 by the usual length of an S_i."""
+    lengths = np.linalg.norm(shaped[:, 1:], axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    solution = np.linalg.lstsq(shaped[:, 1:] / lengths, shaped[:, 0], rcond=None)[0] / lengths
+    residual = columns[:, 0] - columns[:, 1:] @ solution
+    usual = float(np.sqrt(residual @ residual / residual.size))
+    return RegionFrame(solution, (usual or 1.0) / lengths)
+
+
+def _real_roots(
+    a: Float[np.ndarray, " k"], b: Float[np.ndarray, " k"], c: Float[np.ndarray, " k"]
+) -> Float[np.ndarray, " roots"]:
+    """Real roots of all a s^2 + b s + c, without cancellation."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        inner = b * b - 4.0 * a * c
+        q = -0.5 * (b + np.where(b >= 0.0, 1.0, -1.0) * np.sqrt(inner))
+        roots = np.concatenate([q / a, c / q])
+    return roots[np.isfinite(roots)]

@@ -1,0 +1,430 @@
+"""Block bootstrap replicates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.inference.distributions import check_level, normal_quantile, t_quantile
+from eivor.tools import Float, Int
+
+# -- Blocks --
+
+#: A block starts at one of at least so many places within a block's length, where rows allow it.
+STEPS_PER_BLOCK = 8
+#: With at most so many atoms each row is one.
+FINEST_ATOMS = 4096
+#: Autocorrelations below so many standard errors are taken for zero (Politis and White 2004).
+NEGLIGIBLE = 2.0
+
+
+class BlockScheme(StrEnum):
+    """How blocks are drawn."""
+
+    CIRCULAR = "circular"
+    """Blocks of one length, the record joined end to start."""
+    MOVING = "moving"
+    """Blocks of one length inside the record; its ends are drawn less often."""
+    STATIONARY = "stationary"
+    """Blocks of random, geometric length on the circle (Politis and Romano 1994)."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockPlan:
+    """Rows in atoms, and atoms in blocks.
+
+    Parameters
+    ----------
+    rows : int
+        Rows of the record.
+    blocks : int
+        Blocks of a replicate.
+    steps : int
+        Atoms of a block.
+    scheme : BlockScheme
+        How they are drawn.
+    """
+
+    rows: int
+    blocks: int
+    steps: int
+    scheme: BlockScheme = BlockScheme.CIRCULAR
+
+    @property
+    def atoms(self) -> int:
+        """Atoms of the record, and of every replicate."""
+        return self.blocks * self.steps
+
+    @property
+    def block_length(self) -> float:
+        """Rows of a block, the mean when lengths are random."""
+        return self.rows / self.blocks
+
+    @property
+    def bounds(self) -> Int[np.ndarray, " atoms_plus_1"]:
+        """First row of each atom, and the number of rows."""
+        return np.arange(self.atoms + 1) * self.rows // self.atoms
+
+    @property
+    def span(self) -> int:
+        """Atoms of a piece, which replicates are put together from: a block, or an atom when lengths vary."""
+        return 1 if self.scheme is BlockScheme.STATIONARY else self.steps
+
+    @property
+    def pieces(self) -> int:
+        """Pieces that may be drawn: piece i begins with atom i."""
+        return self.atoms - self.steps + 1 if self.scheme is BlockScheme.MOVING else self.atoms
+
+    def drawn(self, random: np.random.Generator) -> Int[np.ndarray, " k"]:
+        """Pieces of one replicate, in its order."""
+        if self.scheme is not BlockScheme.STATIONARY:
+            return random.integers(0, self.pieces, self.blocks)
+        begins = random.random(self.atoms) < 1.0 / self.steps
+        begins[0] = True
+        first = random.integers(0, self.atoms, int(begins.sum()))
+        block = np.cumsum(begins) - 1
+        within = np.arange(self.atoms) - np.flatnonzero(begins)[block]
+        return np.asarray((first[block] + within) % self.atoms)
+
+    def rows_of(self, pieces: Int[np.ndarray, " k"]) -> Int[np.ndarray, " rows"]:
+        """Rows of a replicate's pieces, in its order."""
+        atoms = (pieces[:, None] + np.arange(self.span)).ravel() % self.atoms
+        bounds = self.bounds
+        return np.concatenate([np.arange(bounds[a], bounds[a + 1]) for a in atoms])
+
+
+def block_plan(rows: int, length: float, scheme: BlockScheme = BlockScheme.CIRCULAR) -> BlockPlan:
+    """Plan with blocks of about `length` rows, so many that they fill the record.
+
+    Parameters
+    ----------
+    rows : int
+        Rows of the record.
+    length : float
+        Rows of a block, from 1 to `rows`. The plan's own is the nearest that divides the record.
+    scheme : BlockScheme
+        How blocks are drawn.
+
+    Notes
+    -----
+    Performs no checks.
+    """
+    blocks = min(max(round(rows / length), 1), rows)
+    steps = min(rows // blocks, max(STEPS_PER_BLOCK, FINEST_ATOMS // blocks))
+    return BlockPlan(rows, blocks, steps, scheme)
+
+
+def automatic_block_length(
+    series: Float[np.ndarray, "rows n"], scheme: BlockScheme = BlockScheme.CIRCULAR
+) -> float:
+    """Block length that makes the variance of a mean most accurate, for the most persistent series.
+
+    Parameters
+    ----------
+    series : ndarray, shape (rows, n)
+        Series whose means matter: an estimate's influence of each row.
+    scheme : BlockScheme
+        How blocks will be drawn.
+
+    Returns
+    -------
+    float
+        ``(2 G^2 / D)^(1/3) N^(1/3)`` of Politis and White (2004, with the correction of Patton, Politis
+        and White 2009), between 1 and min(3 sqrt(N), N/3); the longest over the columns.
+
+    Notes
+    -----
+    G = sum |k| R_k and g = sum R_k, with a flat-top window up to twice the lag after which
+    autocorrelations are negligible; D = 4/3 g^2 for blocks of one length and 2 g^2 for random ones.
+    One FFT for each column. Performs no checks.
+    """
+    rows = series.shape[0]
+    longest = min(3.0 * math.sqrt(rows), rows / 3.0)
+    centred = series - series.mean(axis=0)
+    lengths = [_optimal_length(column, scheme) for column in centred.T]
+    return float(np.clip(max(lengths, default=1.0), 1.0, max(longest, 1.0)))
+
+
+def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> float:
+    rows = series.size
+    quiet = max(5, math.ceil(math.sqrt(math.log10(rows)))) if rows > 1 else 5
+    reach = min(math.ceil(math.sqrt(rows)) + quiet, rows - 1)
+    R = autocovariance(series, reach)
+    if not R[0] > 0.0 or reach < 1:
+        return 1.0
+    small = np.abs(R[1:] / R[0]) < NEGLIGIBLE * math.sqrt(math.log10(rows) / rows)
+    # first lag that is followed by `quiet` negligible ones; else the last one that is not negligible
+    in_a_row = np.convolve(small, np.ones(quiet), mode="valid") if small.size >= quiet else np.empty(0)
+    found = np.flatnonzero(in_a_row == quiet)
+    after = int(found[0]) if found.size else int(np.flatnonzero(~small)[-1] + 1 if (~small).any() else 0)
+    lags = np.arange(min(2 * max(after, 1), reach) + 1)
+    window = np.minimum(1.0, 2.0 * (1.0 - lags / (2 * max(after, 1))))
+    weighted = window * R[: lags.size]
+    g = float(2.0 * weighted.sum() - weighted[0])
+    G = float(2.0 * (lags * weighted).sum())
+    D = (2.0 if scheme is BlockScheme.STATIONARY else 4.0 / 3.0) * g * g
+    return (2.0 * G * G / D * rows) ** (1.0 / 3.0) if D > 0.0 else 1.0
+
+
+def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
+    """Mean products of a centred series with itself, divided by its length, at lags 0 to `lags`.
+
+    Parameters
+    ----------
+    series : ndarray, shape (rows,)
+        Centred series.
+    lags : int
+        Largest lag, below `rows`.
+
+    Notes
+    -----
+    By FFT of twice the length. Performs no checks.
+    """
+    size = 1 << (2 * series.size - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(series, size)) ** 2
+    products: Float[np.ndarray, " lags_plus_1"] = np.fft.irfft(spectrum, size)[: lags + 1]
+    return products / series.size
+
+
+def piece_sums(
+    atom_sums: Float[np.ndarray, "atoms *columns"], plan: BlockPlan
+) -> Float[np.ndarray, "pieces *columns"]:
+    """Sums over the atoms of each piece.
+
+    Parameters
+    ----------
+    atom_sums : ndarray, shape (atoms, ...)
+        Sums over each atom.
+    plan : BlockPlan
+        Which atoms a piece has.
+
+    Notes
+    -----
+    Atoms are added one by one: no difference of long sums loses digits. O(atoms columns steps).
+    """
+    wrapped = np.concatenate([atom_sums, atom_sums[: plan.span - 1]])
+    total = wrapped[: plan.pieces].copy()
+    for step in range(1, plan.span):
+        total += wrapped[step : step + plan.pieces]
+    return total
+
+
+# -- Replicates --
+
+
+def check_draws(runs: object, seed: object) -> None:
+    """Refuse fewer replicates than two, and a seed that is none.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.whole("runs", runs)
+    if isinstance(runs, int | np.integer) and runs < 2:
+        raise UsageError("two runs or more", f"runs={runs}", "A thousand are usual.")
+    if isinstance(seed, np.random.Generator):
+        return
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise UsageError(
+            "a whole number or a numpy.random.Generator for seed",
+            checks.described(seed),
+            "Give 0, for example.",
+        )
+    if seed < 0:
+        raise UsageError("a seed of zero or more", f"seed={seed}", "Any other one will do.")
+
+
+class IntervalKind(StrEnum):
+    """How an interval is read from replicates. Notation: v value, v* replicate, s and s* standard errors."""
+
+    PERCENTILE = "percentile"
+    """Quantiles of v*."""
+    EXPANDED = "expanded"
+    """Quantiles of v*, their distances from v times sqrt(c / (c - 1)) t / z: for few pieces."""
+    BASIC = "basic"
+    """v minus quantiles of v* - v, in reverse order."""
+    STUDENTISED = "studentised"
+    """v minus quantiles of (v* - v) / s* times s, in reverse order."""
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """Replicates of an estimate.
+
+    Parameters
+    ----------
+    names, units : tuple of str, length n
+        Of the quantities.
+    values : ndarray, shape (n,)
+        The estimate that the replicates are replicates of.
+    replicates : ndarray, shape (runs, n)
+        Of those runs that gave an estimate.
+    failed : int
+        Runs that did not.
+    pieces : int
+        Blocks, or flights, that a replicate is put together from.
+    block_length : float
+        Rows of a block; NaN when whole flights are drawn.
+    seed : int or None
+        What the generator was made of; None when a generator was given.
+    std_errors : ndarray, shape (n,), optional
+        Standard error of each value, computed as those of the replicates.
+    studentised : ndarray, shape (runs, n), optional
+        (v* - v) / s* of each replicate.
+
+    Raises
+    ------
+    UsageError
+        When fewer than two replicates gave an estimate.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Float[np.ndarray, " n"]
+    replicates: Float[np.ndarray, "runs n"]
+    failed: int
+    pieces: int
+    block_length: float
+    seed: int | None
+    std_errors: Float[np.ndarray, " n"] | None = None
+    studentised: Float[np.ndarray, "runs n"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.replicates.shape[0] < 2:
+            raise UsageError(
+                "at least two replicates with an estimate",
+                f"{self.replicates.shape[0]}, and {self.failed} without",
+                "Ask for more runs; where most fail, the data do not determine the parameters.",
+            )
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """Covariance of the replicates, times c / (c - 1): c pieces vary about a mean of their own."""
+        spread = self.replicates - self.replicates.mean(axis=0)
+        few = self.pieces / (self.pieces - 1) if self.pieces > 1 else math.inf
+        covariance: Float[np.ndarray, "n n"] = spread.T @ spread / (spread.shape[0] - 1) * few
+        return covariance
+
+    def std_error(self, name: str) -> float:
+        """Root of the quantity's variance, see `covariance`.
+
+        Raises
+        ------
+        UsageError
+            When there is no quantity of that name.
+        """
+        place = self._place(name)
+        return math.sqrt(float(self.covariance[place, place]))
+
+    def bias(self, name: str) -> float:
+        """Mean of the replicates minus the value.
+
+        Raises
+        ------
+        UsageError
+            When there is no quantity of that name.
+        """
+        place = self._place(name)
+        return float(self.replicates[:, place].mean() - self.values[place])
+
+    def interval(
+        self, name: str, level: float = 0.95, kind: IntervalKind = IntervalKind.EXPANDED
+    ) -> tuple[float, float]:
+        """Confidence interval of a quantity.
+
+        Parameters
+        ----------
+        name : str
+            The quantity.
+        level : float
+            Confidence level.
+        kind : IntervalKind
+            How it is read from the replicates.
+
+        Raises
+        ------
+        UsageError
+            When there is no quantity of that name, the level is not between 0 and 1 or needs more
+            replicates than there are, or a studentised interval is asked of replicates without standard
+            errors.
+        """
+        place = self._place(name)
+        check_level(level)
+        try:
+            chosen = IntervalKind(kind)
+        except ValueError as error:
+            known = ", ".join(IntervalKind)
+            raise UsageError(f"a kind out of {known}", checks.described(kind), "Name one of them.") from error
+        return _INTERVALS[chosen](self, place, level)
+
+    def _place(self, name: str) -> int:
+        checks.text("name", name)
+        if name not in self.names:
+            raise UsageError(f"a quantity out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
+        return self.names.index(name)
+
+
+def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:
+    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p.
+
+    Raises
+    ------
+    UsageError
+        When R is too small for such an order statistic to be there.
+    """
+    needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
+    if values.size < needed:
+        raise UsageError(
+            f"{needed} replicates or more for a level of {level:g}",
+            f"{values.size}",
+            "Draw more runs, or ask for a lower level.",
+        )
+    low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
+    return float(low), float(high)
+
+
+def _percentile(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
+    return _quantiles(found.replicates[:, place], level)
+
+
+def _expanded(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
+    if found.pieces < 2:
+        return -math.inf, math.inf
+    wider = math.sqrt(found.pieces / (found.pieces - 1)) * t_quantile(level, found.pieces - 1)
+    wider /= normal_quantile(level)
+    value = float(found.values[place])
+    low, high = _quantiles(found.replicates[:, place], level)
+    return value + wider * (low - value), value + wider * (high - value)
+
+
+def _basic(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
+    value = float(found.values[place])
+    low, high = _quantiles(found.replicates[:, place], level)
+    return 2.0 * value - high, 2.0 * value - low
+
+
+def _studentised(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
+    if found.studentised is None or found.std_errors is None:
+        raise UsageError(
+            "replicates with standard errors of their own, for a studentised interval",
+            "replicates without",
+            "Draw blocks of one length, or take another kind of interval.",
+        )
+    value, error = float(found.values[place]), float(found.std_errors[place])
+    low, high = _quantiles(found.studentised[:, place], level)
+    return value - high * error, value - low * error
+
+
+_INTERVALS: dict[IntervalKind, Callable[[Bootstrap, int, float], tuple[float, float]]] = {
+    IntervalKind.PERCENTILE: _percentile,
+    IntervalKind.EXPANDED: _expanded,
+    IntervalKind.BASIC: _basic,
+    IntervalKind.STUDENTISED: _studentised,
+}

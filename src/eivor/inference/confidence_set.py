@@ -1,0 +1,323 @@
+"""Confidence sets as unions of intervals, and their search."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from math import inf, isfinite, isnan, isqrt
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import ParameterError
+from eivor.tools import Bool, Float
+
+# -- Confidence set --
+
+#: Binary digits of a square root: more than a double has, so that roots are right to rounding.
+ROOT_BITS = 80
+
+
+@dataclass(frozen=True, slots=True)
+class ConfidenceSet:
+    """Union of disjoint closed intervals of the real line.
+
+    Parameters
+    ----------
+    intervals : tuple of (float, float)
+        Lower and upper end of each piece, in ascending order and apart from each other; -inf and inf are
+        allowed as outermost ends. No piece is the empty set.
+
+    Raises
+    ------
+    ParameterError
+        When an end is NaN, or the pieces are not in order.
+    """
+
+    intervals: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        checks.items("intervals", self.intervals, tuple, "pairs of numbers")
+        for pair in self.intervals:
+            checks.items("an interval", pair, checks.NUMBERS, "two numbers")
+            if len(pair) != 2:
+                raise ParameterError("intervals of two ends", f"{pair}", "Give a lower and an upper end.")
+        ends = [end for interval in self.intervals for end in interval]
+        ordered = all(low <= high for low, high in self.intervals)
+        apart = all(one[1] < other[0] for one, other in zip(self.intervals, self.intervals[1:], strict=False))
+        if any(isnan(end) for end in ends) or inf in ends[:-1] or -inf in ends[1:] or not (ordered and apart):
+            raise ParameterError(
+                "intervals in ascending order and apart from each other",
+                f"{list(self.intervals)}",
+                "Use ConfidenceSet.union(intervals), which sorts and joins them.",
+            )
+
+    @classmethod
+    def empty(cls) -> ConfidenceSet:
+        """No value at all."""
+        return cls()
+
+    @classmethod
+    def whole_line(cls) -> ConfidenceSet:
+        """Every value."""
+        return cls(((-inf, inf),))
+
+    @classmethod
+    def union(cls, intervals: Iterable[tuple[float, float]]) -> ConfidenceSet:
+        """Union of closed intervals in any order, those that touch or overlap joined."""
+        joined: list[tuple[float, float]] = []
+        for low, high in sorted(intervals):
+            if joined and low <= joined[-1][1]:
+                joined[-1] = (joined[-1][0], max(joined[-1][1], high))
+            else:
+                joined.append((low, high))
+        return cls(tuple(joined))
+
+    @classmethod
+    def from_quadratic(cls, a: float, b: float, c: float) -> ConfidenceSet:
+        """Solutions of ``a x^2 + b x + c <= 0``.
+
+        Parameters
+        ----------
+        a, b, c : float
+            Finite coefficients. They are taken as they are: a coefficient is zero when it is exactly zero.
+
+        Notes
+        -----
+        Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
+        two: nothing cancels, overflows or underflows on the way, and whether there are roots is decided
+        by the sign of the exact discriminant. Roots beyond the range of numbers count as infinite.
+
+        Raises
+        ------
+        ParameterError
+            When a coefficient is not finite.
+        """
+        if not (isfinite(a) and isfinite(b) and isfinite(c)):
+            raise ParameterError(
+                "finite coefficients of a quadratic", f"{a}, {b}, {c}", "Check the data for overflow."
+            )
+        if a == 0.0:
+            return cls._from_line(b, c)
+        roots = _roots(a, b, c)
+        if roots is None:
+            return cls.empty() if a > 0.0 else cls.whole_line()
+        low, high = roots
+        if a > 0.0:
+            return cls(((low, high),)) if low < inf and high > -inf else cls.empty()
+        outside = ((-inf, low), (high, inf))
+        return cls.union((lower, upper) for lower, upper in outside if lower < upper)
+
+    @classmethod
+    def _from_line(cls, b: float, c: float) -> ConfidenceSet:
+        """Solutions of b x + c <= 0."""
+        if b == 0.0:
+            return cls.whole_line() if c <= 0.0 else cls.empty()
+        root = _nearest(-Fraction(c) / Fraction(b))
+        if not isfinite(root):
+            return cls.whole_line() if c <= 0.0 else cls.empty()
+        return cls(((-inf, root),)) if b > 0.0 else cls(((root, inf),))
+
+    @classmethod
+    def from_membership(
+        cls,
+        contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]],
+        roots: Iterable[float],
+    ) -> ConfidenceSet:
+        """Set whose membership can change at `roots` only.
+
+        Parameters
+        ----------
+        contains : callable
+            Which of several values belong to the set; asked once, for all roots, one value between each two
+            neighbouring ones, and one beyond each outermost one. Roots belong to the set where a neighbouring
+            stretch does, since the set is closed, or where `contains` says so.
+        roots : iterable of float
+            In any order; values that are not finite are left out.
+        """
+        ends = sorted({float(root) for root in roots if isfinite(root)})
+        if not ends:
+            return cls.whole_line() if contains(np.zeros(1))[0] else cls.empty()
+        reach = max(1.0, abs(ends[0]), abs(ends[-1]))
+        edges = [-inf, *ends, inf]
+        probes = [
+            ends[0] - reach,
+            *(low + 0.5 * (high - low) for low, high in pairwise(ends)),
+            ends[-1] + reach,
+        ]
+        stretches = [*zip(ends, ends, strict=True), *pairwise(edges)]
+        belongs = contains(np.array([*ends, *probes]))
+        return cls.union(piece for piece, inside in zip(stretches, belongs, strict=True) if inside)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no value belongs to the set."""
+        return not self.intervals
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether both ends are finite; the empty set is bounded."""
+        return self.is_empty or (isfinite(self.intervals[0][0]) and isfinite(self.intervals[-1][1]))
+
+    @property
+    def is_whole_line(self) -> bool:
+        """Whether every value belongs to the set."""
+        return self.intervals == ((-inf, inf),)
+
+    @property
+    def hull(self) -> tuple[float, float]:
+        """Lowest and highest value; (nan, nan) of the empty set."""
+        if self.is_empty:
+            return float("nan"), float("nan")
+        return self.intervals[0][0], self.intervals[-1][1]
+
+    @property
+    def length(self) -> float:
+        """Total length of the pieces."""
+        return sum((high - low for low, high in self.intervals), start=0.0)
+
+    def contains(self, value: float) -> bool:
+        """Whether `value` belongs to the set."""
+        checks.number("value", value)
+        return any(low <= value <= high for low, high in self.intervals)
+
+    def scaled(self, factor: float) -> ConfidenceSet:
+        """Set of the values times `factor`, as of a parameter in another unit.
+
+        Raises
+        ------
+        ParameterError
+            When the factor is zero or not finite.
+        """
+        if factor == 0.0 or not isfinite(factor):
+            raise ParameterError(
+                "a finite factor other than zero", f"{factor}", "Give the ratio of the units."
+            )
+        pairs = ((low * factor, high * factor) for low, high in self.intervals)
+        return ConfidenceSet.union((min(pair), max(pair)) for pair in pairs)
+
+    def __str__(self) -> str:
+        if self.is_empty:
+            return "empty"
+        if self.is_whole_line:
+            return "the whole line"
+        return " or ".join(_text(low, high) for low, high in self.intervals)
+
+
+def _roots(a: float, b: float, c: float) -> tuple[float, float] | None:
+    """Real roots of a x^2 + b x + c in ascending order, a not zero; None when there are none."""
+    half, product = Fraction(b) / Fraction(a) / 2, Fraction(c) / Fraction(a)
+    square = half * half - product
+    if square < 0:
+        return None
+    root = _square_root(square)
+    q = -half - root if half >= 0 else -half + root
+    one, other = _nearest(q), _nearest(product / q) if q else 0.0
+    return min(one, other), max(one, other)
+
+
+def _square_root(value: Fraction) -> Fraction:
+    """Square root to ROOT_BITS binary digits."""
+    scaled = value.numerator * value.denominator
+    shift = max(ROOT_BITS - scaled.bit_length() // 2, 0)
+    return Fraction(isqrt(scaled << 2 * shift), value.denominator << shift)
+
+
+def _nearest(value: Fraction) -> float:
+    """Nearest number, infinite when it is out of range."""
+    try:
+        return float(value)
+    except OverflowError:
+        return inf if value > 0 else -inf
+
+
+def _text(low: float, high: float) -> str:
+    if low == high:
+        return f"{{{low:.5g}}}"
+    left = "(-inf" if low == -inf else f"[{low:.5g}"
+    right = "inf)" if high == inf else f"{high:.5g}]"
+    return f"{left}, {right}"
+
+
+# -- Profile --
+
+#: Relative half-step of numerical derivatives, in half-widths.
+DIFFERENCE = 1e-3
+#: Where the search for an end stops, in half-widths of the delta method.
+TOLERANCE = 1e-9
+
+Function = Callable[[Float[np.ndarray, " n"]], float]
+
+
+def gradient_of(
+    function: Function, values: Float[np.ndarray, " n"], scale: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Gradient by central differences, each over `DIFFERENCE` times a scale; zero where the scale is."""
+    gradient = np.zeros(values.size)
+    for i in np.flatnonzero(scale):
+        step = DIFFERENCE * scale[i] * np.eye(values.size)[i]
+        gradient[i] = (function(values + step) - function(values - step)) / (2.0 * DIFFERENCE * scale[i])
+    return gradient
+
+
+def profile_interval(
+    function: Function,
+    values: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
+    half_widths: float,
+) -> tuple[float, float]:
+    """Least and greatest value of a function over the ellipsoid of `half_widths` standard errors.
+
+    Parameters
+    ----------
+    function : callable
+        Of the vector of estimates; finite and smooth over the ellipsoid.
+    values : ndarray, shape (n,)
+        Estimates.
+    covariance : ndarray, shape (n, n)
+        Their covariance.
+    half_widths : float
+        t.
+    """
+    from scipy.optimize import minimize
+
+    L = principal_axes(covariance, half_widths)
+    centre = function(values)
+    slope = L.T @ gradient_of(function, values, half_widths * np.sqrt(np.diag(covariance)))
+    size = float(np.linalg.norm(slope))
+    # A function may bend across its slope: each axis is a start of its own.
+    starts = [sign * unit for unit in np.eye(values.size) for sign in (-1.0, 1.0)]
+    if size > 0.0:
+        starts += [-slope / size, slope / size]
+    reach = max(abs(function(values + L @ w) - centre) for w in starts)
+    if reach == 0.0:
+        return centre, centre
+    ends = []
+    for sign in (-1.0, 1.0):
+
+        def objective(w: Float[np.ndarray, " n"], sign: float = sign) -> float:
+            inside = w / max(1.0, float(np.linalg.norm(w)))  # a search may try what lies outside
+            return -sign * (function(values + L @ inside) - centre) / reach
+
+        found = list(starts)
+        for start in starts:
+            # Strictly inside, where the boundary is no obstacle to the first line search.
+            climbed = minimize(
+                objective,
+                0.9 * start,
+                method="SLSQP",
+                constraints={"type": "ineq", "fun": lambda w: 1.0 - w @ w, "jac": lambda w: -2.0 * w},
+                options={"ftol": TOLERANCE, "maxiter": 200},
+            )
+            found.append(climbed.x / max(1.0, float(np.linalg.norm(climbed.x))))
+        ends.append(function(values + L @ min(found, key=objective)))
+    return min(*ends, centre), max(*ends, centre)
+
+
+def principal_axes(covariance: Float[np.ndarray, "n n"], half_widths: float) -> Float[np.ndarray, "n n"]:
+    """Vectors (columns) from the middle of the ellipsoid of `half_widths` standard errors to its ends."""
+    eigenvalues, vectors = np.linalg.eigh(covariance)
+    axes: Float[np.ndarray, "n n"] = half_widths * vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    return axes

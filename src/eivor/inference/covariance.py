@@ -1,0 +1,785 @@
+"""Covariances by name, and joint draws of estimates."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, final
+
+import numpy as np
+from scipy import special
+
+from eivor import checks
+from eivor.errors import EstimationError, UsageError
+from eivor.inference.distributions import normal_quantile, t_quantile
+from eivor.inference.estimating_equation import EstimatingEquation, singular_sensitivity
+from eivor.inference.kernel import (
+    AndrewsRule,
+    Bandwidth,
+    Bartlett,
+    Kernel,
+    NeweyWestRule,
+    QuadraticSpectral,
+    SquareRootRule,
+    kernel_sum_covariance,
+)
+from eivor.tools import Float, late_names
+
+if TYPE_CHECKING:
+    from eivor.inference.kernel import FixedBandwidth, Parzen
+
+
+# -- Covariance --
+
+#: A larger variance tells nothing, and its products overflow.
+LARGEST_VARIANCE = 1e250
+
+
+@dataclass(frozen=True)
+class CovariancePart:
+    """Covariance under one assumption on the residual, and what its intervals are read from.
+
+    Parameters
+    ----------
+    name : str
+        Of the assumption: "classical", "equal_weighted_cosines", ...
+    matrix : ndarray, shape (n, n)
+        Covariance of the estimates.
+    degrees : float
+        Degrees of freedom of Student's t; infinite for the normal distribution.
+    share : float
+        Share of the variance that the estimator is expected to see. Below one for kernels, which are
+        made of centred scores: fixed-b critical values allow for it.
+    """
+
+    name: str
+    matrix: Float[np.ndarray, "n n"]
+    degrees: float = math.inf
+    share: float = 1.0
+
+    def variance(self, direction: Float[np.ndarray, " n"]) -> float:
+        """Variance of ``direction @ estimates``."""
+        return max(float(direction @ self.matrix @ direction), 0.0)
+
+    def half_width(
+        self, direction: Float[np.ndarray, " n"], level: float, extra_variance: float = 0.0
+    ) -> float:
+        """Half-width of the interval for ``direction @ estimates``."""
+        if self.degrees <= 0.0:
+            return math.inf
+        quantile = t_quantile(level, self.degrees)
+        return quantile * math.sqrt((self.variance(direction) + extra_variance) / self.share)
+
+
+@dataclass(frozen=True)
+class JointCovariance:
+    """Covariances of one vector of estimates; intervals are the widest that one of them asks for.
+
+    Parameters
+    ----------
+    parts : tuple of CovariancePart
+        One or more, the leading one first.
+    """
+
+    parts: tuple[CovariancePart, ...]
+
+    def beside(self, bias: Float[np.ndarray, " n"]) -> JointCovariance:
+        """Mean square errors of estimates that have a bias as well."""
+        square = np.outer(bias, bias)
+        return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in self.parts))
+
+    def part(self, name: str) -> CovariancePart:
+        """Part of that name.
+
+        Raises
+        ------
+        UsageError
+            When there is none.
+        """
+        for one in self.parts:
+            if one.name == name:
+                return one
+        names = ", ".join(one.name for one in self.parts)
+        raise UsageError(f"a covariance out of {names}", f"'{name}'", "Name one of them.")
+
+    def std_error(self, direction: Float[np.ndarray, " n"]) -> float:
+        """Largest of the standard errors of ``direction @ estimates``."""
+        return math.sqrt(max(part.variance(direction) for part in self.parts))
+
+    def half_width(
+        self, direction: Float[np.ndarray, " n"], level: float = 0.95, extra_variance: float = 0.0
+    ) -> float:
+        """Half-width of the interval for ``direction @ estimates``: the widest of the parts'.
+
+        Parameters
+        ----------
+        direction : ndarray, shape (n,)
+            Gradient of the quantity.
+        level : float
+            Confidence level.
+        extra_variance : float
+            Variance to add that does not come from the estimates.
+        """
+        return max(part.half_width(direction, level, extra_variance) for part in self.parts)
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "n n"]:
+        """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
+        leading = self.parts[0].matrix
+        largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
+        own = np.sqrt(np.maximum(np.diag(leading), 0.0))
+        scale = np.divide(largest, own, out=np.zeros(own.size), where=own > 0.0)
+        return leading * np.outer(scale, scale)
+
+
+def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """M^-1 meat M^-T without an explicit inverse.
+
+    A sensitivity that is singular but for rounding gives the huge variances that it deserves.
+
+    Raises
+    ------
+    CollinearError
+        When the sensitivity is singular altogether, or so nearly that variances are no numbers.
+    """
+    # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
+    columns = unit_scale(np.einsum("ij,ij->j", M, M))
+    rows = unit_scale(np.einsum("ij,ij->i", M * columns, M * columns))
+    scaled = rows[:, None] * M * columns
+    try:
+        half = np.linalg.solve(scaled, np.outer(rows, rows) * meat)
+        covariance: Float[np.ndarray, "n n"] = np.linalg.solve(scaled, half.T)
+    except np.linalg.LinAlgError as error:
+        raise singular_sensitivity() from error
+    with np.errstate(over="ignore", invalid="ignore"):
+        found: Float[np.ndarray, "n n"] = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+    if not bool((np.abs(found) <= LARGEST_VARIANCE).all()):
+        raise singular_sensitivity()
+    return found
+
+
+def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """One over the square roots: what brings quantities of these squares to one; one where they are zero."""
+    return 1.0 / np.sqrt(np.where(squares > 0.0, squares, 1.0))
+
+
+# -- Joint estimate --
+
+
+@dataclass(frozen=True, slots=True)
+class JointEstimate:
+    """A vector of estimates with its covariance.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        The vector.
+    covariance : JointCovariance
+        Of it.
+    """
+
+    values: Float[np.ndarray, " n"]
+    covariance: JointCovariance
+
+
+# -- Equal weighted cosines --
+
+#: Number of cosine averages of the autocorrelation-robust covariance.
+COSINE_AVERAGES = 8
+#: Largest angle from the middle of a group: x^6/720 and x^7/5040 are below the rounding of sums.
+LARGEST_ANGLE = 1e-2
+#: Signs and factorials of the series, cosine and sine in turns.
+SIGNS, FACTORIALS = (1, -1, -1, 1, 1, -1), np.array([1.0, 1.0, 2.0, 6.0, 24.0, 120.0])
+#: Groups of fewer scores save nothing.
+SHORTEST_GROUP = 8
+
+
+def cosine_covariance(
+    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int = COSINE_AVERAGES
+) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum of autocorrelated scores. Performs no checks.
+
+    Parameters
+    ----------
+    scores : iterable of ndarray, shapes (samples, n)
+        Successive blocks.
+    count : int
+        Number of scores in all of them.
+    averages : int
+        B.
+
+    Notes
+    -----
+    O(count n B).
+    """
+    sums = cosine_sums(scores, count, averages)
+    covariance: Float[np.ndarray, "n n"] = (2.0 / averages) * sums.T @ sums
+    return covariance
+
+
+def cosine_sums(
+    scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int
+) -> Float[np.ndarray, "averages n"]:
+    """Sums of the scores times each cosine, sqrt(count/2) L. Performs no checks."""
+    moments, middles, sums, start = [], [], [], 0
+    step = np.pi * np.arange(1, averages + 1)[:, None] / count
+    for block in scores:
+        samples = block.shape[0]
+        longest = min(int(2.0 * LARGEST_ANGLE / step[-1, 0]), samples)
+        length = 1 << max(longest.bit_length() - 1, 0)  # a block is a power of two as well: no rest
+        groups = samples // length if length >= SHORTEST_GROUP else 0
+        grouped = groups * length
+        if groups:
+            moments.append(block[:grouped].T.reshape(-1, groups, length) @ _powers(float(step[0, 0]), length))
+            middles.append(start + 0.5 * length + length * np.arange(groups))
+        if grouped < samples:
+            sums.append(np.cos(step * (start + 0.5 + np.arange(grouped, samples))) @ block[grouped:])
+        start += samples
+    if moments:
+        sums.append(_sums_of_groups(np.concatenate(moments, axis=1), step * np.concatenate(middles)))
+    if not sums:
+        raise ValueError("no block of scores")
+    return np.asarray(sum(sums))
+
+
+def _sums_of_groups(
+    moments: Float[np.ndarray, "n groups powers"], middles: Float[np.ndarray, "averages groups"]
+) -> Float[np.ndarray, "averages n"]:
+    """Sums of the scores times each cosine, from moments of groups around their middle angles."""
+    cosine, sine = np.cos(middles), np.sin(middles)
+    order = np.arange(1, middles.shape[0] + 1)[:, None]
+    return np.asarray(
+        sum(
+            sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
+            for power, sign in enumerate(SIGNS)
+        )
+    )
+
+
+def cosine_averages(
+    scores: Float[np.ndarray, "samples *shape"], averages: int
+) -> Float[np.ndarray, "averages *shape"]:
+    """sqrt(count) L_j of scores that are all at hand: the mean of their squares is the variance of the sum.
+
+    By a cosine transform, O(count log(count)) for each column however many averages. Performs no checks.
+
+    Notes
+    -----
+    The transform is the Fourier transform of the even scores followed by the odd ones backwards, each
+    coefficient turned by half a sample (Makhoul 1980); `scipy.fft` alone takes longer to load than that.
+    """
+    count = scores.shape[0]
+    spectrum = np.fft.fft(np.concatenate([scores[::2], scores[1::2][::-1]]), axis=0)[1 : averages + 1]
+    turned = np.exp(-0.5j * np.pi * np.arange(1, averages + 1) / count)[: spectrum.shape[0]]
+    return np.sqrt(2.0) * (turned * spectrum.T).T.real
+
+
+def long_run_sum_covariance(
+    scores: Float[np.ndarray, "samples n"], averages: int = COSINE_AVERAGES
+) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum of scores that are all at hand."""
+    return cosine_covariance([scores], scores.shape[0], averages)
+
+
+def long_run_mean_variance(series: Float[np.ndarray, " samples"], averages: int = COSINE_AVERAGES) -> float:
+    """Variance of the mean of an autocorrelated series, by the same cosine averages."""
+    return float(long_run_sum_covariance(series[:, None], averages)[0, 0]) / series.size**2
+
+
+@lru_cache(maxsize=8)
+def _powers(step: float, length: int) -> Float[np.ndarray, "length powers"]:
+    """x^k / k! at the samples of a group, for angles x from its middle."""
+    offset = np.arange(length) - 0.5 * (length - 1)
+    return np.vander(step * offset, len(SIGNS), increasing=True) / FACTORIALS
+
+
+# -- Estimators --
+
+#: Pools of at least so many flights have their covariance clustered by flight as well.
+CLUSTERED_FROM = 10
+
+
+class CovarianceEstimator(ABC):
+    """A way to estimate the covariance of a sum of scores."""
+
+    @abstractmethod
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """Covariances of the estimates, the leading one first; none when the rows cannot tell.
+
+        Raises
+        ------
+        CollinearError
+            When the sensitivity is singular.
+        """
+
+    def joint(self, equation: EstimatingEquation) -> JointCovariance:
+        """Covariance of the joint vector.
+
+        Raises
+        ------
+        UsageError
+            When the rows cannot tell, as a single flight cannot be clustered.
+        """
+        parts = self.parts(equation)
+        if not parts:
+            raise UsageError(
+                f"rows that {type(self).__name__} can use", "too few flights", "Choose another covariance."
+            )
+        found = JointCovariance(parts)
+        return found if equation.move is None else found.beside(equation.move)
+
+
+def check_covariance_estimator(estimator: object) -> None:
+    """Refuse what is no estimator of covariances.
+
+    Raises
+    ------
+    UsageError
+        With what came instead.
+    """
+    checks.kind(
+        "covariance",
+        estimator,
+        CovarianceEstimator,
+        "one of eivor.covariances",
+        "Make one: ev.covariances.Classical().",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Classical(CovarianceEstimator):
+    """V = s^2 P'P: residuals are white, all of one variance, and independent of the test functions.
+
+    Those of compensated equations are not: there the instruments share noise with the residual, and this
+    covariance is too small.
+    """
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; O(rows n^2)."""
+        unknowns = equation.unknowns
+        power, count, products = 0.0, 0, np.zeros((unknowns, unknowns))
+        for rows in equation.blocks():
+            products += rows.test_functions.T @ rows.test_functions
+            power += float(rows.residual @ rows.residual)
+            count += rows.residual.size
+        variance = power / max(count - unknowns, 1)
+        return (
+            CovariancePart(
+                "classical", sandwich(equation.slope, variance * products + equation.prior_covariance)
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class HeteroskedasticityRobust(CovarianceEstimator):
+    """V = sum s_t s_t' (White 1980): scores are uncorrelated, their variance may change."""
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; O(rows n^2)."""
+        unknowns = equation.unknowns
+        products: Float[np.ndarray, "n n"] = np.zeros((unknowns, unknowns))
+        for rows in equation.blocks():
+            products += rows.scores.T @ rows.scores
+        return (
+            CovariancePart(
+                "heteroskedasticity_robust", sandwich(equation.slope, products + equation.prior_covariance)
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class EqualWeightedCosines(CovarianceEstimator):
+    """V from equal-weighted cosine averages of the scores (Lazarus, Lewis, Stock and Watson 2018).
+
+    Parameters
+    ----------
+    averages : int
+        B, number of averages and degrees of freedom. The default of 8 sees correlation up to about an
+        eighth of the record's length; more give shorter intervals that see less. A record has no more of
+        them than scores beyond its unknowns; without any of those, intervals have no bound.
+
+    Raises
+    ------
+    UsageError
+        When there is less than one average.
+    """
+
+    averages: int = COSINE_AVERAGES
+
+    def __post_init__(self) -> None:
+        checks.whole("averages", self.averages)
+        if self.averages < 1:
+            raise UsageError("one cosine average or more", f"{self.averages}", "Eight are the default.")
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; O(rows n B)."""
+        scores = (rows.scores for rows in equation.blocks())
+        count, unknowns = equation.sample_count, equation.unknowns
+        averages = max(min(self.averages, count - unknowns), 1)
+        meat = cosine_covariance(scores, count, averages)
+        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
+        degrees = float(averages) if count > unknowns else 0.0
+        return (CovariancePart("equal_weighted_cosines", matrix, degrees),)
+
+
+@dataclass(frozen=True, slots=True)
+class ClusteredByFlight(CovarianceEstimator):
+    """V from the sums of each flight: any dependence within a flight, none between flights.
+
+    Parameters
+    ----------
+    least_flights : int
+        With fewer flights there is no part.
+    """
+
+    least_flights: int = CLUSTERED_FROM
+
+    def __post_init__(self) -> None:
+        checks.whole("least_flights", self.least_flights)
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part, with t on flights - 1 degrees of freedom, or none."""
+        sums: dict[int, Float[np.ndarray, " n"]] = {}
+        for rows in equation.blocks():
+            for flight in np.unique(rows.flight_of_row):
+                here = rows.flight_of_row == flight
+                total = rows.test_functions[here].T @ rows.residual[here]
+                if rows.constant is not None:
+                    total = total + int(here.sum()) * rows.constant
+                sums[int(flight)] = sums.get(int(flight), 0.0) + total
+        flights = len(sums)
+        if flights < max(self.least_flights, 2):
+            return ()
+        stacked = np.stack(list(sums.values()))
+        stacked -= stacked.mean(axis=0)
+        meat = stacked.T @ stacked * flights / (flights - 1)
+        return (
+            CovariancePart(
+                "clustered", sandwich(equation.slope, meat + equation.prior_covariance), float(flights - 1)
+            ),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Widest(CovarianceEstimator):
+    """Several covariances; an interval is the widest that one of them asks for.
+
+    Parameters
+    ----------
+    estimators : tuple of CovarianceEstimator
+        The leading one first: correlations are its.
+    """
+
+    estimators: tuple[CovarianceEstimator, ...]
+
+    def __post_init__(self) -> None:
+        checks.items("estimators", self.estimators, CovarianceEstimator, "covariances")
+        if not self.estimators:
+            raise UsageError("one covariance or more", "none", "Name those that are to be compared.")
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """Parts of all."""
+        return tuple(part for estimator in self.estimators for part in estimator.parts(equation))
+
+
+#: Default: what covers in autocorrelated and heteroskedastic errors alike.
+DEFAULT = EqualWeightedCosines()
+#: Of a flight: as the default, never narrower than white residuals ask for, and clustered in large pools.
+FLIGHT_DEFAULT = Widest((EqualWeightedCosines(), Classical(), ClusteredByFlight()))
+
+
+# -- Covariances --
+
+__all__ = [
+    "AndrewsRule",
+    "Bandwidth",
+    "Bartlett",
+    "Classical",
+    "ClusteredByFlight",
+    "CovarianceEstimator",
+    "EqualWeightedCosines",
+    "FixedBandwidth",
+    "HeteroskedasticityRobust",
+    "Kernel",
+    "KernelRobust",
+    "NeweyWestRule",
+    "Parzen",
+    "QuadraticSpectral",
+    "SquareRootRule",
+    "Widest",
+]
+
+__getattr__ = late_names(
+    __name__,
+    {
+        "AndrewsRule": "eivor.inference.kernel",
+        "Bandwidth": "eivor.inference.kernel",
+        "Bartlett": "eivor.inference.kernel",
+        "FixedBandwidth": "eivor.inference.kernel",
+        "Kernel": "eivor.inference.kernel",
+        "NeweyWestRule": "eivor.inference.kernel",
+        "Parzen": "eivor.inference.kernel",
+        "QuadraticSpectral": "eivor.inference.kernel",
+        "SquareRootRule": "eivor.inference.kernel",
+    },
+)
+
+
+def _newey_west() -> CovarianceEstimator:
+    return KernelRobust(Bartlett(), NeweyWestRule(), fixed_b=False)
+
+
+def _andrews() -> CovarianceEstimator:
+    return KernelRobust(QuadraticSpectral(), AndrewsRule(), fixed_b=False)
+
+
+def _bartlett_fixed_b() -> CovarianceEstimator:
+    return KernelRobust(Bartlett(), SquareRootRule())
+
+
+#: Covariances that a study file may name.
+TABLE: Mapping[str, Callable[[], CovarianceEstimator]] = {
+    "equal_weighted_cosines": lambda: DEFAULT,
+    "classical": Classical,
+    "heteroskedasticity_robust": HeteroskedasticityRobust,
+    "newey_west": _newey_west,
+    "andrews": _andrews,
+    "bartlett_fixed_b": _bartlett_fixed_b,
+    "widest": lambda: FLIGHT_DEFAULT,
+}
+
+
+def __dir__() -> list[str]:
+    """Names that the module offers, and not those that it uses."""
+    return __all__
+
+
+# -- By row --
+
+#: Leverages above this count as this.
+LARGEST_LEVERAGE = 0.9
+#: Level at which quantiles of Student's t are held against normal ones.
+ROW_COVARIANCE_LEVEL = 0.95
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class ByRow(CovarianceEstimator):
+    """V = sum p_t p_t' e_t^2 / (1 - h_t)^2 over rows, bins of spectra among them, with t on few rows."""
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; O(rows n^2)."""
+        P, e = equation.rows.test_functions, equation.rows.residual
+        leverage = np.einsum("tj,jt->t", P, np.linalg.lstsq(P.T @ P, P.T, rcond=None)[0])
+        own = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
+        matrix = sandwich(equation.slope, own.T @ own + equation.prior_covariance)
+        weights = np.linalg.lstsq(equation.slope, P.T, rcond=None)[0] ** 2
+        fourth = (weights**2).sum(axis=1)
+        rows = np.divide(weights.sum(axis=1) ** 2, fourth, out=np.ones(fourth.size), where=fourth > 0.0)
+        wider = np.array([t_quantile(ROW_COVARIANCE_LEVEL, nu) for nu in rows.tolist()]) / normal_quantile(
+            ROW_COVARIANCE_LEVEL
+        )
+        return (CovariancePart("by_row", matrix * np.outer(wider, wider)),)
+
+
+#: Of a flight with columns that live in few bins: as that of others, and never narrower than row by row.
+FEW_ROWS_DEFAULT = Widest((*FLIGHT_DEFAULT.estimators, ByRow()))
+
+
+# -- Fixed b --
+
+#: Points of a quadrature, and where a kernel without an end is cut off.
+POINTS = 4001
+FURTHEST = 100.0
+
+
+@dataclass(frozen=True, slots=True)
+class FixedBReference:
+    """Student's t, divided by the root of a share.
+
+    Parameters
+    ----------
+    degrees : float
+        nu.
+    share : float
+        c, share of the long-run variance that the kernel is expected to see.
+    """
+
+    degrees: float
+    share: float
+
+
+@lru_cache(maxsize=256)
+def fixed_b_reference(kernel: Kernel, b: float) -> FixedBReference:
+    """Reference distribution at a share b = S/N of the record, 0 < b <= 1. Performs no checks."""
+    end = min(1.0 / b, 1.0 if kernel.ends else FURTHEST)
+    x = np.linspace(0.0, end, POINTS)
+    k = kernel.weights(x)
+    within = np.concatenate([[0.0], np.cumsum(0.5 * (k[1:] + k[:-1]) * np.diff(x))])
+    mean = 2.0 * b * _integral((1.0 - b * x) * k, x)
+    square = 2.0 * b * _integral((1.0 - b * x) * k**2, x)
+    r = np.append(b * x[b * x < 0.5], 0.5)
+    h = b * (np.interp(r / b, x, within) + np.interp((1.0 - r) / b, x, within))
+    share = 1.0 - mean
+    spread = square - 2.0 * (2.0 * _integral(h**2, r)) + mean**2
+    return FixedBReference(share**2 / spread, share)
+
+
+def _integral(values: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"]) -> float:
+    return float(np.trapezoid(values, x))
+
+
+# -- Kernel covariance --
+
+
+@dataclass(frozen=True, slots=True)
+class KernelRobust(CovarianceEstimator):
+    """V = sum_l k(l/S) sum_t s_t s_{t-l}' (Newey and West 1987; Andrews 1991).
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Weights of the lags.
+    bandwidth : Bandwidth
+        How many lags.
+    fixed_b : bool
+        Take critical values that allow for the bandwidth (Kiefer and Vogelsang 2005); normal ones, which
+        are too short unless the bandwidth is a small share of the record, when False.
+    """
+
+    kernel: Kernel = field(default_factory=Bartlett)
+    bandwidth: Bandwidth = field(default_factory=NeweyWestRule)
+    fixed_b: bool = True
+
+    def __post_init__(self) -> None:
+        checks.kind("kernel", self.kernel, Kernel, "a kernel", "Make one: ev.covariances.Bartlett().")
+        checks.kind(
+            "bandwidth",
+            self.bandwidth,
+            Bandwidth,
+            "a bandwidth",
+            "Make one: ev.covariances.FixedBandwidth(9).",
+        )
+        checks.flag("fixed_b", self.fixed_b)
+
+    def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
+        """One part; see `kernel_sum_covariance` for its cost."""
+
+        def blocks() -> Iterator[Float[np.ndarray, "_ n"]]:
+            return (rows.scores for rows in equation.blocks())
+
+        def own() -> Iterator[Float[np.ndarray, "_ n"]]:
+            return (scores @ equation.root for scores in blocks())
+
+        count = equation.sample_count
+        # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
+        lags = min(self.bandwidth.lags(own, count, self.kernel), count - 1.0)
+        meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
+        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
+        reference = FixedBReference(math.inf, 1.0)
+        span = self.kernel.span(lags)
+        if self.fixed_b and lags > 0.0:
+            reference = fixed_b_reference(self.kernel, span / count)
+        return (CovariancePart(self.kernel.name, matrix, reference.degrees, reference.share),)
+
+
+# -- Joint draws --
+
+#: Level of the interval that chooses an estimate's part.
+JOINT_DRAWS_LEVEL = 0.95
+#: Student's t with fewer degrees has no variance, hence no correlations.
+FEWEST_DEGREES = 2.0
+#: Strata at the least: of fewer the order of the draws would not tell their correlations.
+STRATA = 16384
+
+
+def joint_draws(
+    values: Float[np.ndarray, " n"], covariance: JointCovariance, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, "count n"]:
+    """Draw vectors around the estimates.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Estimates: the medians.
+    covariance : JointCovariance
+        Of them.
+    count : int
+        How many.
+    rng : numpy.random.Generator
+        Where they come from.
+
+    Returns
+    -------
+    ndarray, shape (count, n)
+        One vector in each row.
+
+    Raises
+    ------
+    EstimationError
+        When an estimate has no finite variance.
+    """
+    laws = [_law(covariance, direction) for direction in np.eye(values.size)]
+    degrees = np.array([one for one, _ in laws])
+    scales = np.array([scale for _, scale in laws])
+    if not np.all(np.isfinite(scales)) or np.any(degrees <= FEWEST_DEGREES):
+        raise EstimationError(
+            f"estimates with finite variances, of more than {FEWEST_DEGREES:g} degrees of freedom",
+            f"{degrees.min():.3g} degrees and a largest standard error of {scales.max():.3g}",
+            "Fly longer, or pool several flights.",
+        )
+    strata = max(count, STRATA)
+    scores = rng.standard_normal((strata, values.size)) @ _root(_score_correlations(covariance, degrees)).T
+    for each in np.unique(degrees[np.isfinite(degrees)]):
+        scores[:, degrees == each] *= np.sqrt(each / rng.chisquare(each, strata))[:, None]
+    shares = (scores.argsort(axis=0).argsort(axis=0)[:count] + rng.random((count, values.size))) / strata
+    return values + scales * np.stack(
+        [_quantiles(column, one) for column, one in zip(shares.T, degrees, strict=True)], axis=1
+    )
+
+
+def _quantiles(shares: Float[np.ndarray, " count"], degrees: float) -> Float[np.ndarray, " count"]:
+    """Quantiles of Student's t, or of the normal distribution."""
+    found = special.ndtri(shares) if math.isinf(degrees) else special.stdtrit(degrees, shares)
+    return np.asarray(found)
+
+
+def _law(covariance: JointCovariance, direction: Float[np.ndarray, " n"]) -> tuple[float, float]:
+    """Degrees of freedom and scale of the part whose interval is the widest."""
+    part = max(covariance.parts, key=lambda one: one.half_width(direction, JOINT_DRAWS_LEVEL))
+    return part.degrees, math.sqrt(part.variance(direction) / part.share)
+
+
+def _score_correlations(
+    covariance: JointCovariance, degrees: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n n"]:
+    """Correlations of the normal scores, with which the draws have those of the covariance."""
+    matrix = covariance.matrix
+    scale = np.sqrt(np.diag(matrix))
+    size = np.outer(scale, scale)
+    correlations = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
+    kept = np.array([_kept(one) for one in degrees])
+    apart = degrees[:, None] != degrees
+    correlations = np.where(apart, correlations / np.outer(kept, kept), correlations)
+    np.fill_diagonal(correlations, 1.0)
+    return np.clip(correlations, -1.0, 1.0)
+
+
+def _kept(degrees: float) -> float:
+    """Mean over root mean square of the factor that turns a normal score into Student's t."""
+    if math.isinf(degrees):
+        return 1.0
+    half = 0.5 * degrees
+    mean = math.exp(special.gammaln(half - 0.5) - special.gammaln(half)) * math.sqrt(half)
+    return mean * math.sqrt((degrees - 2.0) / degrees)
+
+
+def _root(correlations: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """Square root of the nearest matrix without negative eigenvalues, its diagonal one again."""
+    eigenvalues, vectors = np.linalg.eigh(correlations)
+    root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    scaled: Float[np.ndarray, "n n"] = root / np.linalg.norm(root, axis=1, keepdims=True)
+    return scaled

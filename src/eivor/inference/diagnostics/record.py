@@ -1,0 +1,380 @@
+"""The record of diagnostics, and block cosines that they use."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from eivor.inference.covariance import cosine_averages, unit_scale
+from eivor.inference.distributions import chi_square_tail
+from eivor.inference.products import Products, block_edges, products_of_rows
+from eivor.inference.verdict import Reason
+from eivor.tools import Float
+
+# -- Block cosines --
+
+#: Fewest averages, and how many there are for each equation that is tested.
+LEAST_AVERAGES = 8
+AVERAGES_PER_EQUATION = 3
+
+
+def joint_averages(equations: int, blocks: int) -> int:
+    """Averages for a joint test of `equations`: three for each and at least eight, as blocks permit."""
+    return min(max(LEAST_AVERAGES, AVERAGES_PER_EQUATION * equations), blocks // 2)
+
+
+def covariance_of_total(sums: Float[np.ndarray, "K n"], averages: int) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum over all blocks."""
+    L = cosine_averages(sums, averages)
+    return L.T @ L / averages
+
+
+def quadratic_form(total: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
+    """Total' covariance^-1 total, without the directions in which a singular covariance says nothing."""
+    scale = unit_scale(np.diag(covariance))
+    correlation = np.outer(scale, scale) * covariance
+    return float((scale * total) @ np.linalg.lstsq(correlation, scale * total, rcond=None)[0])
+
+
+def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
+    """P-value of a quadratic form on `averages` cosine averages, or with a known weight when None."""
+    if equations < 1:
+        return 1.0
+    if averages is None:
+        return chi_square_tail(W, equations)
+    degrees = averages - equations + 1
+    if degrees < 1:
+        return float("nan")
+    return float(special.fdtrc(equations, degrees, W * degrees / (averages * equations)))
+
+
+# -- Diagnostic --
+
+#: Level at which a test speaks: four tests of a good estimate are silent together in 96 records of 100.
+SIGNIFICANT = 0.01
+#: Level from which on what a test says is beyond doubt, so that a verdict may rest on it.
+BEYOND_DOUBT = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number of a diagnostic.
+
+    Parameters
+    ----------
+    diagnostic : str
+        Name of the number.
+    of : str
+        Parameter, lag or band that it is of; empty for the whole.
+    value : float
+        The number.
+    compare : float or None
+        The critical value, p-value, standard error or band that it is to be held against.
+    """
+
+    diagnostic: str
+    of: str
+    value: float
+    compare: float | None
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What a diagnostic is of, as its sentences name it.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Each joint parameter.
+    std_errors : ndarray, shape (n,)
+        Of the parameters.
+    at_row : callable
+        Where a row of the record is, in words.
+    rows : int
+        Rows of the record.
+    """
+
+    names: tuple[str, ...]
+    std_errors: Float[np.ndarray, " n"]
+    at_row: Callable[[int], str]
+    rows: int
+
+    def when(self, share: float) -> str:
+        """Where a share of the rows is, in words."""
+        return self.at_row(round(share * self.rows))
+
+
+class Diagnostic(ABC):
+    """A statistic with what it is held against, its rows and its sentences."""
+
+    @abstractmethod
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """Every number."""
+
+    @abstractmethod
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """The main numbers, a line each."""
+
+    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+        """What speaks against the estimate or should be known of it, each with what to do."""
+        return iter(())
+
+
+def told(p_value: float, words: tuple[str, str, str]) -> str:
+    """Word for the outcome of a test: kept, doubtful, rejected.
+
+    Parameters
+    ----------
+    p_value : float
+        Of the test.
+    words : tuple of str
+        For p-values from `SIGNIFICANT` on, above `BEYOND_DOUBT`, and from there down.
+    """
+    if p_value >= SIGNIFICANT:
+        return words[0]
+    return words[1] if p_value > BEYOND_DOUBT else words[2]
+
+
+# -- Instrument tests --
+
+#: Directions of the unit-length instruments with smaller singular values are noise and are dropped.
+SMALLEST_DIRECTION = 1e-4
+
+
+def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndarray, "rows q"]:
+    """Orthonormal basis of the space of the instruments, each scaled to unit length first.
+
+    Zero columns, and directions with singular values below 1e-4, are left out.
+    """
+    lengths = np.sqrt(np.einsum("ij,ij->j", instruments, instruments))
+    moving = lengths > 0.0
+    if not moving.any():
+        return np.empty((instruments.shape[0], 0))
+    U, singular, _ = np.linalg.svd(instruments[:, moving] / lengths[moving], full_matrices=False)
+    basis: Float[np.ndarray, "rows q"] = U[:, singular >= SMALLEST_DIRECTION]
+    return basis
+
+
+def conditional_first_stage(
+    basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"]
+) -> Float[np.ndarray, " n"]:
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
+
+    delta = least squares of Q'G_j on Q'G_-j; r = G_j - G_-j delta;
+    F_j = (|Q'r|^2 / (p - n + 1)) / (|r - QQ'r|^2 / (rows - p)). Zero without enough instruments.
+    """
+    rows, rank = basis.shape
+    count = jacobian.shape[1]
+    degrees = rank - (count - 1)
+    if degrees < 1 or rows <= rank:
+        return np.zeros(count)
+    projected = basis.T @ jacobian
+    strengths = np.zeros(count)
+    for j in range(count):
+        others = [i for i in range(count) if i != j]
+        delta = np.linalg.lstsq(projected[:, others], projected[:, j], rcond=None)[0]
+        r = jacobian[:, j] - jacobian[:, others] @ delta
+        explained = basis.T @ r
+        unexplained = float(r @ r - explained @ explained)
+        if unexplained > 0.0:
+            strengths[j] = float(explained @ explained) / degrees / (unexplained / (rows - rank))
+        else:
+            strengths[j] = np.inf
+    return strengths
+
+
+def first_stage_of_products(
+    instruments: Float[np.ndarray, "p p"],
+    cross: Float[np.ndarray, "p n"],
+    regressors: Float[np.ndarray, "n n"],
+    rows: int | float,
+    shared: Float[np.ndarray, "p n"] | None = None,
+) -> Float[np.ndarray, " n"]:
+    """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi').
+
+    Of compensated equations `shared` is C, what the measurement noises add to mean(psi phi'). Noise that
+    instruments and regressors share moves both and would pass for strength: what is explained is that
+    by mean(psi phi') - C, and the rest is the variance of phi less that.
+
+    The same statistic as `conditional_first_stage`, from moments alone: rounding limits it to about
+    half the digits, which is enough to compare it with ten. Zero when the instruments are collinear.
+    """
+    available, count = cross.shape
+    degrees = available - (count - 1)
+    scale = np.sqrt(np.diag(instruments))
+    if degrees < 1 or rows <= available or not scale.all():
+        return np.zeros(count)
+    eigenvalues, vectors = np.linalg.eigh(instruments / np.outer(scale, scale))
+    kept = eigenvalues > SMALLEST_DIRECTION**2
+    to_basis = (vectors[:, kept] / np.sqrt(eigenvalues[kept])).T / scale
+    noise_products = to_basis @ (np.zeros(cross.shape) if shared is None else shared)
+    basis_products = to_basis @ cross - noise_products
+    projected = basis_products.T @ basis_products
+    strengths = np.zeros(count)
+    for j in range(count):
+        others = [i for i in range(count) if i != j]
+        delta = np.linalg.lstsq(projected[np.ix_(others, others)], projected[others, j], rcond=None)[0]
+        direction = np.zeros(count)
+        direction[j], direction[others] = 1.0, -delta
+        explained = float(direction @ projected @ direction)
+        total = float(direction @ regressors @ direction)
+        unexplained = (
+            total - explained - 2.0 * float((basis_products @ direction) @ (noise_products @ direction))
+        )
+        negligible = unexplained <= 1e-12 * float(regressors[j, j])
+        strengths[j] = np.inf if negligible else explained / degrees / (unexplained / (rows - available))
+    return strengths
+
+
+def over_identification(
+    basis: Float[np.ndarray, "rows p"], residual: Float[np.ndarray, " rows"], variance: float, unknowns: int
+) -> tuple[float, float]:
+    """J = e'QQ'e / s^2 and its p-value on p - n degrees of freedom (1 when exactly identified)."""
+    moments = basis.T @ residual
+    J = float(moments @ moments) / variance if variance > 0.0 else 0.0
+    degrees = basis.shape[1] - unknowns
+    return J, chi_square_tail(J, degrees) if degrees > 0 else 1.0
+
+
+# -- Equation products --
+
+
+@dataclass(frozen=True)
+class EquationProducts:
+    """Products of [psi G e] over K successive blocks of time, and what compensation adds.
+
+    Parameters
+    ----------
+    products : Products
+        Of all columns, the residual in the response's place.
+    shared : ndarray, shape (p, n)
+        C: what the measurement noises add to psi G' in a sample on average; zero unless compensated.
+    constant : ndarray, shape (p,)
+        C theta - c.
+    rows : float, optional
+        Rows that the sums are of. Default: as many as samples. Those in frequency are fewer, as a band holds
+        fewer numbers than the time it is of.
+    """
+
+    products: Products
+    shared: Float[np.ndarray, "p n"]
+    constant: Float[np.ndarray, " p"]
+    rows: float | None = None
+
+    @property
+    def counts(self) -> Float[np.ndarray, " K"]:
+        """Samples in each block."""
+        return self.products.counts
+
+    @property
+    def instruments(self) -> Float[np.ndarray, "K p p"]:
+        """Psi psi'."""
+        return self.products.instruments
+
+    @property
+    def cross(self) -> Float[np.ndarray, "K p n"]:
+        """Psi G'."""
+        return self.products.cross
+
+    @property
+    def residual(self) -> Float[np.ndarray, "K p"]:
+        """Psi e."""
+        return self.products.instrument_response
+
+    @property
+    def regressors(self) -> Float[np.ndarray, "K n n"]:
+        """G G'."""
+        return self.products.regressors
+
+    @property
+    def regressor_residual(self) -> Float[np.ndarray, "K n"]:
+        """G e."""
+        return self.products.regressor_response
+
+    @property
+    def power(self) -> Float[np.ndarray, " K"]:
+        """e^2."""
+        return self.products.power
+
+    @cached_property
+    def count(self) -> float:
+        """Samples in all blocks, N."""
+        return self.products.count
+
+    @property
+    def row_count(self) -> float:
+        """Rows, which degrees of freedom are counted in."""
+        return self.count if self.rows is None else self.rows
+
+    @cached_property
+    def instrument_mean(self) -> Float[np.ndarray, "p p"]:
+        """mean(psi psi')."""
+        return np.asarray(self.instruments.sum(axis=0)) / self.count
+
+    @cached_property
+    def sensitivity(self) -> Float[np.ndarray, "p n"]:
+        """A = mean(psi G') - C."""
+        return np.asarray(self.cross.sum(axis=0)) / self.count - self.shared
+
+    @cached_property
+    def regressor_mean(self) -> Float[np.ndarray, "n n"]:
+        """mean(G G')."""
+        return np.asarray(self.regressors.sum(axis=0)) / self.count
+
+    @cached_property
+    def equations(self) -> Float[np.ndarray, " p"]:
+        """mean(psi e) + C theta - c."""
+        return np.asarray(self.residual.sum(axis=0)) / self.count + self.constant
+
+    @cached_property
+    def equation_sums(self) -> Float[np.ndarray, "K p"]:
+        """Sums of the equations' scores psi e + C theta - c over each block."""
+        return self.residual + self.counts[:, None] * self.constant
+
+    @cached_property
+    def whitening(self) -> Float[np.ndarray, "p q"]:
+        """T with T' mean(psi psi') T = 1, without the directions in which the instruments hardly move."""
+        Q = self.instrument_mean
+        lengths = np.sqrt(np.diag(Q))
+        scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        values, vectors = np.linalg.eigh(np.outer(scale, scale) * Q)
+        kept = values > SMALLEST_DIRECTION**2
+        return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+
+
+def equation_products(
+    *,
+    instruments: Float[np.ndarray, "rows p"],
+    jacobian: Float[np.ndarray, "rows n"],
+    residual: Float[np.ndarray, " rows"],
+    blocks: int,
+    shared: Float[np.ndarray, "p n"] | None = None,
+    constant: Float[np.ndarray, " p"] | None = None,
+) -> EquationProducts:
+    """Products of rows that are samples in time order. Performs no checks.
+
+    Parameters
+    ----------
+    instruments, jacobian, residual : ndarray, shapes (rows, p), (rows, n) and (rows,)
+        psi, G and e.
+    blocks : int
+        K, at most the number of rows.
+    shared, constant : ndarray, shapes (p, n) and (p,), optional
+        C and C theta - c of compensated equations. Default: zero.
+
+    Notes
+    -----
+    One matrix product for each block, O(rows (p + n)^2).
+    """
+    rows, p = instruments.shape
+    n = jacobian.shape[1]
+    return EquationProducts(
+        products_of_rows(instruments, jacobian, residual, edges=block_edges(rows, blocks)),
+        np.zeros((p, n)) if shared is None else shared,
+        np.zeros(p) if constant is None else constant,
+    )

@@ -1,0 +1,474 @@
+"""Diagnostics of residuals: constancy, whiteness, memory, leverage and influence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from eivor.inference.covariance import unit_scale
+from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Row, Subject, told
+from eivor.inference.distributions import chi_square_tail, normal_quantile
+from eivor.inference.verdict import Reason, Status
+from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
+from eivor.tools import Float, Int
+
+# -- Constancy quantiles --
+
+#: Probability to exceed the quantiles.
+TAILS = (0.5, 0.25, 0.1, 0.05, 0.025, 0.01, 0.005, 0.0025, 0.001)
+
+#: For each number of parameters that are tested together.
+QUANTILES: dict[int, tuple[float, ...]] = {
+    1: (3.486, 5.883, 9.504, 12.6, 16.14, 21.38, 25.69, 30.83, 38.69),
+    2: (3.18, 5.044, 7.727, 9.985, 12.48, 16.5, 19.81, 24.31, 29.82),
+    3: (3.114, 4.842, 7.308, 9.404, 11.86, 15.45, 18.58, 22.47, 29.16),
+    4: (3.166, 4.904, 7.441, 9.712, 12.25, 16.16, 19.9, 24.46, 30.85),
+    5: (3.352, 5.24, 8.009, 10.56, 13.46, 17.96, 22.07, 27.66, 35.76),
+    6: (3.644, 5.846, 9.261, 12.34, 15.96, 22.17, 28.04, 35.37, 46.25),
+}
+
+
+# -- Influences --
+
+
+def influences(
+    sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "K n"]:
+    """What each block adds to each parameter. Performs no checks.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (K, n)
+        Sums of the scores over each block.
+    sensitivity : ndarray, shape (n, n)
+        M, of the whole record.
+    """
+    scale = unit_scale(np.abs(np.diag(sensitivity)))
+    scaled = np.outer(scale, scale) * sensitivity
+    found: Float[np.ndarray, "n K"] = np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0]
+    return scale * found.T
+
+
+# -- Constancy --
+
+#: Groups of the record, groups at either end that no change is sought in, cosine averages of each side.
+GROUPS = 64
+TRIMMED = 10
+SIDE_AVERAGES = 6
+
+
+@dataclass(frozen=True)
+class Constancy(Diagnostic):
+    """Whether the parameters changed during the record.
+
+    Parameters
+    ----------
+    statistic : float
+        Supremum, as an F.
+    p_value : float
+        Of all parameters together; .001 stands for that or less, .5 for that or more.
+    p_values : ndarray, shape (n,)
+        Of each parameter by itself.
+    break_at : float
+        Where a change is most likely, as a share of the record.
+    change : ndarray, shape (n,)
+        Parameters after less before it, to first order.
+    """
+
+    statistic: float
+    p_value: float
+    p_values: Float[np.ndarray, " n"]
+    break_at: float
+    change: Float[np.ndarray, " n"]
+
+    @property
+    def outcome(self) -> str:
+        """What the parameters do, in words."""
+        return told(self.p_value, ("stay the same", "may change", "change"))
+
+    @property
+    def speaks(self) -> bool:
+        """Whether a change is worth a word."""
+        return bool(self.p_value < SIGNIFICANT)
+
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """The statistic, each parameter's change with its p-value, and where it is most likely."""
+        yield Row("constancy", "", self.statistic, self.p_value)
+        for name, p, change in zip(of.names, self.p_values, self.change, strict=True):
+            yield Row("change", name, float(change), float(p))
+        yield Row("break_at", "share of the record", self.break_at, None)
+
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """The statistic, and where a change is most likely."""
+        likely = f"p-value {self.p_value:.3g}, a change most likely at {of.when(self.break_at)}"
+        yield f"constancy            {self.statistic:>10.4g}  {likely}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """Parameters that change."""
+        if self.speaks:
+            j = int(np.argmin(self.p_values))
+            yield Reason(
+                Status.WEAK,
+                f"The parameters {self.outcome} during the record, most likely at {of.when(self.break_at)}: "
+                f"{of.names[j]} by {self.change[j]:+.3g} (p-value {self.p_value:.1g} or less).",
+                "Identify both parts apart, and look for what changed: load, battery, wind, a mode.",
+            )
+
+
+def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]) -> Constancy:
+    """Test of a change of the parameters. Performs no checks.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (K, n)
+        Sums of the scores over blocks of equal length; K a multiple of 64.
+    sensitivity : ndarray, shape (n, n)
+        M, of the whole record.
+    """
+    influence = influences(sums, sensitivity)
+    groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
+    unknowns = groups.shape[1]
+    each = [wald_path(groups[:, [j]]) for j in range(unknowns)]
+    p_values = np.array([p_value(float(path.max()), 1) for path in each])
+    if unknowns in QUANTILES:
+        path = wald_path(groups)
+        statistic = float(path.max())
+        joint = p_value(statistic, unknowns)
+    else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
+        path = each[int(np.argmin(p_values))]
+        statistic = float(path.max())
+        joint = min(1.0, unknowns * float(p_values.min()))
+    k = TRIMMED + int(np.argmax(path))
+    change = GROUPS * (groups[k:].mean(axis=0) - groups[:k].mean(axis=0))
+    return Constancy(statistic, joint, p_values, k / GROUPS, change)
+
+
+def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]:
+    """Wald statistic, as an F, for a change after each group from the tenth on. Performs no checks."""
+    n = groups.shape[1]
+    scale = groups.std(axis=0)
+    transformed = np.tensordot(_transforms(), groups / np.where(scale > 0.0, scale, 1.0), axes=1)
+    difference, L = transformed[:, 0], transformed[:, 1:]
+    S = np.einsum("kbi,kbj->kij", L, L)
+    try:
+        W = np.einsum("ki,ki->k", difference, np.linalg.solve(S, difference[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError:
+        return np.zeros(difference.shape[0])
+    averages = 2 * SIDE_AVERAGES
+    return W * (averages - n + 1) / (averages * n)
+
+
+def p_value(statistic: float, unknowns: int) -> float:
+    """Tail of the supremum, from the table: logarithms are interpolated, ends are kept."""
+    return float(
+        np.exp(np.interp(np.log(max(statistic, 1e-300)), np.log(QUANTILES[unknowns]), np.log(TAILS)))
+    )
+
+
+def simulated_suprema(unknowns: int, runs: int, rng: np.random.Generator) -> Float[np.ndarray, " runs"]:
+    """Suprema under constant parameters, from independent normal group sums.
+
+    Parameters
+    ----------
+    unknowns : int
+        n.
+    runs : int
+        Number of draws.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+    return np.array([wald_path(rng.standard_normal((GROUPS, unknowns))).max() for _ in range(runs)])
+
+
+@lru_cache(maxsize=1)
+def _transforms() -> Float[np.ndarray, "breaks rows 64"]:
+    """For each break: difference of means over its standard error, and both sides' cosines over sqrt(12)."""
+    breaks = range(TRIMMED, GROUPS - TRIMMED + 1)
+    rows = np.zeros((len(breaks), 1 + 2 * SIDE_AVERAGES, GROUPS))
+    j = np.arange(1, SIDE_AVERAGES + 1)[:, None]
+    for i, k in enumerate(breaks):
+        right = GROUPS - k
+        root = np.sqrt(1.0 / k + 1.0 / right)
+        rows[i, 0, :k], rows[i, 0, k:] = 1.0 / (k * root), -1.0 / (right * root)
+        for place, size, first in ((0, k, 0), (SIDE_AVERAGES, right, k)):
+            cosines = np.cos(np.pi * j * (np.arange(size) + 0.5) / size) * np.sqrt(2.0 / size)
+            rows[i, 1 + place : 1 + place + SIDE_AVERAGES, first : first + size] = cosines
+    rows[:, 1:] /= np.sqrt(2.0 * SIDE_AVERAGES)
+    return rows
+
+
+# -- Leverage --
+
+#: Change by one stretch, in standard errors of the estimate, that is worth a look; 1/3 is usual for ten.
+LARGE_LEVERAGE = 1.5
+
+
+@dataclass(frozen=True)
+class SegmentLeverage(Diagnostic):
+    """What leaving out each stretch does.
+
+    Parameters
+    ----------
+    shift : ndarray, shape (S, n)
+        Change of the estimate when a stretch is left out, in the parameters' units; NaN where the rest
+        does not determine them.
+    in_std_errors : ndarray, shape (S, n)
+        The same over the standard errors of the estimate.
+    segments : tuple of (int, int)
+        First row and end of each stretch.
+    """
+
+    shift: Float[np.ndarray, "S n"]
+    in_std_errors: Float[np.ndarray, "S n"]
+    segments: tuple[tuple[int, int], ...]
+
+    @property
+    def most(self) -> Int[np.ndarray, " n"]:
+        """The stretch that moves each parameter most."""
+        return np.argmax(np.nan_to_num(np.abs(self.in_std_errors), nan=-1.0), axis=0)
+
+    @property
+    def largest(self) -> Float[np.ndarray, " n"]:
+        """By how much it does, in standard errors, with its sign."""
+        return self.in_std_errors[self.most, np.arange(self.shift.shape[1])]
+
+    def rows(self, of: Subject, /) -> Iterator[Row]:
+        """The largest change of each parameter, and by which stretch."""
+        for j, name in enumerate(of.names):
+            yield Row("leverage", f"{name}, {self._where(j, of)}", float(self.largest[j]), 1.0)
+
+    def lines(self, of: Subject, /) -> Iterator[str]:
+        """The largest change of each parameter, and by which stretch."""
+        for j, name in enumerate(of.names):
+            where = f"standard errors of {name}, {self._where(j, of)}"
+            yield f"largest leverage     {self.largest[j]:>+10.2f}  {where}"
+
+    def reasons(self, of: Subject, /) -> Iterator[Reason]:
+        """Stretches that move a parameter much."""
+        for j, name in enumerate(of.names):
+            by = float(self.largest[j])
+            if abs(by) > LARGE_LEVERAGE:
+                yield Reason(
+                    Status.WEAK,
+                    f"One stretch of the record, from {self._where(j, of)}, moves {name} by {abs(by):.1f} "
+                    "standard errors.",
+                    "Look at it, and identify without it.",
+                )
+
+    def _where(self, j: int, of: Subject) -> str:
+        first, end = self.segments[self.most[j]]
+        return f"{of.at_row(first)} to {of.at_row(end)}"
+
+
+def segment_leverage(
+    sums: Float[np.ndarray, "S n"],
+    sensitivities: Float[np.ndarray, "S n n"],
+    std_errors: Float[np.ndarray, " n"],
+    segments: tuple[tuple[int, int], ...],
+) -> SegmentLeverage:
+    """Drop-one estimates from the stretches' own equations. Performs no checks.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (S, n)
+        Sum of the scores over each stretch; zero in total.
+    sensitivities : ndarray, shape (S, n, n)
+        Minus their derivatives by the estimate.
+    std_errors : ndarray, shape (n,)
+        Of the estimate.
+    segments : tuple of (int, int)
+        First row and end of each stretch.
+    """
+    M = sensitivities.sum(axis=0)
+    scale = unit_scale(np.abs(np.diag(M)))
+    shift = np.full(sums.shape, np.nan)
+    for k, (own, score) in enumerate(zip(sensitivities, sums, strict=True)):
+        rest = np.outer(scale, scale) * (M - own)
+        if np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps:
+            shift[k] = -scale * np.linalg.solve(rest, scale * score)
+    return SegmentLeverage(shift, shift / std_errors, segments)
+
+
+# -- Residual memory --
+
+#: Longer records are averaged down to this many samples first.
+LONGEST = 8192
+#: Memory from which a residual is not stationary, and its long-run variance not finite.
+NOT_STATIONARY = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualMemory(Diagnostic):
+    """Memory of a residual.
+
+    Parameters
+    ----------
+    memory : float
+        d = -order of the fractional noise: 0 without memory, positive for a residual that drifts, 1 for a
+        random walk.
+    order_error : float
+        Standard error.
+    """
+
+    memory: float
+    order_error: float
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the residual is clearly not stationary."""
+        return bool(self.memory - 2.0 * self.order_error > NOT_STATIONARY)
+
+    def rows(self, _of: Subject, /) -> Iterator[Row]:
+        """The memory and its standard error."""
+        yield Row("memory", "", self.memory, self.order_error)
+
+    def lines(self, _of: Subject, /) -> Iterator[str]:
+        """The memory and its standard error."""
+        yield f"memory               {self.memory:>10.3f}  standard error {self.order_error:.3f}"
+
+    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+        """A residual that drifts."""
+        if self.drifts:
+            yield Reason(
+                Status.WEAK,
+                f"The residual drifts: its memory is {self.memory:.2f} +- {2.0 * self.order_error:.2f}, and "
+                "from 0.5 on its variance grows with the record.",
+                "Add an intercept, whiten or difference the signals, or look for a slow term that is "
+                "missing.",
+            )
+
+
+def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | None:
+    """Local Whittle order of a residual in time order, with its standard error. Performs no checks.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (rows,)
+        e.
+
+    Returns
+    -------
+    ResidualMemory or None
+        None for records of fewer than 17 samples, or constant ones.
+
+    Notes
+    -----
+    The order is that of the spectrum's slope at low frequencies, which averages over blocks leave alone:
+    a long record is averaged to about 8192 samples, so that the transform costs no more than the pass
+    over the record. The order is sought between -1 and 1.
+    """
+    width = -(-residual.size // LONGEST)
+    usable = residual.size // width
+    means = (
+        residual[: usable * width].reshape(usable, width) @ np.full(width, 1.0 / width)
+        if width > 1
+        else residual
+    )
+    spread = float(np.ptp(means)) if means.size else 0.0
+    if means.size <= 2 * LEAST_BANDWIDTH or spread <= 1e-12 * float(np.abs(means).max()):
+        return None
+    found = estimate_long_memory(means)
+    return ResidualMemory(found.memory, found.order_error)
+
+
+# -- Residual whiteness --
+
+#: Lags that are tested.
+LAGS = 20
+#: Rows of folded samples that are multiplied at a time: too few for the BLAS to start threads for.
+FOLDED_ROWS = 512
+
+
+@dataclass(frozen=True)
+class ResidualWhiteness(Diagnostic):
+    """Whiteness of a residual.
+
+    Parameters
+    ----------
+    autocorrelation : ndarray, shape (L,)
+        At lags 1..L. The mean is not taken off: an equation with an intercept has none.
+    band : float
+        White noise stays within +- this at a given lag with probability .95.
+    ljung_box, p_value : float
+        N (N + 2) sum r_l^2 / (N - l) and its tail, chi-square on L degrees of freedom (Ljung and Box 1978).
+    durbin_watson : float
+        sum (e_t - e_t-1)^2 / sum e_t^2: 2 for white noise, near 0 for a drifting residual.
+    """
+
+    autocorrelation: Float[np.ndarray, " L"]
+    band: float
+    ljung_box: float
+    p_value: float
+    durbin_watson: float
+
+    @property
+    def outside(self) -> int:
+        """Lags whose autocorrelation is outside the band."""
+        return int((np.abs(self.autocorrelation) > self.band).sum())
+
+    def rows(self, _of: Subject, /) -> Iterator[Row]:
+        """Both statistics, and every autocorrelation with its band."""
+        yield Row("ljung_box", f"{self.autocorrelation.size} lags", self.ljung_box, self.p_value)
+        yield Row("durbin_watson", "", self.durbin_watson, 2.0)
+        for lag, r in enumerate(self.autocorrelation, start=1):
+            yield Row("autocorrelation", f"lag {lag}", float(r), self.band)
+
+    def lines(self, _of: Subject, /) -> Iterator[str]:
+        """Both statistics."""
+        yield f"whiteness            {self.ljung_box:>10.4g}  Ljung-Box, p-value {self.p_value:.3g}"
+        yield f"Durbin-Watson        {self.durbin_watson:>10.4g}"
+
+    def reasons(self, _of: Subject, /) -> Iterator[Reason]:
+        """Autocorrelation, which white-noise standard errors do not allow for."""
+        if self.p_value < SIGNIFICANT:
+            yield Reason(
+                Status.IDENTIFIED,
+                f"The residual is autocorrelated: {self.outside} of {self.autocorrelation.size} lags are "
+                f"outside the band, Durbin-Watson is {self.durbin_watson:.3g}.",
+                "Keep a covariance that allows for it; white-noise standard errors are wrong here.",
+            )
+
+
+def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -> ResidualWhiteness:
+    """Whiteness of a residual in time order. Performs no checks; O(rows lags).
+
+    Parameters
+    ----------
+    residual : ndarray, shape (rows,)
+        e, in any unit.
+    lags : int
+        L; fewer when the record has less than four times as many samples.
+    """
+    count = residual.size
+    lags = max(min(lags, (count - 1) // 4), 1)
+    sums = _autoproducts(residual, lags)
+    if not sums[0] > 0.0:
+        return ResidualWhiteness(np.zeros(lags), normal_quantile(0.95) / np.sqrt(count), 0.0, 1.0, 2.0)
+    r = sums[1:] / sums[0]
+    Q = float(count * (count + 2.0) * np.sum(r**2 / (count - np.arange(1, lags + 1))))
+    ends = float(residual[0] ** 2 + residual[-1] ** 2)
+    watson = 2.0 - (2.0 * float(sums[1]) + ends) / float(sums[0])
+    return ResidualWhiteness(r, normal_quantile(0.95) / np.sqrt(count), Q, chi_square_tail(Q, lags), watson)
+
+
+def _autoproducts(e: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
+    """sum_t e_t e_t-l for l = 0..lags, with time folded into rows of `lags` samples.
+
+    R'R holds the products within rows and R_k'R_(k+1) those with the next row: lag l is a diagonal of each.
+    """
+    rows = e.size // lags
+    R = e[: rows * lags].reshape(rows, lags)
+    within, across = np.zeros((lags, lags)), np.zeros((lags, lags))
+    for start in range(0, rows, FOLDED_ROWS):
+        block = R[start : start + FOLDED_ROWS]
+        within += block.T @ block
+        following = R[start + 1 : start + 1 + FOLDED_ROWS]
+        across += block[: following.shape[0]].T @ following
+    sums = np.array([np.trace(within, lag) + np.trace(across, lag - lags) for lag in range(lags + 1)])
+    for t in range(rows * lags, e.size):
+        reach = min(lags, t)
+        sums[: reach + 1] += e[t] * e[t - np.arange(reach + 1)]
+    return sums

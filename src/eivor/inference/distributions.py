@@ -1,0 +1,87 @@
+"""Quantiles and ordered choices."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import special
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.tools import Float
+
+# -- Ordered choices --
+
+
+def shares_in_order(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Share of each value. Performs no checks.
+
+    Parameters
+    ----------
+    excesses : ndarray, shape (n,)
+        Of the criterion over the least, in the order of the nuisance's values.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        They add up to one.
+    """
+    best = int(np.argmin(excesses))
+    roots = np.sqrt(np.maximum(excesses, 0.0))
+    above = np.maximum.accumulate(roots[best:])
+    below = -np.maximum.accumulate(roots[best::-1])[::-1]
+    signed = np.concatenate([below, above[1:]])
+    middles = 0.5 * (signed[1:] + signed[:-1])
+    shares: Float[np.ndarray, " n"] = np.diff(special.ndtr(middles), prepend=0.0, append=1.0)
+    return shares
+
+
+def shares_by_likelihood(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Share of each combination of several nuisances, which have no order. Performs no checks."""
+    likelihoods = np.exp(-0.5 * excesses)
+    shares: Float[np.ndarray, " n"] = likelihoods / likelihoods.sum()
+    return shares
+
+
+# -- Quantiles --
+
+
+def check_level(level: float) -> None:
+    """Refuse a confidence level that is none.
+
+    Raises
+    ------
+    UsageError
+        With the range.
+    """
+    checks.number("level", level)
+    if not 0.0 < level < 1.0:
+        raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")
+
+
+def normal_quantile(level: float) -> float:
+    """Half-width, in standard errors, of a two-sided normal interval of confidence `level`."""
+    return float(special.ndtri(0.5 + 0.5 * level))
+
+
+def t_quantile(level: float, degrees: float | int) -> float:
+    """Half-width, in standard errors, of a two-sided t interval; infinite without degrees of freedom."""
+    if math.isinf(degrees):
+        return normal_quantile(level)
+    return float(special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
+
+
+def chi_square_quantile(level: float, degrees: int = 1) -> float:
+    """Value that a chi-square variable stays below with probability `level`."""
+    return float(special.chdtri(degrees, 1.0 - level))
+
+
+def chi_square_tail(value: float, degrees: int) -> float:
+    """Probability that a chi-square variable exceeds `value`."""
+    return float(special.chdtrc(degrees, value))
+
+
+def t_tail(value: float, degrees: float | int) -> float:
+    """Probability that a t variable is further from zero than `value`, to either side."""
+    return float(2.0 * special.stdtr(degrees, -abs(value)))

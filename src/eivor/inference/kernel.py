@@ -1,0 +1,288 @@
+"""Kernels and bandwidths of long-run covariances."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.tools import Float
+
+# -- Kernel --
+
+#: Below this argument the quadratic spectral kernel is its series, 1 - z^2/10.
+SMALL_ARGUMENT = 1e-3
+
+
+class Kernel(ABC):
+    """Weights of autocovariances."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What results call it."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> bool:
+        """True when the kernel is zero from x = 1 on."""
+
+    @abstractmethod
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """k(x) at x >= 0."""
+
+    def span(self, bandwidth: float) -> float:
+        """S of a bandwidth in lags."""
+        return bandwidth + 1.0 if self.ends else bandwidth
+
+
+@dataclass(frozen=True, slots=True)
+class Bartlett(Kernel):
+    """1 - x (Newey and West 1987)."""
+
+    @property
+    def name(self) -> str:
+        """Bartlett."""
+        return "bartlett"
+
+    @property
+    def ends(self) -> bool:
+        """Yes."""
+        return True
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """1 - x, and zero beyond one."""
+        return np.maximum(1.0 - x, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Parzen(Kernel):
+    """1 - 6 x^2 + 6 x^3 up to 1/2, 2 (1 - x)^3 up to 1 (Gallant 1987)."""
+
+    @property
+    def name(self) -> str:
+        """Parzen."""
+        return "parzen"
+
+    @property
+    def ends(self) -> bool:
+        """Yes."""
+        return True
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Two cubics."""
+        near = 1.0 - 6.0 * x**2 * (1.0 - x)
+        return np.where(x <= 0.5, near, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
+
+
+@dataclass(frozen=True, slots=True)
+class QuadraticSpectral(Kernel):
+    """3/z^2 (sin z / z - cos z) with z = 6 pi x / 5 (Andrews 1991); it has no end."""
+
+    @property
+    def name(self) -> str:
+        """Quadratic spectral."""
+        return "quadratic_spectral"
+
+    @property
+    def ends(self) -> bool:
+        """No."""
+        return False
+
+    def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Andrews' formula, by its series where it would cancel."""
+        z = 1.2 * np.pi * x
+        safe = np.where(z < SMALL_ARGUMENT, 1.0, z)
+        far = 3.0 / safe**2 * (np.sin(safe) / safe - np.cos(safe))
+        return np.where(z < SMALL_ARGUMENT, 1.0 - z**2 / 10.0, far)
+
+
+def kernel_sum_covariance(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], count: int, kernel: Kernel, bandwidth: float
+) -> Float[np.ndarray, "n n"]:
+    """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'.
+
+    Parameters
+    ----------
+    blocks : iterable of ndarray, shapes (samples, n)
+        Successive scores.
+    count : int
+        Number of scores in all of them.
+    kernel, bandwidth : Kernel, float
+        See this module; a bandwidth longer than the scores counts every lag.
+
+    Notes
+    -----
+    A kernel that ends keeps as many scores as its bandwidth; O(count n^2 bandwidth). One without an end
+    needs all scores at once, and takes their autocovariances by FFT; O(n^2 count log(count)).
+    """
+    if kernel.ends:
+        span = kernel.span(bandwidth)
+        return _from_blocks(blocks, kernel, min(int(np.ceil(span)) - 1, count - 1), span)
+    return _from_spectrum(np.concatenate(list(blocks)), kernel, kernel.span(bandwidth))
+
+
+def bartlett_covariance(scores: Float[np.ndarray, "n p"], bandwidth: int) -> Float[np.ndarray, "p p"]:
+    """Mean long-run covariance sum_l (1 - |l|/(bandwidth + 1)) mean(s_t s_{t-l}') (Newey and West 1987)."""
+    count = scores.shape[0]
+    covariance: Float[np.ndarray, "p p"] = kernel_sum_covariance(
+        [scores], count, Bartlett(), float(bandwidth)
+    )
+    return covariance / count
+
+
+def _from_blocks(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], kernel: Kernel, lags: int, span: float
+) -> Float[np.ndarray, "n n"]:
+    weights = kernel.weights(np.arange(lags + 1) / span)
+    total, before = None, None
+    for block in blocks:
+        unknowns = block.shape[1]
+        if total is None or before is None:
+            total, before = np.zeros((unknowns, unknowns)), np.empty((0, unknowns))
+        joined = np.concatenate([before, block])
+        known = before.shape[0]
+        total += block.T @ block
+        for lag in range(1, min(lags, joined.shape[0] - 1) + 1):
+            # Pairs whose later score is in this block and whose earlier one has been seen.
+            first = max(known, lag)
+            cross = joined[first:].T @ joined[first - lag : joined.shape[0] - lag]
+            total += weights[lag] * (cross + cross.T)
+        before = joined[max(joined.shape[0] - lags, 0) :]
+    if total is None:
+        raise UsageError("scores", "none", "Give a longer record.")
+    return total
+
+
+def _from_spectrum(
+    scores: Float[np.ndarray, "samples n"], kernel: Kernel, span: float
+) -> Float[np.ndarray, "n n"]:
+    """Autocovariances of all lags by FFT, padded so that they do not wrap around."""
+    from scipy import fft  # late: few ask for it
+
+    count, unknowns = scores.shape
+    if span <= 0.0:
+        return scores.T @ scores
+    weights = kernel.weights(np.arange(count) / span)
+    length = fft.next_fast_len(2 * count, real=True)
+    spectrum = fft.rfft(scores, n=length, axis=0)
+    total = np.empty((unknowns, unknowns))
+    for i in range(unknowns):
+        for j in range(i + 1):
+            products = fft.irfft(spectrum[:, i] * spectrum[:, j].conj(), n=length)
+            later, earlier = products[1:count], products[-1:-count:-1]
+            total[i, j] = total[j, i] = products[0] + float(weights[1:] @ (later + earlier))
+    return total
+
+
+# -- Bandwidth --
+
+#: Andrews' (1991, his (6.2)) constants, and the exponent that goes with each: 1/(2q + 1).
+ANDREWS = {Bartlett: (1.1447, 1), Parzen: (2.6614, 2), QuadraticSpectral: (1.3221, 2)}
+#: Largest correlation of successive scores that Andrews' rule believes.
+LARGEST_CORRELATION = 0.97
+
+Blocks = Callable[[], Iterable[Float[np.ndarray, "_ n"]]]
+
+
+class Bandwidth(ABC):
+    """A way to choose the bandwidth."""
+
+    @abstractmethod
+    def lags(self, blocks: Blocks, count: int, kernel: Kernel, /) -> float:
+        """Bandwidth in lags.
+
+        Parameters
+        ----------
+        blocks : callable
+            Gives the scores in blocks, anew in each call.
+        count : int
+            Number of scores.
+        kernel : Kernel
+            What it is for.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class FixedBandwidth(Bandwidth):
+    """Chosen by the user.
+
+    Parameters
+    ----------
+    bandwidth : float
+        In lags.
+
+    Raises
+    ------
+    UsageError
+        When it is negative.
+    """
+
+    bandwidth: float | int
+
+    def __post_init__(self) -> None:
+        checks.number("bandwidth", self.bandwidth)
+        if not self.bandwidth >= 0.0:
+            raise UsageError("a bandwidth of zero lags or more", f"{self.bandwidth}", "Zero sees no lag.")
+
+    def lags(self, _blocks: Blocks, _count: int, _kernel: Kernel, /) -> float:
+        """The number given."""
+        return float(self.bandwidth)
+
+
+@dataclass(frozen=True, slots=True)
+class NeweyWestRule(Bandwidth):
+    """4 (N/100)^(2/9), the rule of thumb that goes with Newey and West (1994)."""
+
+    def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
+        """Whole lags, from the number of scores alone."""
+        return float(newey_west_bandwidth(count))
+
+
+@dataclass(frozen=True, slots=True)
+class SquareRootRule(Bandwidth):
+    """1.3 sqrt(N), which asks for fixed-b critical values (Lazarus, Lewis, Stock and Watson 2018)."""
+
+    def lags(self, _blocks: Blocks, count: int, _kernel: Kernel, /) -> float:
+        """Lags, from the number of scores alone."""
+        return 1.3 * float(np.sqrt(count)) - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AndrewsRule(Bandwidth):
+    """Andrews' (1991) plug-in rule: as if each score were a first-order autoregression.
+
+    Columns weigh alike: their own variance, which would depend on their unit, is divided out.
+    """
+
+    def lags(self, blocks: Blocks, count: int, kernel: Kernel) -> float:
+        """Whole lags; one more pass over the scores."""
+        correlation = np.clip(_lag_one(blocks()), -LARGEST_CORRELATION, LARGEST_CORRELATION)
+        shape = (1.0 - correlation**2) ** 2 / (1.0 - correlation) ** 4  # spectrum at zero, squared
+        constant, order = ANDREWS[type(kernel)]
+        bend = 4.0 * correlation**2 / (1.0 - correlation) ** 4
+        if order == 1:
+            bend *= (1.0 - correlation) ** 2 / (1.0 + correlation) ** 2
+        alpha = float((bend * shape).sum() / shape.sum())
+        span = constant * (alpha * count) ** (1.0 / (2 * order + 1))
+        return float(np.ceil(max(span - (1.0 if kernel.ends else 0.0), 0.0)))
+
+
+def newey_west_bandwidth(count: int) -> int:
+    """Rule of thumb for the number of lags, 4 (n/100)^(2/9)."""
+    return int(4.0 * (count / 100.0) ** (2.0 / 9.0))
+
+
+def _lag_one(blocks: Iterable[Float[np.ndarray, "_ n"]]) -> Float[np.ndarray, " n"]:
+    """Correlation of successive scores of each column."""
+    power, products, last = 0.0, 0.0, None
+    for block in blocks:
+        joined = block if last is None else np.concatenate([last, block])
+        products = products + (joined[1:] * joined[:-1]).sum(axis=0)
+        power = power + (block**2).sum(axis=0)
+        last = block[-1:]
+    return np.divide(products, power, out=np.zeros_like(products), where=np.asarray(power) > 0.0)

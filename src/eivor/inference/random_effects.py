@@ -1,0 +1,436 @@
+"""Random effects: mean and variance between groups, with a confidence distribution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import special
+
+from eivor.inference.distributions import normal_quantile
+from eivor.tools import Bool, Float, Int
+
+# -- Groups --
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Consecutive rows of groups.
+
+    Parameters
+    ----------
+    sizes : ndarray of int, shape (groups,)
+        Rows of each group, at least one.
+    """
+
+    sizes: Int[np.ndarray, " groups"]
+
+    @cached_property
+    def starts(self) -> Int[np.ndarray, " groups"]:
+        """First row of each group."""
+        return np.cumsum(self.sizes) - self.sizes
+
+    def sums(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
+        """Sum over each group."""
+        return np.add.reduceat(values, self.starts)
+
+    def spread(self, values: Float[np.ndarray, " groups"]) -> Float[np.ndarray, " rows"]:
+        """Value of its group, for each row."""
+        return np.repeat(values, self.sizes)
+
+    def running(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Sum over the rows of its group up to each row, that row included."""
+        total = np.cumsum(values)
+        before = np.concatenate(([0.0], total))[self.starts]
+        return total - self.spread(before)
+
+
+def one_group(rows: int) -> Groups:
+    """All rows together."""
+    return Groups(np.array([rows]))
+
+
+# -- Weighted --
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Weighted means.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (rows,)
+        w = 1 / (v + between).
+    total : ndarray, shape (groups,)
+        Sum of the weights of a group.
+    mean : ndarray, shape (groups,)
+        Weighted mean.
+    squares : ndarray, shape (rows,)
+        w (y - mean)^2.
+    """
+
+    weights: Float[np.ndarray, " rows"]
+    total: Float[np.ndarray, " groups"]
+    mean: Float[np.ndarray, " groups"]
+    squares: Float[np.ndarray, " rows"]
+
+
+def weighted(
+    groups: Groups,
+    estimates: Float[np.ndarray, " rows"],
+    variances: Float[np.ndarray, " rows"],
+    between: Float[np.ndarray, " groups"],
+) -> Weighted:
+    """Weighted means of groups. Performs no checks.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    estimates, variances : ndarray, shape (rows,)
+        y, and v > 0.
+    between : ndarray, shape (groups,)
+        Variance between the estimates of each group.
+    """
+    weights = weights_of(groups, variances, between)
+    total = groups.sums(weights)
+    mean = groups.sums(weights * estimates) / total
+    squares = groups.spread(mean)
+    squares -= estimates
+    squares *= squares
+    squares *= weights
+    return Weighted(weights, total, mean, squares)
+
+
+def weights_of(
+    groups: Groups, variances: Float[np.ndarray, " rows"], between: Float[np.ndarray, " groups"]
+) -> Float[np.ndarray, " rows"]:
+    """1 / (v + between), in an array of its own. Performs no checks."""
+    weights = groups.spread(between)
+    weights += variances
+    return np.reciprocal(weights, out=weights)
+
+
+# -- Between --
+
+#: Steps of the search: 1/Q is nearly a straight line, so that few are needed.
+BETWEEN_STEPS = 60
+#: A search ends after a step by less than this share, beyond which its square is left.
+BETWEEN_TOLERANCE = 1e-8
+
+
+def moment_between(
+    groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, " groups"]:
+    """Variance between estimates by moments, of groups of two rows or more. Performs no checks.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    estimates, variances : ndarray, shape (rows,)
+        y and v.
+    """
+    fixed = weighted(groups, estimates, variances, np.zeros(groups.sizes.size))
+    excess = groups.sums(fixed.squares) - (groups.sizes - 1)
+    scale = fixed.total - groups.sums(fixed.weights**2) / fixed.total
+    return np.maximum(excess, 0.0) / scale
+
+
+def paule_mandel(
+    groups: Groups,
+    estimates: Float[np.ndarray, " rows"],
+    variances: Float[np.ndarray, " rows"],
+    together: Groups | None = None,
+    near: Float[np.ndarray, " groups"] | None = None,
+) -> Float[np.ndarray, " groups"]:
+    """Variance between estimates where Q is its expectation; zero where it is below that without any.
+
+    Performs no checks.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    estimates, variances : ndarray, shape (rows,)
+        y and v.
+    together : Groups, optional
+        Groups of the groups that have one variance between them; by default each has its own.
+    near : ndarray, shape (groups,), optional
+        Variances that are near, where the search is quick from; it ends at the same without.
+    """
+    together = together or _each_alone(groups)
+    expected = together.sums((groups.sizes - 1).astype(float))
+    return _where(groups, estimates, variances, expected, together, near)
+
+
+def q_profile(
+    groups: Groups,
+    estimates: Float[np.ndarray, " rows"],
+    variances: Float[np.ndarray, " rows"],
+    level: float = 0.95,
+    near: Float[np.ndarray, " groups"] | None = None,
+) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
+    """Interval of the variance between estimates; from zero to infinity for a single one. Performs no checks.
+
+    Parameters
+    ----------
+    groups, estimates, variances, near
+        As for `paule_mandel`.
+    level : float
+        Its confidence.
+
+    Returns
+    -------
+    low, high : ndarray, shape (groups,)
+        Ends.
+    """
+    degrees = groups.sizes - 1
+    tail = 0.5 * (1.0 - level)
+    several = degrees > 0
+    low, high = (
+        _where(
+            groups,
+            estimates,
+            variances,
+            np.where(several, special.chdtri(np.maximum(degrees, 1), at), 1.0),
+            _each_alone(groups),
+            near,
+        )
+        for at in (tail, 1.0 - tail)
+    )
+    return np.where(several, low, 0.0), np.where(several, high, np.inf)
+
+
+def _each_alone(groups: Groups) -> Groups:
+    return Groups(np.ones(groups.sizes.size, dtype=int))
+
+
+def _where(
+    groups: Groups,
+    estimates: Float[np.ndarray, " rows"],
+    variances: Float[np.ndarray, " rows"],
+    wanted: Float[np.ndarray, " sets"],
+    together: Groups,
+    near: Float[np.ndarray, " groups"] | None,
+) -> Float[np.ndarray, " groups"]:
+    """Variance at which Q, summed over groups that go together, has a value; zero where it begins below.
+
+    Newton's method on 1/Q, which is concave and rises: from below it climbs to the root and never beyond;
+    from above it comes out below.
+    """
+    found = np.zeros(wanted.size) if near is None else near[together.starts]
+    for _ in range(BETWEEN_STEPS):
+        at = weighted(groups, estimates, variances, together.spread(found))
+        q = together.sums(groups.sums(at.squares))
+        fall = together.sums(groups.sums(at.weights * at.squares))
+        searching = (fall > 0.0) & (wanted > 0.0)
+        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -found)
+        before, found = found, np.maximum(found + step, 0.0)
+        if np.all(np.abs(found - before) <= BETWEEN_TOLERANCE * found):
+            break
+    return together.spread(found)
+
+
+# -- Mean --
+
+
+@dataclass(frozen=True)
+class RandomEffectsMeans:
+    """Means of groups of estimates that differ by more than chance.
+
+    Parameters
+    ----------
+    value, variance : ndarray, shape (groups,)
+        The means, and their variances.
+    between : ndarray, shape (groups,)
+        Variance between what is estimated.
+    degrees : ndarray of int, shape (groups,)
+        Of freedom of the variance; none for a single estimate, whose variance is its own.
+    weights : ndarray, shape (rows,)
+        What each estimate counts; their sum over a group is one.
+    """
+
+    value: Float[np.ndarray, " groups"]
+    variance: Float[np.ndarray, " groups"]
+    between: Float[np.ndarray, " groups"]
+    degrees: Int[np.ndarray, " groups"]
+    weights: Float[np.ndarray, " rows"]
+
+    def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
+        """Half-widths of the means' intervals; infinite for a single estimate.
+
+        Parameters
+        ----------
+        level : float
+            Of confidence.
+        """
+        several = self.degrees > 0
+        quantile = special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
+        return np.where(several, quantile * np.sqrt(self.variance), np.inf)
+
+
+def random_effects_means(
+    groups: Groups,
+    estimates: Float[np.ndarray, " rows"],
+    variances: Float[np.ndarray, " rows"],
+    between: Float[np.ndarray, " groups"],
+) -> RandomEffectsMeans:
+    """Means of groups, see this module. Performs no checks.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    estimates, variances : ndarray, shape (rows,)
+        y and v.
+    between : ndarray, shape (groups,)
+        Variance between the estimates of each group, as `between` finds it.
+    """
+    found = weighted(groups, estimates, variances, between)
+    degrees = groups.sizes - 1
+    q = groups.sums(found.squares) / np.maximum(degrees, 1)
+    return RandomEffectsMeans(
+        found.mean,
+        np.maximum(q, 1.0) / found.total,
+        between,
+        degrees,
+        found.weights / groups.spread(found.total),
+    )
+
+
+# -- Confidence distribution --
+
+#: Members of a group with a prediction, at least, and those below which it should be taken with care.
+FEWEST, FEW = 3, 6
+#: Variances between at which Q is computed, as shares of what the estimates scatter by.
+GRID = np.concatenate(([0.0], np.geomspace(3e-3, 3e2, 20)))
+_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
+#: Probabilities at which the distribution is looked at, and what each counts.
+PROBABILITIES, COUNTS = 0.5 + 0.5 * _ROOTS, 0.5 * _WEIGHTS
+#: Steps of the search for a half-width, at most, and the share of it by which a last one moves: what is left
+#: is its square.
+HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
+
+
+@dataclass(frozen=True)
+class BetweenDistribution:
+    """The variance between estimates as a distribution, group by group.
+
+    Parameters
+    ----------
+    sizes : ndarray of int, shape (groups,)
+        Members of each.
+    means, mean_errors, next_errors : ndarray, shape (nodes, groups)
+        Mean, its standard deviation and that of the next member, at the variances between that are not
+        exceeded with `PROBABILITIES`.
+    """
+
+    sizes: Int[np.ndarray, " groups"]
+    means: Float[np.ndarray, "nodes groups"]
+    mean_errors: Float[np.ndarray, "nodes groups"]
+    next_errors: Float[np.ndarray, "nodes groups"]
+
+    def mean_half_widths(
+        self, found: RandomEffectsMeans, level: float = 0.95
+    ) -> Float[np.ndarray, " groups"]:
+        """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says.
+
+        Alone, theirs covers .94 where the variance between is about that of the errors.
+        """
+        half = found.half_widths(level)
+        short = self._missed(half, found.value, self.mean_errors)[0] > 1.0 - level
+        half[short] = self._only(short)._half_widths(found.value[short], self.mean_errors[:, short], level)
+        return half
+
+    def next_half_widths(
+        self, centre: Float[np.ndarray, " groups"], level: float = 0.95
+    ) -> Float[np.ndarray, " groups"]:
+        """Half-widths about a centre of the next members; infinite for groups of fewer than `FEWEST`."""
+        found = self._half_widths(centre, self.next_errors, level)
+        return np.where(self.sizes >= FEWEST, found, np.inf)
+
+    def _only(self, which: Bool[np.ndarray, " groups"]) -> BetweenDistribution:
+        return BetweenDistribution(
+            self.sizes[which], self.means[:, which], self.mean_errors[:, which], self.next_errors[:, which]
+        )
+
+    def _missed(
+        self,
+        half_width: Float[np.ndarray, " groups"],
+        centre: Float[np.ndarray, " groups"],
+        errors: Float[np.ndarray, "nodes groups"],
+    ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
+        """Probability outside a half-width, and the density at its ends."""
+        offsets = self.means - centre
+        above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
+        density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
+        missed = COUNTS @ (special.ndtr(-above) + special.ndtr(-below))
+        return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
+
+    def _half_widths(
+        self, centre: Float[np.ndarray, " groups"], errors: Float[np.ndarray, "nodes groups"], level: float
+    ) -> Float[np.ndarray, " groups"]:
+        """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
+        z = normal_quantile(level)
+        offsets = np.abs(self.means - centre).max(axis=0)
+        low, high = z * errors.min(axis=0), z * errors.max(axis=0) + offsets  # of the normals that are mixed
+        found = np.clip(z * (COUNTS @ errors), low, high)
+        for _ in range(HALF_WIDTH_STEPS):
+            missed, density = self._missed(found, centre, errors)
+            step = np.log(missed / (1.0 - level)) * missed / (found * density)
+            found, before = np.clip(found * np.exp(step), low, high), found
+            if np.all(np.abs(found - before) <= HALF_WIDTH_TOLERANCE * found):
+                break
+        return found
+
+
+def between_distribution(
+    groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
+) -> BetweenDistribution:
+    """Confidence distribution of the variance between the estimates of each group. Performs no checks.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the rows.
+    estimates, variances : ndarray, shape (rows,)
+        y and v.
+    """
+    degrees = np.maximum(groups.sizes - 1, 1)
+    centre = groups.sums(estimates) / groups.sizes
+    about = estimates - groups.spread(centre)
+    scatter = groups.sums(about**2) / degrees
+    grid = GRID[:, None] * np.maximum(scatter, groups.sums(variances) / groups.sizes)
+    squares, means, variance = (np.empty_like(grid) for _ in range(3))
+    for number, between in enumerate(grid):
+        weights = weights_of(groups, variances, between)
+        total = groups.sums(weights)
+        weights *= about
+        first = groups.sums(weights)
+        weights *= about
+        squares[number] = groups.sums(weights) - first**2 / total
+        means[number], variance[number] = centre + first / total, 1.0 / total
+    inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
+    place = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))
+    of_mean = place(variance)
+    return BetweenDistribution(groups.sizes, place(means), np.sqrt(of_mean), np.sqrt(of_mean + place(grid)))
+
+
+def _between(
+    rising: Float[np.ndarray, "grid groups"], wanted: Float[np.ndarray, "nodes groups"]
+) -> Callable[[Float[np.ndarray, "grid groups"]], Float[np.ndarray, "nodes groups"]]:
+    """What turns values on a grid into those where something that rises along it is as wanted, or begins."""
+    left = np.zeros(wanted.shape, dtype=int)
+    for row in rising[1:-1]:
+        left += row <= wanted
+    low, high = (np.take_along_axis(rising, left + step, axis=0) for step in (0, 1))
+    share = np.maximum((wanted - low) / np.where(high > low, high - low, 1.0), 0.0)
+
+    def values(given: Float[np.ndarray, "grid groups"]) -> Float[np.ndarray, "nodes groups"]:
+        before, after = (np.take_along_axis(given, left + step, axis=0) for step in (0, 1))
+        return before + share * (after - before)
+
+    return values

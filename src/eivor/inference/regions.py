@@ -1,0 +1,584 @@
+"""Confidence regions: ellipses, Fieller intervals and general regions."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from eivor import checks
+from eivor.errors import ShapeError, UsageError
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.distributions import check_level, chi_square_quantile
+from eivor.tools import Bool, Float
+
+# -- Confidence region --
+
+#: Directions from the pivot, of the half circle, in which a shadow is scanned; fewer where each is a search.
+SCAN_STEPS = 181
+SEARCHED_STEPS = 61
+#: Ends of a shadow are found to this angle [rad], seen from the pivot in units of the scale.
+END_TOLERANCE = 1e-9
+#: Points at which the least value of a statistic is looked for, and starts of its search.
+SEARCH_POINTS = 512
+SEARCH_STARTS = 4
+#: Step of its numerical slope, and the share of the critical value up to which kinks are searched.
+SEARCH_STEP = 1e-5
+KINK_SHARE = 1.5
+#: Corners of each side of an outline.
+OUTLINE_CORNERS = 201
+
+Points = Float[np.ndarray, "k n_plus_1"]
+
+
+class RegionShape(ABC):
+    """A region in homogeneous coordinates (x_0; x_1, ..., x_n), theta_j = x_j / x_0 in scaled units."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> int:
+        """Number of parameters n."""
+
+    @abstractmethod
+    def excess(self, points: Points) -> Float[np.ndarray, " k"]:
+        """Statistic over its critical value at each point: at most one in the region."""
+
+    @abstractmethod
+    def along(
+        self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
+    ) -> ConfidenceSet:
+        """Numbers s for which base + s step is in the region."""
+
+    @abstractmethod
+    def shadow(self, axis: int) -> ConfidenceSet:
+        """Values of x_axis / x_0 (axis from 1) that some point of the region has."""
+
+
+@dataclass(frozen=True)
+class RegionFrame:
+    """Origin and units in which a region is computed.
+
+    Parameters
+    ----------
+    pivot : ndarray, shape (n,)
+        A point near the region's middle, in the parameters' units: residuals are formed from it, so that
+        nothing cancels near it.
+    scale : ndarray, shape (n,)
+        Positive; about one standard error of each parameter.
+    """
+
+    pivot: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, " n"]
+
+    def homogeneous(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_plus_1"]:
+        """(1; (theta - pivot) / scale)."""
+        return np.concatenate([[1.0], (theta - self.pivot) / self.scale])
+
+    def in_units(self, found: ConfidenceSet, axis: int) -> ConfidenceSet:
+        """Set of a scaled coordinate (axis from 0) in the parameter's unit."""
+        pivot, scale = float(self.pivot[axis]), float(self.scale[axis])
+        return ConfidenceSet.union(
+            (pivot + scale * low, pivot + scale * high) for low, high in found.intervals
+        )
+
+
+@dataclass(frozen=True)
+class ConfidenceRegion:
+    """A joint confidence region.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters, in order.
+    frame : RegionFrame
+        Origin and units of `shape`.
+    shape : RegionShape
+        What belongs to the region.
+    """
+
+    names: tuple[str, ...]
+    frame: RegionFrame
+    shape: RegionShape
+
+    def excess(self, theta: ArrayLike) -> float:
+        """Statistic over its critical value: at most one for a member.
+
+        Raises
+        ------
+        ShapeError
+            When there is not one value for each parameter.
+        """
+        values = checks.real_array("theta", theta)
+        if values.shape != (len(self.names),):
+            raise ShapeError(
+                f"one value for each of {', '.join(self.names)}",
+                f"shape {values.shape}",
+                "Give them in this order.",
+            )
+        return float(self.shape.excess(self.frame.homogeneous(values)[None, :])[0])
+
+    def contains(self, theta: ArrayLike) -> bool:
+        """Whether a parameter vector belongs to the region; this is exact.
+
+        Raises
+        ------
+        ShapeError
+            When there is not one value for each parameter.
+        """
+        return self.excess(theta) <= 1.0
+
+    def interval(self, name: str) -> ConfidenceSet:
+        """Values of a parameter that some member of the region has: the region's shadow.
+
+        Raises
+        ------
+        UsageError
+            When the region has no parameter of that name.
+        """
+        checks.text("name", name)
+        if name not in self.names:
+            raise UsageError(f"a parameter out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
+        axis = self.names.index(name)
+        return self.frame.in_units(self.shape.shadow(axis + 1), axis)
+
+    def outline(
+        self, window: tuple[tuple[float, float], tuple[float, float]] | None = None
+    ) -> tuple[Float[np.ndarray, "corners 2"], ...]:
+        """Polygons that together make the region of two parameters, for drawing.
+
+        Parameters
+        ----------
+        window : pair of (low, high), optional
+            Part of the plane, in the parameters' units; a must for a region without bounds.
+
+        Returns
+        -------
+        tuple of ndarray, shape (corners, 2)
+            Polygons whose corners lie on the region's boundary, or on the window's. Where a hole or a branch
+            begins, polygons touch. None for an empty region.
+
+        Raises
+        ------
+        UsageError
+            When the region does not have two parameters, or has no bounds and no window is given.
+        """
+        if len(self.names) != 2:
+            raise UsageError(
+                "a region of two parameters", f"one of {len(self.names)}", "Use interval(name) for each."
+            )
+        remedy = "Give window=((low, high), (low, high)) in the parameters' units."
+        if window is not None:
+            checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
+            for pair in window:
+                checks.items("window", pair, checks.NUMBERS, "two pairs of numbers", remedy)
+            if [len(pair) for pair in window] != [2, 2]:
+                raise UsageError("a window of two pairs of numbers", f"{window}", remedy)
+        across = self.interval(self.names[0])
+        if window is None:
+            if not (across.is_bounded and self.interval(self.names[1]).is_bounded):
+                raise UsageError("a window, since the region has no bounds", "none", remedy)
+            window = (-inf, inf), (-inf, inf)
+        polygons: list[np.ndarray] = []
+        for low, high in _cut(across, window[0]).intervals:
+            polygons.extend(self._polygons(low, high, window[1]))
+        return tuple(polygons)
+
+    def _polygons(self, low: float, high: float, window: tuple[float, float]) -> list[np.ndarray]:
+        """Polygons between two values of the first parameter, slice by slice."""
+        # even in the angle seen from the pivot, denser towards both ends
+        first, last = np.arctan((np.array([low, high]) - self.frame.pivot[0]) / self.frame.scale[0])
+        turns = 0.5 * (first + last) - 0.5 * (last - first) * np.cos(np.linspace(0.0, np.pi, OUTLINE_CORNERS))
+        values = self.frame.pivot[0] + self.frame.scale[0] * np.tan(turns)
+        # The very ends touch the region in a point, which rounding may miss.
+        values[0], values[-1] = np.nextafter(low, high), np.nextafter(high, low)
+        slices = [_cut(self._slice(float(value)), window) for value in values]
+        polygons: list[np.ndarray] = []
+        open_chain: list[tuple[float, ConfidenceSet]] = []
+        for value, here in zip(values, slices, strict=True):
+            if open_chain and len(here.intervals) != len(open_chain[-1][1].intervals):
+                polygons.extend(_chains(open_chain))
+                open_chain = []
+            open_chain.append((float(value), here))
+        return polygons + _chains(open_chain)
+
+    def _slice(self, value: float) -> ConfidenceSet:
+        """Second parameter's members where the first has a value."""
+        base = np.array([1.0, (value - self.frame.pivot[0]) / self.frame.scale[0], 0.0])
+        return self.frame.in_units(self.shape.along(base, np.array([0.0, 0.0, 1.0])), 1)
+
+
+def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
+    """Shadow of a region on an axis (from 1), by the planes on which that coordinate is held.
+
+    The planes are base(u) = (cos u; 0, ..., sin u, ..., 0) plus the other axes, u over half a circle:
+    u = pi/2 is infinity. Whether a plane meets the region is exact for one or two parameters, and found
+    by search for more. Ends are bisected between neighbouring planes.
+    """
+    size = shape.unknowns + 1
+    others = [i for i in range(1, size) if i != axis]
+    if not others:
+        return shape.along(np.eye(size)[0], np.eye(size)[axis])
+
+    def base(angle: float) -> Float[np.ndarray, " n_plus_1"]:
+        point = np.zeros(size)
+        point[0], point[axis] = np.cos(angle), np.sin(angle)
+        return point
+
+    meets = _meeting(shape, others)
+    steps = SCAN_STEPS if len(others) == 1 else SEARCHED_STEPS
+    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, steps)
+    seeds = np.arctan([x[axis] / x[0] for x in least_points(shape) if x[0] != 0.0])
+    angles = np.unique(np.concatenate([angles, seeds]))
+    inside = [meets(base(angle)) for angle in angles[:-1]]
+    inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
+    pieces: list[tuple[float, float]] = []
+    start = -inf if inside[0] else None
+    for one, other, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
+        if here == there:
+            continue
+        end = _end(lambda angle: meets(base(angle)), float(one), float(other), here)
+        if here and start is not None:
+            pieces.append((start, float(np.tan(end))))
+            start = None
+        else:
+            start = float(np.tan(end))
+    if start is not None:
+        pieces.append((start, inf))
+    return ConfidenceSet.union(pieces)
+
+
+def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:
+    """Points at which the statistic has a local minimum, the least first.
+
+    Deterministic: starts are the pivot, and the best of points spread over the sphere.
+    """
+    size = shape.unknowns + 1
+    spread = np.random.default_rng(0).standard_normal((SEARCH_POINTS, size))
+    spread[0] = np.eye(size)[0]
+    best = np.argsort(shape.excess(spread))[:SEARCH_STARTS]
+    starts = [spread[0], *(spread[best] / np.linalg.norm(spread[best], axis=1, keepdims=True))]
+    found = [_searched(shape, np.eye(size), start) for start in starts]
+    return [point for point, _ in sorted(found, key=lambda pair: pair[1])]
+
+
+def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Float[np.ndarray, " n_plus_1"]], bool]:
+    """Whether the plane through a point along the other axes meets the region."""
+    axes = np.eye(shape.unknowns + 1)[others]
+    if len(others) == 1:
+        return lambda point: not shape.along(point, axes[0]).is_empty
+    last = [np.zeros(len(others))]
+
+    def meets(point: Float[np.ndarray, " n_plus_1"]) -> bool:
+        span = np.vstack([point, axes])
+        for start in (last[0], np.zeros(len(others))):
+            found, least = _searched(shape, span, np.concatenate([[1.0], start]))
+            if least <= 1.0:
+                last[0] = found[1:] / found[0] if found[0] != 0.0 else np.zeros(len(others))
+                return True
+        return False
+
+    return meets
+
+
+def _searched(
+    shape: RegionShape, span: Float[np.ndarray, "m n_plus_1"], start: Float[np.ndarray, " m"]
+) -> tuple[Float[np.ndarray, " m"], float]:
+    """Weights of the rows of `span` at which the statistic is least near a start, and its value there.
+
+    By quasi-Newton steps, and by a simplex where they end just outside: the rank statistic has kinks.
+    """
+    from scipy.optimize import minimize
+
+    moves = SEARCH_STEP * np.vstack([np.eye(start.size), -np.eye(start.size)])
+
+    def value_and_slope(weights: Float[np.ndarray, " m"]) -> tuple[float, Float[np.ndarray, " m"]]:
+        values = shape.excess(np.vstack([weights, weights + moves]) @ span)
+        return float(values[0]), (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * SEARCH_STEP)
+
+    found = minimize(value_and_slope, start, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-6})
+    if 1.0 < found.fun < KINK_SHARE:
+        found = minimize(
+            lambda weights: float(shape.excess((weights @ span)[None, :])[0]),
+            found.x,
+            method="Nelder-Mead",
+            options={"xatol": 1e-8, "fatol": 1e-10, "maxfev": 100 * start.size},
+        )
+    return found.x, float(found.fun)
+
+
+def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bool) -> float:
+    """Angle at which `meets` changes, on the inner side."""
+    while high - low > END_TOLERANCE:
+        middle = 0.5 * (low + high)
+        if meets(middle) == inside_low:
+            low = middle
+        else:
+            high = middle
+    return low if inside_low else high
+
+
+def _cut(found: ConfidenceSet, window: tuple[float, float]) -> ConfidenceSet:
+    """Part of a set within a window."""
+    cut = ((max(low, window[0]), min(high, window[1])) for low, high in found.intervals)
+    return ConfidenceSet.union((low, high) for low, high in cut if low <= high)
+
+
+def _chains(slices: list[tuple[float, ConfidenceSet]]) -> list[np.ndarray]:
+    """Polygon of each piece of successive slices that have equally many."""
+    polygons = []
+    for piece in range(len(slices[0][1].intervals) if len(slices) > 1 else 0):
+        lower = [(value, here.intervals[piece][0]) for value, here in slices]
+        upper = [(value, here.intervals[piece][1]) for value, here in reversed(slices)]
+        polygons.append(np.array(lower + upper))
+    return polygons
+
+
+# -- Ellipse --
+
+#: Largest magnitude of a correlation that still spans an ellipse in numbers.
+FULL_CORRELATION = 1.0 - 1e-15
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """Confidence ellipse of a pair.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (2,)
+        The pair's estimates, each in its own unit.
+    covariance : ndarray, shape (2, 2)
+        Their covariance.
+    level : float
+        Confidence level.
+    degrees : float
+        Degrees of freedom of the covariance; infinite for a known one.
+
+    Raises
+    ------
+    ShapeError
+        When it is not a pair.
+    UsageError
+        When the covariance is not one, the level not between 0 and 1, or there are fewer than two degrees
+        of freedom.
+    """
+
+    centre: Float[np.ndarray, " pair"]
+    covariance: Float[np.ndarray, "pair pair"]
+    level: float = 0.95
+    degrees: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
+            raise ShapeError(
+                "a pair of estimates and their 2 x 2 covariance",
+                f"shapes {self.centre.shape} and {self.covariance.shape}",
+                "Choose two parameters, or two linear combinations.",
+            )
+        C = self.covariance
+        shared = math.sqrt(max(float(C[0, 0]) * float(C[1, 1]), 0.0))
+        symmetric = abs(float(C[0, 1] - C[1, 0])) <= 1e-10 * shared
+        bounded = abs(float(C[0, 1])) <= shared * (1.0 + 1e-10)
+        if not (np.isfinite(C).all() and C[0, 0] >= 0.0 and C[1, 1] >= 0.0 and symmetric and bounded):
+            raise UsageError(
+                "a finite, symmetric, positive semidefinite covariance",
+                f"{C.tolist()}",
+                "Use rows and columns of an estimate's covariance.",
+            )
+        hotelling_quantile(self.level, 2, self.degrees)
+
+    @property
+    def squared_radius(self) -> float:
+        """T^2: the largest squared distance, in standard errors, from the centre."""
+        return hotelling_quantile(self.level, 2, self.degrees)
+
+    @property
+    def std_errors(self) -> Float[np.ndarray, "2"]:
+        """Standard error of each of the pair."""
+        errors: Float[np.ndarray, "2"] = np.sqrt(np.diag(self.covariance))
+        return errors
+
+    @property
+    def correlation(self) -> float:
+        """Correlation of the pair; zero when one of them is exact."""
+        shared = float(np.prod(self.std_errors))
+        return min(max(float(self.covariance[0, 1]) / shared, -1.0), 1.0) if shared > 0.0 else 0.0
+
+    @property
+    def bounds(self) -> Float[np.ndarray, "2 2"]:
+        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse.
+
+        Wider than the intervals of the parameters one by one: these hold for both, whatever their
+        combination (Scheffe).
+        """
+        reach = math.sqrt(self.squared_radius) * self.std_errors
+        return np.column_stack([self.centre - reach, self.centre + reach])
+
+    @property
+    def semi_axes(self) -> Float[np.ndarray, "2 2"]:
+        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis.
+
+        Orthogonal in the plane of the two numbers, so that they change with the parameters' units.
+        """
+        eigenvalues, vectors = np.linalg.eigh(self.covariance)
+        lengths = np.sqrt(self.squared_radius * np.maximum(eigenvalues, 0.0))
+        axes: Float[np.ndarray, "2 2"] = (vectors * lengths).T[::-1]
+        return axes
+
+    @property
+    def area(self) -> float:
+        """Area, in the product of the two units."""
+        shape = math.sqrt(max(1.0 - self.correlation**2, 0.0))
+        return math.pi * self.squared_radius * float(np.prod(self.std_errors)) * shape
+
+    def outline(self, points: int = 181) -> Float[np.ndarray, "points 2"]:
+        """Points around the ellipse, the first one again as the last.
+
+        Parameters
+        ----------
+        points : int
+            How many.
+        """
+        angle = np.linspace(0.0, 2.0 * np.pi, points)
+        r = self.correlation
+        # principal axes of the correlation matrix, whatever r: the diagonals of the unit square
+        along, across = np.sqrt(0.5 * (1.0 + r)) * np.cos(angle), np.sqrt(0.5 * (1.0 - r)) * np.sin(angle)
+        unit = np.column_stack([along - across, along + across])
+        outline: Float[np.ndarray, "points 2"] = (
+            self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors
+        )
+        return outline
+
+    def distance(self, points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
+        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse.
+
+        Parameters
+        ----------
+        points : ndarray, shape (k, 2)
+            Points of the plane.
+        """
+        errors, r = self.std_errors, self.correlation
+        away = points - self.centre
+        z = np.divide(away, errors, out=np.where(away == 0.0, 0.0, np.inf), where=errors > 0.0)
+        if abs(r) > FULL_CORRELATION:
+            on_line = np.isclose(z[:, 0], math.copysign(1.0, r) * z[:, 1], rtol=1e-9, atol=1e-9)
+            return np.where(on_line, z[:, 0] ** 2, np.inf)
+        squared: Float[np.ndarray, " k"] = np.square(z[:, 0])
+        rest = z[:, 1] - r * z[:, 0] if r else z[:, 1]
+        return squared + np.square(rest) / (1.0 - r * r)
+
+    def contains(self, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
+        """Return which points lie inside or on the ellipse.
+
+        Parameters
+        ----------
+        points : ndarray, shape (k, 2)
+            Points of the plane.
+        """
+        return self.distance(points) <= self.squared_radius * (1.0 + 1e-12)
+
+
+def joint_ellipse(
+    values: Float[np.ndarray, " n"],
+    covariance: Float[np.ndarray, "n n"],
+    directions: Float[np.ndarray, "pair columns"],
+    *,
+    level: float = 0.95,
+    degrees: float = math.inf,
+) -> Ellipse:
+    """Confidence ellipse of two linear combinations of a vector of estimates.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Estimates.
+    covariance : ndarray, shape (n, n)
+        Their covariance.
+    directions : ndarray, shape (2, n)
+        Each combination's coefficients; two rows of the identity for two parameters.
+    level : float
+        Confidence level.
+    degrees : float
+        Degrees of freedom of the covariance.
+
+    Raises
+    ------
+    ShapeError, UsageError
+        When shapes do not fit; see also `Ellipse`.
+    """
+    size = values.size
+    if covariance.shape != (size, size) or directions.shape != (2, size):
+        raise ShapeError(
+            f"a {size} x {size} covariance and two directions of length {size}",
+            f"shapes {covariance.shape} and {directions.shape}",
+            "Give one coefficient for each estimate.",
+        )
+    C = directions @ covariance @ directions.T
+    return Ellipse(directions @ values, 0.5 * (C + C.T), level, float(degrees))
+
+
+def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) -> float:
+    """Value that Hotelling's T^2 stays below with probability `level`.
+
+    Parameters
+    ----------
+    level : float
+        Probability.
+    dimension : int
+        q, estimates that are judged together.
+    degrees : float
+        B, degrees of freedom of their covariance; chi-square when infinite.
+
+    Raises
+    ------
+    UsageError
+        When the level is not between 0 and 1, or there are fewer degrees of freedom than estimates.
+    """
+    check_level(level)
+    if not degrees >= dimension:
+        raise UsageError(
+            f"at least {dimension} degrees of freedom for {dimension} estimates together",
+            f"{degrees:g}",
+            "Use more cosine averages, or intervals one by one.",
+        )
+    if math.isinf(degrees):
+        return chi_square_quantile(level, dimension)
+    second = degrees - dimension + 1.0
+    return dimension * degrees / second * float(special.fdtri(dimension, second, level))
+
+
+# -- Fieller --
+
+
+def fieller_set(
+    pair: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "2 2"], half_widths: float
+) -> ConfidenceSet:
+    """Values of the ratio that the estimates do not rule out.
+
+    Parameters
+    ----------
+    pair : ndarray, shape (2,)
+        Numerator p and denominator q.
+    covariance : ndarray, shape (2, 2)
+        V; a row and column of zeros for a number that is exact.
+    half_widths : float
+        t, half-width of an interval in standard errors.
+
+    Notes
+    -----
+    Scaled by the estimates' sizes, so that units do not matter. Performs no checks.
+    """
+    size = np.maximum(np.abs(pair), np.sqrt(np.diag(covariance)) * half_widths)
+    size = np.where(size > 0.0, size, 1.0)
+    p, q = pair / size
+    V = covariance * half_widths**2 / np.outer(size, size)
+    found = ConfidenceSet.from_quadratic(
+        float(q * q - V[1, 1]), float(-2.0 * (p * q - V[0, 1])), float(p * p - V[0, 0])
+    )
+    return found.scaled(float(size[0] / size[1]))

@@ -1,1 +1,0 @@
-"""Resampling: blocks of a record, and what replicates say."""

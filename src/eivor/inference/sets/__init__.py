@@ -1,1 +1,0 @@
-"""Confidence sets: intervals, unions of them, regions, and the tests they invert."""

@@ -1,0 +1,1 @@
+"""Laboratory: Monte Carlo studies, scenarios, the paper, unknown noise and regularised solvers."""

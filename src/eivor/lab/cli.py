@@ -1,0 +1,706 @@
+"""Commands of the laboratory: simulate, study and paper."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+import typer
+
+from eivor.cli.outputs import (
+    PAPER_FILES,
+    STANDARD_OUTPUT,
+    STUDY_FILES,
+    ExitCode,
+    JsonOption,
+    Reads,
+    WorkersOption,
+    Writes,
+    complain,
+    console,
+    deliver,
+    guarded,
+    keep_inputs,
+    output_file,
+    show,
+    step,
+    write,
+    write_out,
+    writing,
+)
+from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import RenderableType
+    from rich.table import Table
+
+    from eivor.lab.known_logs import KnownLog
+    from eivor.lab.paper_examples import PaperResult
+    from eivor.lab.paper_readings import Reading
+    from eivor.lab.records import Scenario
+    from eivor.lab.study import Study
+    from eivor.lab.study_run import MethodScore, Progress, Spread, StudyResult
+    from eivor.process_pool import Executor
+    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+    from eivor.simulation.vertical import VerticalFlightSpec
+    from eivor.strict_toml import TomlTable
+
+
+# -- Paper --
+
+#: The word for every reading.
+ALL = "all"
+PAPER_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 done, whatever came out; 2 wrong usage; 1 a file that cannot be written."
+)
+
+
+@guarded
+def paper(
+    *,
+    runs: Annotated[int, typer.Option(metavar="N", help="Runs of each example.")] = 100,
+    out: Annotated[
+        str,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write figures 2 to 8 of the nearest reading here, as SVG and PNG.",
+            show_default=False,
+        ),
+        Writes(PAPER_FILES),
+    ] = "",
+    readings: Annotated[
+        str,
+        typer.Option(
+            metavar="NAMES",
+            help="Readings with commas between, or all: print their tables in full. Default: run all, and "
+            "print the nearest one's tables and an overview.",
+            show_default=False,
+        ),
+    ] = "",
+    list_readings: Annotated[
+        bool, typer.Option("--list", help="List the readings, what each says, and leave.")
+    ] = False,
+    workers: Annotated[
+        int, typer.Option(metavar="N", help="Processes; default: one for each core.", show_default=False)
+    ] = 0,
+    json: JsonOption = "",
+    page: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.md", help="Put the tables between the marks of this page.", show_default=False
+        ),
+        Writes(),
+    ] = "",
+) -> ExitCode:
+    """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
+
+    The paper: D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with time-varying
+    disturbances and fractional errors-in-variables. Application example to a drone model (2024).
+
+    Its text can be read in several ways; each is run, and none gives the printed tables.
+    """
+    from eivor.lab.paper_readings import named_readings
+
+    named = tuple(name.strip() for name in readings.split(",") if name.strip())
+    chosen = named_readings(() if named == (ALL,) else named)
+    if list_readings:
+        _list(chosen)
+        return ExitCode.IDENTIFIED
+    if runs < 2 or workers < 0:
+        raise UsageError(
+            "two runs or more, and workers of zero or more",
+            f"--runs {runs} --workers {workers}",
+            "The paper has 100 runs.",
+        )
+    folder = _folder(out) if out else None
+    if page:
+        _page_text(page)
+    if folder:
+        from eivor.lab.figures import figure_files
+
+        for path in figure_files(folder):
+            output_file(str(path), option="--out")
+    from eivor.lab.paper_examples import run_paper
+
+    begun = time.perf_counter()
+    with _paper_progress(2 * len(chosen)) as advance:
+        results = []
+        for result in run_paper(chosen, runs=runs, workers=workers or None):
+            results.append(result)
+            advance()
+    seconds = time.perf_counter() - begun
+    report = partial(_print_report if named else _print_overview, results)
+    deliver(*_paper_deliveries(results, seconds, report, json=json, page=page, folder=folder))
+    return ExitCode.IDENTIFIED
+
+
+def _page_text(page: str) -> str:
+    """Text of the page that the tables go into.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read.
+    """
+    try:
+        return Path(page).read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            "a page with marks for the tables, in UTF-8", f"'{page}', unreadable: {reason}", "Check the name."
+        ) from error
+
+
+def _paper_deliveries(
+    results: Sequence[PaperResult],
+    seconds: float,
+    report: Callable[[], None],
+    *,
+    json: str,
+    page: str,
+    folder: Path | None,
+) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield report
+    if json:
+        yield partial(_write_paper_json, results, seconds, json)
+    if page:
+        yield partial(_fill_page, results, page)
+    if folder:
+        yield partial(_draw_paper, results, folder)
+
+
+def _print_overview(results: Sequence[PaperResult]) -> None:
+    from rich.text import Text
+
+    from eivor.lab import figures
+
+    for part in figures.reading_report(figures.by_reading(results)[figures.nearest(results)]):
+        show(part)
+    for part in figures.overview_report(results):
+        show(part)
+    show(Text(f"Every reading's tables: eivor paper --readings {ALL}"))
+
+
+def _print_report(results: Sequence[PaperResult]) -> None:
+    from eivor.lab import figures
+
+    for group in figures.by_reading(results).values():
+        for part in figures.reading_report(group):
+            show(part)
+    for part in figures.overview_report(results):
+        show(part)
+
+
+def _write_paper_json(results: Sequence[PaperResult], seconds: float, place: str) -> None:
+    from eivor.lab.figures import paper_document
+    from eivor.report.json_document import json_text
+
+    write_out(json_text(paper_document(results, seconds=seconds)), place)
+
+
+def _fill_page(results: Sequence[PaperResult], page: str) -> None:
+    from eivor.lab.experiments import page_with
+    from eivor.lab.figures import page_parts
+
+    write_out(page_with(_page_text(page), page_parts(results)), page)
+
+
+def _draw_paper(results: Sequence[PaperResult], folder: Path) -> None:
+    from eivor.lab.figures import by_reading, nearest, write_figures
+
+    with step("Drawing the figures"), writing(folder):
+        write_figures(by_reading(results)[nearest(results)], folder)
+
+
+def _list(readings: Sequence[Reading]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table.add_column("reading", no_wrap=True)
+    table.add_column("what it says", overflow="fold")
+    for reading in readings:
+        table.add_row(Text(reading.name, style="bold"), Text(reading.sentence))
+    show(table)
+
+
+def _folder(text: str) -> Path:
+    """Folder of the figures, made when it is not there.
+
+    Raises
+    ------
+    InputError
+        When it cannot be made.
+    """
+    folder = Path(text)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            "a folder for the figures",
+            f"'{text}', for which the system says: {error.strerror or error}",
+            "Choose another.",
+        ) from error
+    return folder
+
+
+@contextmanager
+def _paper_progress(total: int) -> Iterator[Callable[[], None]]:
+    """Bar on standard error, on terminals only."""
+    from rich.progress import Progress
+
+    screen = console(error=True)
+    with Progress(console=screen, disable=not screen.is_terminal, transient=True) as progress:
+        task = progress.add_task("examples", total=total)
+        yield lambda: progress.advance(task)
+
+
+# -- Simulate --
+
+if TYPE_CHECKING:
+    #: Whatever a file may describe.
+    Simulated: TypeAlias = Scenario | VerticalFlightSpec | RigidBodyFlightSpec
+
+LOG_FORMATS = (".parquet", ".csv")
+#: Logs of flights that are slower are not identified.
+FLIGHT_RATE_HZ = 50.0
+SIMULATE_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 written; 2 wrong usage; 1 a scenario that cannot be read or is not one, or a "
+    "file that cannot be written."
+)
+
+
+@guarded
+def simulate(
+    scenario_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENARIO.toml",
+            help="The scenario, or the name of one that comes with Eivor, such as flight or rich.",
+        ),
+        Reads(),
+    ],
+    *,
+    out: Annotated[
+        str,
+        typer.Option("--out", "-o", metavar="FILE", help="The log, which ends in .parquet or .csv."),
+        Writes(),
+    ],
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Of all randomness: the same gives the same log.")
+    ] = 0,
+    truth: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.json",
+            help="Write the parameters and the noises that were added.",
+            show_default=False,
+        ),
+        Writes(),
+    ] = "",
+    vehicle: Annotated[
+        str,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Write the vehicle file that `eivor identify --model rigid-body` asks for.",
+            show_default=False,
+        ),
+        Writes(),
+    ] = "",
+    hover: Annotated[
+        bool, typer.Option("--hover", help="Add the input that carries the weight, g / K_u.")
+    ] = False,
+) -> ExitCode:
+    """Simulate motion with known parameters into a log.
+
+    The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it: 100 Hz,
+    commands that the rotors follow with a lag, and the altitude that was asked for.
+
+    'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
+    body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
+
+    Other scenarios move about hover. Their log has acceleration_z, velocity_z and input as measured, and
+    under control the reference too: reference_velocity_z, or reference_position_z beside position_z.
+    Their input is a deviation from hover; with --hover it is the whole input.
+    """
+    if seed < 0:
+        raise UsageError("a seed of zero or more", f"--seed {seed}", "Any such integer will do.")
+    log_path = Path(out)
+    if log_path.suffix not in LOG_FORMATS:
+        raise UsageError(
+            f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", "The ending chooses the format."
+        )
+    source = Path(scenario_file)
+    scenario, files = _scenario(source)
+    vehicle_file = _vehicle_text(scenario, source.stem) if vehicle else ""
+    keep_inputs(source.name, files)
+    from eivor.logs.table.columnar import write_recording
+
+    try:
+        with step("Simulating"):
+            made = _simulated(scenario, seed, hover=hover)
+    except ParameterError as error:  # what depends on rate and length shows only here
+        raise InputError(error.expected, f"{error.received}, in {source.name}", error.remedy) from error
+    with writing(log_path):
+        write_recording(replace(made.recording, name=log_path.name), log_path)
+    if truth:
+        from eivor.report.json_document import json_text
+
+        write_out(json_text(made.truth), truth)
+    if vehicle:
+        write_out(vehicle_file, vehicle)
+    duration = made.samples / made.rate_hz
+    write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
+    if hover and made.rate_hz < FLIGHT_RATE_HZ:
+        complain(
+            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot tell the rotors' lag from "
+            f"the friction below {FLIGHT_RATE_HZ:g} Hz",
+            "Raise rate_hz, or take 'flight', a scenario like a flight.",
+        )
+    return ExitCode.IDENTIFIED
+
+
+def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
+    """Scenario of a file with the files that were read, or of a name when there is no such file."""
+    from eivor.lab.scenario_files import (
+        FLIGHT_KIND,
+        flight_from_table,
+        rigid_body_flight_from_table,
+        scenario_from_table,
+    )
+    from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
+    from eivor.strict_toml import read_toml
+
+    if not source.exists() and not source.suffix and source.name == str(source):
+        return _shipped(source.name), set()
+    table = read_toml(source, "a scenario")
+    readers: dict[str, Callable[[TomlTable], Simulated]] = {
+        "vertical": scenario_from_table,
+        FLIGHT_KIND: flight_from_table,
+        RIGID_BODY: rigid_body_flight_from_table,
+    }
+    kind = table.choice("kind", tuple(readers)) if table.has("kind") else "vertical"
+    return readers[kind](table), table.files
+
+
+def _shipped(name: str) -> Simulated:
+    """Scenario that comes with Eivor."""
+    from eivor.lab.scenario_files import (
+        FLIGHT_KIND,
+        SHIPPED,
+        shipped_flight,
+        shipped_rigid_body_flight,
+        shipped_scenario,
+        shipped_scenarios,
+    )
+
+    if name == FLIGHT_KIND:
+        return shipped_flight()
+    if name in SHIPPED:
+        return shipped_rigid_body_flight(name)
+    if name in shipped_scenarios():
+        return shipped_scenario(name)
+    known = (*shipped_scenarios(), FLIGHT_KIND, *SHIPPED)
+    raise UsageError(
+        "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known)),
+        f"'{name}'",
+        did_you_mean(name, known, "Check the name."),
+    )
+
+
+def _vehicle_text(scenario: Simulated, name: str) -> str:
+    """Vehicle file of a flight of a whole vehicle."""
+    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
+
+    if not isinstance(scenario, RigidBodyFlightSpec):
+        raise UsageError(
+            "--vehicle with a flight of a whole vehicle, such as crazyflie",
+            f"'{name}', whose rotors are nowhere",
+            "Leave --vehicle out.",
+        )
+    return vehicle_text(scenario, name)
+
+
+def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
+    from eivor.lab.known_logs import log_about_hover, log_of_flight, log_of_rigid_body_flight
+    from eivor.lab.records import Scenario
+    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+
+    if isinstance(scenario, Scenario):
+        return log_about_hover(scenario, seed, hover=hover)
+    if hover:
+        raise UsageError(
+            "--hover with a scenario about hover",
+            "a flight, whose log has the whole input",
+            "Leave --hover out.",
+        )
+    if isinstance(scenario, RigidBodyFlightSpec):
+        return log_of_rigid_body_flight(replace(scenario, seed=seed))
+    return log_of_flight(replace(scenario, seed=seed))
+
+
+# -- Study --
+
+SCHEMA = "eivor.study/1"
+STUDY_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 the study is complete; 2 wrong usage, such as a folder that holds another "
+    "study; 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
+    "estimate in any trial; 130 interrupted. Complete trials are kept: the same command goes on."
+)
+
+
+@guarded
+def study(
+    study_file: Annotated[
+        str,
+        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
+        Reads(),
+    ],
+    *,
+    out: Annotated[
+        str,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder of the trials; default: the study's file name with -study, here.",
+            show_default=False,
+        ),
+        Writes(STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
+    ] = "",
+    runs: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Trials, in place of the study's own number.", show_default=False),
+    ] = None,
+    workers: WorkersOption = None,
+    dask: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Use the workers of a Dask scheduler, such as tcp://host:8786.",
+            show_default=False,
+        ),
+    ] = "",
+    figures: Annotated[
+        bool,
+        typer.Option(
+            "--figures",
+            help="Draw histograms of NRMSE and, with intervals, their coverage into the folder.",
+            show_default=False,
+        ),
+    ] = False,
+    json: JsonOption = "",
+) -> ExitCode:
+    """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
+    if workers is not None and dask:
+        raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
+    from eivor.lab.study_files import study_from_table
+    from eivor.strict_toml import read_toml
+
+    table = read_toml(Path(study_file), "a study")
+    chosen = study_from_table(table)
+    if runs is not None:
+        chosen = replace(chosen, runs=runs)
+    executor = _executor(chosen, workers, dask)
+    folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
+    keep_inputs(Path(study_file).name, table.files)
+    from eivor.lab.study_run import run_study, scores
+
+    try:
+        with _study_progress(chosen.name) as progress:
+            result = run_study(chosen, folder, executor=executor, progress=progress)
+    except KeyboardInterrupt:
+        complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
+        return ExitCode.INTERRUPTED
+    found = scores(result)
+    deliver(*_study_deliveries(result, found, json, figures=figures))
+    return ExitCode.FAILED if all(one.failed == one.trials for one in found) else ExitCode.IDENTIFIED
+
+
+def _executor(study: Study, workers: int | None, dask: str) -> Executor:
+    from eivor.lab.study_run import SHARD_TRIALS
+    from eivor.process_pool import local_executor
+
+    if dask:
+        from eivor.lab.dask_executor import DaskCluster
+
+        return DaskCluster(dask)
+    return local_executor(workers, tasks=-(-study.runs // SHARD_TRIALS))
+
+
+@contextmanager
+def _study_progress(name: str) -> Iterator[Progress]:
+    """Bar on standard error, when that is a terminal."""
+    screen = console(error=True)
+    if not screen.is_terminal:
+        from eivor.lab.study_run import no_progress
+
+        yield no_progress
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    from eivor.report.document import printable
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task(printable(name), total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _study_deliveries(
+    result: StudyResult, found: tuple[MethodScore, ...], json: str, *, figures: bool
+) -> Iterator[Callable[[], None]]:
+    if json != STANDARD_OUTPUT:
+        yield lambda: show(_report(result, found))
+    if json:
+        yield partial(_write_study_json, result, found, json)
+    if figures:
+        yield partial(_draw_study, result)
+
+
+def _write_study_json(result: StudyResult, found: tuple[MethodScore, ...], place: str) -> None:
+    from eivor.report.json_document import json_text
+
+    write_out(json_text(_document(result, found)), place)
+
+
+def _draw_study(result: StudyResult) -> None:
+    from eivor.lab.figures import write_study_figures
+
+    with step("Drawing the figures"), writing(result.folder):
+        write_study_figures(result)
+
+
+def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableType:
+    from rich.console import Group
+    from rich.text import Text
+
+    from eivor.lab.study import failure
+    from eivor.report.document import printable
+
+    study = result.study
+    truth = ", ".join(f"{name} = {value:g}" for name, value in study.experiment.truth.items())
+    parts: list[RenderableType] = [
+        Text(f"{printable(study.name)}: {study.runs} trials, seed {study.seed}", style="bold"),
+        Text(f"truth: {truth}"),
+        _table(found),
+        *((_coverage_table(found, study.level),) if study.intervals else ()),
+    ]
+    for one in found:
+        if one.first_failure is not None:
+            said = printable(failure(study, one.first_failure, one.label))
+            parts.append(
+                Text(
+                    f"{one.label} failed in {one.failed} of {one.trials} trials; {one.first_failure}: {said}"
+                )
+            )
+    parts.append(Text(f"Every trial: {printable(str(result.folder / 'trials.parquet'))}", style="dim"))
+    return Group(*parts)
+
+
+def _table(found: tuple[MethodScore, ...]) -> Table:
+    from rich.text import Text
+
+    from eivor.lab.study_run import TOGETHER
+
+    table = _columns("", "mean ± SD", "NRMSE, %", "bias", "RMSE")
+    for number, one in enumerate(found):
+        if number:
+            table.add_row()
+        notes = [f"{count} {word}" for count, word in ((one.failed, "failed"), (one.weak, "weak")) if count]
+        table.add_row(Text(one.label, style="bold"), ", ".join(notes))
+        for score in one.parameters:
+            cells = [f"  {score.name}", _pair(score.estimate, 4), _pair(score.nrmse, 3)]
+            table.add_row(*cells, f"{score.bias:.2g}", f"{score.rmse:.2g}")
+        table.add_row(f"  {TOGETHER}", "", _pair(one.together, 3))
+    return table
+
+
+def _coverage_table(found: tuple[MethodScore, ...], level: float) -> Table:
+    """How often intervals held the truth: a row for each method and parameter."""
+    table = _columns(f"{100 * level:g} % intervals", "held the truth", "95 % range of this share")
+    for one in found:
+        for score in one.parameters:
+            if score.coverage is not None:
+                low, high = score.coverage.interval
+                share = f"{100 * score.coverage.value:.1f} %"
+                table.add_row(f"{one.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %")
+    return table
+
+
+def _columns(first: str, *numbers: str) -> Table:
+    """Empty table: words that may be folded, and numbers that are never cut."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column(first, overflow="fold")
+    for title in numbers:
+        table.add_column(title, justify="right", no_wrap=True)
+    return table
+
+
+def _pair(spread: Spread, digits: int) -> str:
+    return f"{spread.mean:.{digits}g} ± {spread.std:.2g}"
+
+
+def _document(result: StudyResult, found: tuple[MethodScore, ...]) -> dict[str, object]:
+    from importlib.metadata import version
+
+    study = result.study
+    return {
+        "schema": SCHEMA,
+        "study": {
+            "name": study.name,
+            "identity": study.identity,
+            "runs": study.runs,
+            "seed": study.seed,
+            "level": study.level if study.intervals else None,
+        },
+        "truth": dict(study.experiment.truth),
+        "methods": [_method(one) for one in found],
+        "trials": str(result.folder / "trials.parquet"),
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def _method(one: MethodScore) -> dict[str, object]:
+    from eivor.report.json_document import number
+
+    parameters = {}
+    for score in one.parameters:
+        coverage = score.coverage
+        parameters[score.name] = {
+            "mean": number(score.estimate.mean),
+            "std": number(score.estimate.std),
+            "bias": number(score.bias),
+            "rmse": number(score.rmse),
+            "nrmse_percent": _spread(score.nrmse),
+            "coverage": None
+            if coverage is None
+            else {
+                "share": number(coverage.value),
+                "bounds": list(coverage.interval),
+                "count": coverage.count,
+            },
+        }
+    return {
+        "label": one.label,
+        "trials": one.trials,
+        "failed": one.failed,
+        "weak": one.weak,
+        "parameters": parameters,
+        "together": {"nrmse_percent": _spread(one.together)},
+    }
+
+
+def _spread(spread: Spread) -> dict[str, object]:
+    from eivor.report.json_document import number
+
+    return {"mean": number(spread.mean), "std": number(spread.std)}

@@ -1,0 +1,252 @@
+"""Cramer-Rao bounds of a problem with known noise."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import ParameterError
+from eivor.estimation.sampled_motion import (
+    NoiseModel,
+    PairSpectrum,
+    SampledMotion,
+    SampledRecord,
+    unitary_bins,
+)
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.records import Intersample, Route, Scenario, SimulatedRecord, simulate
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.tools import Complex, Float
+
+__all__ = ["CramerRaoBound", "cramer_rao"]
+
+#: Records that an input's power is averaged over when none are asked for, and at most.
+RUNS, MOST_RUNS = 20, 10_000
+#: Records that a disturbance's power is averaged over: in each bin it is then known within 7 %.
+DISTURBED_RUNS = 200
+
+
+def __dir__() -> list[str]:
+    """Names that the module offers, and not those that it uses."""
+    return __all__
+
+
+@dataclass(frozen=True)
+class CramerRaoBound:
+    """Least covariance of unbiased estimates of friction and gain.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (2, 2)
+        Inverse of the information, averaged over records.
+    truth : mapping of str to float
+        True parameters, in the order of the covariance.
+    """
+
+    covariance: Float[np.ndarray, "2 2"]
+    truth: Mapping[str, float]
+
+    @property
+    def std_errors(self) -> dict[str, float]:
+        """Least standard deviation of each parameter, in its unit."""
+        return dict(zip(self.truth, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def relative(self) -> dict[str, float]:
+        """The same over the size of the parameter."""
+        return {name: error / abs(self.truth[name]) for name, error in self.std_errors.items()}
+
+
+def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRaoBound:
+    """Cramer-Rao bound of a scenario of vertical motion.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        In open loop, with noise of every channel.
+    runs : int
+        Records over which the information is averaged: inputs, noises and disturbances differ.
+    seed : int
+        Of the records.
+
+    Returns
+    -------
+    CramerRaoBound
+        Of `viscous_friction` [1/s] and `input_gain` [m/s^2 per unit of input].
+
+    Raises
+    ------
+    ParameterError
+        Under control, where the input is no given one; or when a channel has no noise.
+
+    Notes
+    -----
+    A disturbance counts as stationary and normal, with the mean spectrum that it has over records. A trend,
+    and whatever else they have alike, counts as known; a disturbance that is given, the same in every record,
+    as white.
+    """
+    checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
+    checks.whole("runs", runs)
+    checks.whole("seed", seed)
+    if scenario.controlled:
+        raise ParameterError(
+            "a scenario in open loop, for its bound",
+            "one under control, whose input depends on the noises",
+            "Leave the control out; its bound is that of the open loop with the same input.",
+        )
+    if not 1 <= runs <= MOST_RUNS:
+        raise ParameterError(f"1 to {MOST_RUNS} records", f"runs={runs}", f"Leave it out for {RUNS}.")
+    if seed < 0:
+        raise ParameterError("a seed of zero or more", f"seed={seed}", "Give another.")
+    power = disturbance_power(scenario, seed)
+    information = np.mean(
+        [_information(scenario, record, power) for record in _records(scenario, seed, runs)], axis=0
+    )
+    return CramerRaoBound(np.linalg.inv(information), VerticalExperiment(scenario).truth)
+
+
+def _records(scenario: Scenario, seed: int, runs: int) -> Iterator[SimulatedRecord]:
+    return (simulate(scenario, np.random.default_rng([seed, run])) for run in range(runs))
+
+
+def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " bins"]:
+    """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance.
+
+    A trend, and whatever else is the same in every record, is no random number, and is left out.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Whose disturbance; one that is the same in every record counts as white.
+    seed : int
+        Of the records.
+    """
+    series = (record.truth.channel("disturbance") for record in _records(scenario, seed, DISTURBED_RUNS))
+    first = next(series)
+    alike, power = unitary_bins(first), np.abs(unitary_bins(first)) ** 2
+    differs = False
+    for other in series:
+        differs = differs or not np.array_equal(first, other)
+        bins = unitary_bins(other)
+        alike, power = alike + bins, power + np.abs(bins) ** 2
+    if not differs:
+        return np.full(alike.size, float(first.var()))
+    found: Float[np.ndarray, " bins"] = (power - np.abs(alike) ** 2 / DISTURBED_RUNS) / (DISTURBED_RUNS - 1)
+    return found
+
+
+def _information(
+    scenario: Scenario, record: SimulatedRecord, power: Float[np.ndarray, " bins"]
+) -> Float[np.ndarray, "2 2"]:
+    """Information of one record about friction and gain."""
+    signals = record.signals
+    U = unitary_bins(record.truth.channel("input"))
+    bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)
+    blend = 0.5 if scenario.intersample is Intersample.LINEAR else 0.0
+    motion = SampledMotion(bins, scenario.viscous_friction, scenario.input_gain, blend)
+    known = replace(noise_of_record(scenario, record), disturbance=power)
+    C = known.spectrum(motion)
+    d = motion.directions[:2]
+    weighted = C.solved(d)
+    information: Float[np.ndarray, "2 2"] = (
+        2.0 * np.einsum("jkb,lkb,b->jl", d.conj(), weighted, np.abs(U) ** 2).real
+    )
+    if known.moves and power.any():
+        information[0, 0] += _shaped_noise_information(known, motion)
+    return information
+
+
+@dataclass(frozen=True)
+class KnownNoise:
+    """Noises of a simulated record as they really are.
+
+    Parameters
+    ----------
+    noise : NoiseModel
+        Strengths and orders of what is measured; without the disturbance.
+    disturbance : ndarray, shape (bins,)
+        Power of the disturbance in each bin.
+    moves : bool
+        Whether the disturbance moves the vehicle; else it shifts the response and nothing else.
+    """
+
+    noise: NoiseModel
+    disturbance: Float[np.ndarray, " bins"]
+    moves: bool
+
+    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
+        """C of the residuals."""
+        _, _, of_response, of_disturbance = motion.shapes()
+        shape = of_disturbance if self.moves else of_response
+        return self.noise.spectrum(motion) + shape * self.disturbance
+
+
+def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
+    """Noises of one record of a scenario; its disturbance counts as white.
+
+    Raises
+    ------
+    ParameterError
+        For noises that are neither white nor fractional, and of a strength above zero.
+    """
+    series = record.truth.channel("disturbance")
+    white = np.full(unitary_bins(series).size, float(series.var()))
+    return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is Route.DYNAMICS)
+
+
+def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
+    """Strengths and orders that a scenario's record really has; no disturbance."""
+    for name in ("input", "velocity_z", "acceleration_z"):
+        noise = noises[name]
+        if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
+            raise ParameterError(
+                "white or fractional noise of input, velocity and response, for a bound",
+                f"{name} without" if noise.std == 0.0 else type(noise).__name__,
+                "Give every channel some noise; without, nothing bounds an estimate.",
+            )
+
+    def order(name: str) -> float:
+        noise = noises[name]
+        return noise.order if isinstance(noise, FractionalNoise) else 0.0
+
+    if order("input") != 0.0:
+        raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
+    return NoiseModel(
+        noises["input"].std ** 2,
+        noises["velocity_z"].std ** 2,
+        noises["acceleration_z"].std ** 2,
+        0.0,
+        order("velocity_z"),
+        order("acceleration_z"),
+    )
+
+
+def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:
+    """tr(R^-1 R_K R^-1 R_K), of a disturbance that the friction shapes, summed over bins."""
+    record, h, noise = motion.record, motion.pushed, known.noise
+    power = known.disturbance[:, None, None]
+    by_friction = motion.pushed_by_friction
+    q = np.stack([1.0 - motion.friction * h, h, 0.0 * h], axis=-1)
+    q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
+    R = power * _outer(q, q)
+    index = np.arange(3)
+    R[:, index, index] += np.stack(
+        [
+            noise.acceleration_variance * record.power(noise.acceleration_order),
+            noise.velocity_variance * record.power(noise.velocity_order),
+            np.full(h.size, noise.input_variance),
+        ],
+        axis=-1,
+    )
+    R_K = power * (_outer(q_K, q) + _outer(q, q_K))
+    share = np.linalg.solve(R, R_K)
+    return float(np.einsum("bij,bji->", share, share).real)
+
+
+def _outer(
+    left: Complex[np.ndarray, "bins 3"], right: Complex[np.ndarray, "bins 3"]
+) -> Complex[np.ndarray, "bins 3 3"]:
+    return left[:, :, None] * right[:, None, :].conj()

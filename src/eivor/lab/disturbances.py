@@ -1,0 +1,877 @@
+"""Simulated disturbances: gusts, volatility, linear and nonlinear processes."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.simulation.excitation import (
+    Disturbance,
+    at_least,
+    autoregression,
+    beginning_of,
+    constant,
+    equally_many,
+    finite,
+    given,
+    largest_root,
+    non_negative,
+    positive,
+    require,
+    settling,
+)
+from eivor.tools import Float
+
+# -- Varying coefficients --
+
+
+class Course(ABC):
+    """A coefficient that changes over a record."""
+
+    @property
+    def longest(self) -> int | None:
+        """Samples that it is known for; None for a record of any length."""
+        return None
+
+    @abstractmethod
+    def values(self, count: int) -> Float[np.ndarray, " count"]:
+        """Coefficient at each sample of a record of that length."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoefficientCourse(Course):
+    """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase).
+
+    Parameters
+    ----------
+    mean, amplitude : float
+        Pure numbers.
+    cycles : float
+        Periods in the record of N samples.
+    phase : float
+        At the first sample [rad].
+    """
+
+    mean: float = 0.0
+    amplitude: float = 0.0
+    cycles: float = 1.0
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite("mean", self.mean)
+        finite("amplitude", self.amplitude)
+        finite("cycles", self.cycles)
+        finite("phase", self.phase)
+
+    def values(self, count: int) -> Float[np.ndarray, " count"]:
+        """Coefficient at each sample."""
+        turns = self.cycles * np.arange(count) / count
+        return self.mean + self.amplitude * np.sin(2.0 * np.pi * turns + self.phase)
+
+
+@dataclass(frozen=True, slots=True)
+class GivenCourse(Course):
+    """A coefficient's own series, from the record's beginning.
+
+    Parameters
+    ----------
+    series : tuple of float
+        At least as many as the record has samples.
+    """
+
+    series: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        given("series", self.series)
+        finite("value", *self.series)
+
+    @property
+    def longest(self) -> int:
+        """Length of the series."""
+        return len(self.series)
+
+    def values(self, count: int) -> Float[np.ndarray, " count"]:
+        """Beginning of the series.
+
+        Raises
+        ------
+        ParameterError
+            When it is shorter than the record.
+        """
+        return beginning_of(self.series, count)
+
+
+@dataclass(frozen=True, slots=True)
+class SumOfCourses(Course):
+    """Several courses, added: more than one sinusoid, say.
+
+    Parameters
+    ----------
+    parts : tuple of Course
+        Each with its kind.
+    """
+
+    parts: tuple[Course, ...]
+
+    def __post_init__(self) -> None:
+        given("parts", self.parts)
+
+    @property
+    def longest(self) -> int | None:
+        """Length of the shortest part that has one."""
+        return min((part.longest for part in self.parts if part.longest is not None), default=None)
+
+    def values(self, count: int) -> Float[np.ndarray, " count"]:
+        """Sum of the parts."""
+        return np.sum([part.values(count) for part in self.parts], axis=0)
+
+
+# -- Linear disturbance --
+
+#: Times of the record at which changing coefficients are checked.
+CHECKED = 257
+
+
+@dataclass(frozen=True, slots=True)
+class Arma(Disturbance):
+    """Autoregressive moving average, stationary from its first sample.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+    autoregression : tuple of float
+        a_1, a_2, ...
+    moving_average : tuple of float
+        b_1, b_2, ...
+
+    Raises
+    ------
+    ParameterError
+        When a number is not finite, or the autoregression is not stationary.
+    """
+
+    std: float
+    autoregression: tuple[float, ...] = ()
+    moving_average: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+        finite("coefficient of autoregression", *self.autoregression)
+        finite("coefficient of moving_average", *self.moving_average)
+        root = largest_root(np.array(self.autoregression))
+        require(
+            root < 1.0,
+            "a stationary autoregression, whose modes all die out",
+            f"autoregression={self.autoregression}, whose slowest mode is multiplied by {root:.4g} each step",
+            "Make the coefficients smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation; the state before the record is drawn from its stationary distribution."""
+        transition, _, covariance = self._state_space()
+        eigenvalues, vectors = np.linalg.eigh(covariance)
+        before = vectors @ (np.sqrt(np.maximum(eigenvalues, 0.0)) * rng.standard_normal(eigenvalues.size))
+        shocks = rng.standard_normal(count)
+        driven = np.convolve(np.concatenate([[1.0], self.moving_average]), shocks)[:count]
+        echo = (transition @ before)[:count]
+        driven[: echo.size] += echo
+        return self.std * autoregression(driven, constant(self.autoregression, count))
+
+    @property
+    def variance(self) -> float:
+        """Variance of the stationary series."""
+        return self.std**2 * float(self._state_space()[2][0, 0])
+
+    def _state_space(
+        self,
+    ) -> tuple[Float[np.ndarray, "r r"], Float[np.ndarray, " r"], Float[np.ndarray, "r r"]]:
+        """Transition, input and stationary covariance of Harvey's form, whose first state is x."""
+        from scipy.linalg import solve_discrete_lyapunov
+
+        r = max(len(self.autoregression), len(self.moving_average) + 1)
+        transition = np.eye(r, k=1)
+        transition[: len(self.autoregression), 0] = self.autoregression
+        shock = np.zeros(r)
+        shock[: len(self.moving_average) + 1] = (1.0, *self.moving_average)
+        covariance = solve_discrete_lyapunov(transition, np.outer(shock, shock))
+        return transition, shock, covariance
+
+
+@dataclass(frozen=True, slots=True)
+class TimeVaryingArma(Disturbance):
+    """Autoregressive moving average whose coefficients depend on time; zero before the record.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+    autoregression, moving_average : tuple of Course
+        Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named.
+
+    Raises
+    ------
+    ParameterError
+        When the autoregression, held at what it is at some time of the record, would not be stationary.
+    """
+
+    std: float
+    autoregression: tuple[Course, ...] = ()
+    moving_average: tuple[Course, ...] = ()
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+        known = [one.longest for one in self.autoregression if one.longest is not None]
+        courses = self._courses(self.autoregression, min(known, default=CHECKED))
+        times = np.linspace(0, len(courses) - 1, min(len(courses), CHECKED)).round().astype(np.int64)
+        root = max((largest_root(row) for row in courses[times]), default=0.0)
+        require(
+            root < 1.0,
+            "an autoregression that is stationary at every time of the record",
+            f"one whose slowest mode is multiplied by up to {root:.4g} each step",
+            "Make the means or amplitudes smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        shocks = rng.standard_normal(count)
+        driven = shocks.copy()
+        for lag, course in enumerate(self.moving_average[: count - 1], start=1):
+            driven[lag:] += course.values(count)[lag:] * shocks[:-lag]
+        return self.std * autoregression(driven, self._courses(self.autoregression, count))
+
+    @property
+    def variance(self) -> None:
+        """None: it changes with time."""
+        return
+
+    @staticmethod
+    def _courses(courses: tuple[Course, ...], count: int) -> Float[np.ndarray, "count lags"]:
+        return np.array([course.values(count) for course in courses]).reshape(len(courses), count).T
+
+
+@dataclass(frozen=True, slots=True)
+class RandomCoefficientMovingAverage(Disturbance):
+    """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample.
+
+    Parameters
+    ----------
+    means, stds : tuple of float
+        Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1).
+    std : float
+        Standard deviation of w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range, or there are not as many stds as means.
+    """
+
+    means: tuple[float, ...] = (0.0, 3.0)
+    stds: tuple[float, ...] = (1.0, 1.0)
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        given("means", self.means)
+        equally_many("means", self.means, "stds", self.stds)
+        finite("mean of a coefficient", *self.means)
+        non_negative("std of a coefficient", *self.stds)
+        non_negative("std", self.std)
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation; w exists before the record."""
+        order = len(self.means)
+        shocks = rng.standard_normal(count + order)
+        series = np.zeros(count)
+        for lag, (mean, std) in enumerate(zip(self.means, self.stds, strict=True), start=1):
+            series += (mean + std * rng.standard_normal(count)) * shocks[order - lag : order - lag + count]
+        return self.std * series
+
+    @property
+    def variance(self) -> float:
+        """std^2 sum_j (mean_j^2 + std_j^2)."""
+        squares = (mean**2 + std**2 for mean, std in zip(self.means, self.stds, strict=True))
+        return self.std**2 * sum(squares)
+
+
+# -- Deterministic disturbance --
+
+
+@dataclass(frozen=True, slots=True)
+class Trend(Disturbance):
+    """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last.
+
+    Parameters
+    ----------
+    coefficients : tuple of float
+        Of the powers 0, 1, ..., in the unit of the equation.
+    """
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        given("coefficients", self.coefficients)
+        finite("coefficient", *self.coefficients)
+
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
+
+    @property
+    def variance(self) -> None:
+        """None: it is not random."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class Sinusoids(Disturbance):
+    """sum_i amplitude_i sin(frequency_i t + phase_i).
+
+    Parameters
+    ----------
+    amplitudes : tuple of float
+        In the unit of the equation.
+    frequencies : tuple of float
+        Angular [rad/s].
+    phases : tuple of float
+        At the first sample [rad]; zero when left out.
+
+    Raises
+    ------
+    ParameterError
+        When the lists differ in length, or a number is not finite.
+    """
+
+    amplitudes: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    phases: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        given("amplitudes", self.amplitudes)
+        equally_many("amplitudes", self.amplitudes, "frequencies", self.frequencies)
+        if self.phases:
+            equally_many("amplitudes", self.amplitudes, "phases", self.phases)
+        finite("amplitude", *self.amplitudes)
+        non_negative("frequency", *self.frequencies)
+        finite("phase", *self.phases)
+
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        t = step_s * np.arange(count)
+        phases = self.phases or (0.0,) * len(self.amplitudes)
+        series = np.zeros(count)
+        for amplitude, frequency, phase in zip(self.amplitudes, self.frequencies, phases, strict=True):
+            series += amplitude * np.sin(frequency * t + phase)
+        return series
+
+    @property
+    def variance(self) -> None:
+        """None: it is not random."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedAdversary(Disturbance):
+    """Unknown but bounded: always at one bound or the other, which is all that is known of it.
+
+    It switches with a period that shrinks geometrically over the record, so that no frequency band is
+    spared, and it need not have mean zero.
+
+    Parameters
+    ----------
+    bound : float
+        Largest absolute value, in the unit of the equation.
+    longest_s, shortest_s : float
+        Period at the beginning and at the end of the record [s].
+    high_share : float
+        Share of each period that is spent at the upper bound, from 0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range.
+    """
+
+    bound: float
+    longest_s: float
+    shortest_s: float
+    high_share: float = 0.5
+
+    def __post_init__(self) -> None:
+        non_negative("bound", self.bound)
+        positive("longest_s", self.longest_s)
+        positive("shortest_s", self.shortest_s)
+        require(
+            self.shortest_s <= self.longest_s,
+            "a shortest_s up to longest_s",
+            f"shortest_s={self.shortest_s}, longest_s={self.longest_s}",
+        )
+        require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
+
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        t, duration = step_s * np.arange(count), step_s * max(count, 1)
+        rate = np.log(self.longest_s / self.shortest_s) / duration
+        turns = t if rate == 0.0 else np.expm1(rate * t) / rate
+        high = turns / self.longest_s % 1.0 < self.high_share
+        return np.where(high, self.bound, -self.bound)
+
+    @property
+    def variance(self) -> None:
+        """None: it is not random."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class GivenDisturbance(Disturbance):
+    """A user's own series, from its beginning.
+
+    Parameters
+    ----------
+    values : tuple of float
+        At the rate of the record, in the unit of the equation; at least as many as it has samples.
+    """
+
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        given("values", self.values)
+        finite("value", *self.values)
+
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same.
+
+        Raises
+        ------
+        ParameterError
+            When the series is shorter than the record.
+        """
+        return beginning_of(self.values, count)
+
+    @property
+    def variance(self) -> None:
+        """None: it is not random."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class SumOfDisturbances(Disturbance):
+    """Several independent disturbances at once.
+
+    Parameters
+    ----------
+    parts : tuple of Disturbance
+        Each draws from a stream of its own.
+    """
+
+    parts: tuple[Disturbance, ...]
+
+    def __post_init__(self) -> None:
+        given("parts", self.parts)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """Sum of one realisation of each."""
+        series = np.zeros(count)
+        for part, stream in zip(self.parts, rng.spawn(len(self.parts)), strict=True):
+            series += part.sample(count, step_s, stream)
+        return series
+
+    @property
+    def variance(self) -> float | None:
+        """Sum of the parts' variances; None when one has none."""
+        variances = [part.variance for part in self.parts]
+        return None if None in variances else sum(v for v in variances if v is not None)
+
+
+def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
+    """Disturbance of the paper's (34): c_1 w[k-1] + c_2 w[k-2] + sin(0.01 t) + sin(10 t).
+
+    The random coefficients are c_1 ~ N(0, 1) and c_2 ~ N(3, 1), drawn at each sample.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of w, which the paper leaves open.
+    """
+    moving = RandomCoefficientMovingAverage(means=(0.0, 3.0), stds=(1.0, 1.0), std=std)
+    return SumOfDisturbances((moving, Sinusoids((1.0, 1.0), (0.01, 10.0))))
+
+
+# -- Gust --
+
+
+@dataclass(frozen=True, slots=True)
+class OrnsteinUhlenbeck(Disturbance):
+    """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation, in the unit of what it disturbs.
+    correlation_s : float
+        Time in which the correlation falls to 1/e [s].
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range.
+    """
+
+    std: float
+    correlation_s: float
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+        positive("correlation_s", self.correlation_s)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation, stationary from its first sample."""
+        decay = float(np.exp(-step_s / self.correlation_s))
+        shocks = rng.standard_normal(count)
+        shocks[1:] *= np.sqrt(1.0 - decay**2)
+        return self.std * autoregression(shocks, constant((decay,), count))
+
+    @property
+    def variance(self) -> float:
+        """Square of `std`."""
+        return self.std**2
+
+
+# -- Nonlinear disturbance --
+
+
+@dataclass(frozen=True, slots=True)
+class ThresholdMovingAverage(Disturbance):
+    """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies.
+
+    Parameters
+    ----------
+    thresholds : tuple of float
+        Ascending, in the unit of the equation; a value on a threshold belongs to the regime below.
+    coefficients : tuple of tuple of float
+        b_1, b_2, ... of each regime, from the lowest to the highest: one more than thresholds.
+    delay : int
+        Samples back to the value that chooses the regime, one or more.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When thresholds do not ascend, regimes are not one more than they, or a number is out of range.
+
+    Notes
+    -----
+    Stationary for all coefficients. One step at a time: about 1 ms for 4000 samples.
+    """
+
+    thresholds: tuple[float, ...]
+    coefficients: tuple[tuple[float, ...], ...]
+    delay: int = 1
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        given("thresholds", self.thresholds)
+        finite("threshold", *self.thresholds)
+        ascending = all(a < b for a, b in zip(self.thresholds, self.thresholds[1:], strict=False))
+        require(ascending, "ascending thresholds", f"thresholds={self.thresholds}")
+        require(
+            len(self.coefficients) == len(self.thresholds) + 1,
+            f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds",
+            f"those of {len(self.coefficients)}",
+        )
+        for regime in self.coefficients:
+            equally_many("coefficients of the first regime", self.coefficients[0], "of another one", regime)
+            finite("coefficient", *regime)
+        at_least("delay", self.delay, 1)
+        non_negative("std", self.std)
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation, after as many unused samples as regime and shocks reach back, tenfold."""
+        order = len(self.coefficients[0])
+        unused = 10 * max(order, self.delay)
+        shocks = self.std * rng.standard_normal(order + unused + count)
+        # All regimes' values at once; then only the choice among them has to be made in sequence.
+        present = shocks[order:]
+        past = np.array([shocks[order - lag : shocks.size - lag] for lag in range(1, order + 1)])
+        past = past.reshape(order, present.size)
+        choices = [(present + np.array(regime) @ past).tolist() for regime in self.coefficients]
+        series = [0.0] * self.delay
+        for k in range(present.size):
+            series.append(choices[bisect_left(self.thresholds, series[k])][k])
+        return np.array(series[self.delay + unused :])
+
+    @property
+    def variance(self) -> None:
+        """None: it has no closed form."""
+        return
+
+
+@dataclass(frozen=True, slots=True)
+class BilinearTerm:
+    """b x[k - series_lag] w[k - shock_lag].
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range, or x is not the older one.
+    """
+
+    coefficient: float
+    series_lag: int = 2
+    shock_lag: int = 1
+
+    def __post_init__(self) -> None:
+        finite("coefficient", self.coefficient)
+        at_least("shock_lag", self.shock_lag, 1)
+        require(
+            self.series_lag > self.shock_lag,
+            "a series_lag above shock_lag, so that the two factors are independent",
+            f"series_lag={self.series_lag}, shock_lag={self.shock_lag}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Bilinear(Disturbance):
+    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+
+    Uncorrelated, but not independent: its extremes come from its own past.
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When x is not the older one, or the variance is not finite, (b std)^2 >= 1.
+    """
+
+    coefficient: float
+    series_lag: int = 2
+    shock_lag: int = 1
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)  # refuses what no term may be
+        non_negative("std", self.std)
+        require(
+            self._growth < 1.0,
+            "(coefficient * std)^2 below one, so that the series is stationary",
+            f"{self._growth:.4g}",
+            "Make one of them smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation, settled to its stationary variance: given w it is a linear recursion in x."""
+        unused = self.series_lag * settling(self._growth)
+        shocks = self.std * rng.standard_normal(unused + count)
+        coefficients = np.zeros((shocks.size, self.series_lag))
+        coefficients[self.shock_lag :, -1] = self.coefficient * shocks[: shocks.size - self.shock_lag]
+        return autoregression(shocks, coefficients)[unused:]
+
+    @property
+    def variance(self) -> float:
+        """std^2 / (1 - (b std)^2)."""
+        return self.std**2 / (1.0 - self._growth)
+
+    @property
+    def _growth(self) -> float:
+        return (self.coefficient * self.std) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class BilinearSum(Disturbance):
+    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
+
+    Parameters
+    ----------
+    terms : tuple of BilinearTerm
+        One or more.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When the variance may not be finite: std times the sum of all |b_m| must be below one.
+    """
+
+    terms: tuple[BilinearTerm, ...]
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        given("terms", self.terms)
+        non_negative("std", self.std)
+        require(
+            self._growth < 1.0,
+            "std times the sum of the coefficients' sizes below one, so that the series is stationary",
+            f"{self._growth:.4g}",
+            "Make some of them smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation, settled: given w it is a linear recursion in x."""
+        longest = max(term.series_lag for term in self.terms)
+        unused = longest * settling(self._growth)
+        shocks = self.std * rng.standard_normal(unused + count)
+        coefficients = np.zeros((shocks.size, longest))
+        for term in self.terms:
+            earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
+            coefficients[term.shock_lag :, term.series_lag - 1] += earlier
+        return autoregression(shocks, coefficients)[unused:]
+
+    @property
+    def variance(self) -> None:
+        """None: it has a closed form for one term only, see `Bilinear`."""
+        return
+
+    @property
+    def _growth(self) -> float:
+        return self.std * sum(abs(term.coefficient) for term in self.terms)
+
+
+# -- Volatility --
+
+
+@dataclass(frozen=True, slots=True)
+class Garch(Disturbance):
+    """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b.
+
+    Parameters
+    ----------
+    floor : float
+        Constant part of the variance, above zero, in the square of the equation's unit.
+    shocks : tuple of float
+        a_1, a_2, ..., zero or more.
+    persistence : tuple of float
+        b_1, b_2, ..., zero or more.
+    largest_square : float, optional
+        Squares beyond it count as it, which keeps a heavy-tailed series finite.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range, or the coefficients add up to one or more.
+    """
+
+    floor: float
+    shocks: tuple[float, ...]
+    persistence: tuple[float, ...] = ()
+    largest_square: float | None = None
+
+    def __post_init__(self) -> None:
+        positive("floor", self.floor)
+        non_negative("coefficient of shocks", *self.shocks)
+        non_negative("coefficient of persistence", *self.persistence)
+        if self.largest_square is not None:
+            positive("largest_square", self.largest_square)
+        require(
+            self._sum < 1.0,
+            "coefficients that add up to less than one, so that the variance is finite",
+            f"{self._sum:.4g}",
+            "Make one of them smaller.",
+        )
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation; before the record, squares and variances are the stationary variance."""
+        white = rng.standard_normal(count)
+        series = np.sqrt(self._variances(white**2)) * white
+        limit = self.largest_square
+        # Below the limit h is linear in its past, given w; else it has to be followed step by step.
+        if limit is not None and float(np.max(series**2, initial=self._unlimited)) > limit:
+            return self._limited(white, limit)
+        return series
+
+    @property
+    def variance(self) -> float | None:
+        """Without a limit on squares, floor / (1 - sum of coefficients); else None."""
+        return self._unlimited if self.largest_square is None else None
+
+    @property
+    def _sum(self) -> float:
+        return sum(self.shocks) + sum(self.persistence)
+
+    @property
+    def _unlimited(self) -> float:
+        return self.floor / (1.0 - self._sum)
+
+    def _variances(self, white_squares: Float[np.ndarray, " count"]) -> Float[np.ndarray, " count"]:
+        """Variances by a linear recursion, h[k] = floor + sum_i (a_i w[k-i]^2 + b_i) h[k-i]."""
+        count, lags = white_squares.size, max(len(self.shocks), len(self.persistence))
+        coefficients = np.zeros((count, lags))
+        driven = np.full(count, self.floor)
+        for i in range(1, lags + 1):
+            a = self.shocks[i - 1] if i <= len(self.shocks) else 0.0
+            b = self.persistence[i - 1] if i <= len(self.persistence) else 0.0
+            coefficients[i:, i - 1] = a * white_squares[: max(count - i, 0)] + b
+            driven[:i] += (a + b) * self._unlimited
+        return autoregression(driven, coefficients)
+
+    def _limited(self, white: Float[np.ndarray, " count"], limit: float) -> Float[np.ndarray, " count"]:
+        squares = [min(self._unlimited, limit)] * len(self.shocks)
+        variances = [self._unlimited] * len(self.persistence)
+        series = []
+        for w in white.tolist():
+            h = self.floor
+            h += sum(a * square for a, square in zip(self.shocks, reversed(squares), strict=False))
+            h += sum(b * past for b, past in zip(self.persistence, reversed(variances), strict=False))
+            series.append(h**0.5 * w)
+            squares = [*squares[1:], min(series[-1] ** 2, limit)] if squares else squares
+            variances = [*variances[1:], h] if variances else variances
+        return np.array(series)
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceSwitch(Disturbance):
+    """Another disturbance whose variance is multiplied from some time of the record on.
+
+    Parameters
+    ----------
+    series : Disturbance
+        What it is before.
+    factor : float
+        Of the variance, afterwards.
+    at : float
+        When, as a share of the record, from 0 to 1.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range.
+    """
+
+    series: Disturbance
+    factor: float = 10.0
+    at: float = 0.5
+
+    def __post_init__(self) -> None:
+        non_negative("factor", self.factor)
+        finite("at", self.at)
+        require(0.0 <= self.at <= 1.0, "a share of the record from 0 to 1", f"at={self.at}")
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        series = self.series.sample(count, step_s, rng).copy()
+        series[int(np.ceil(self.at * count)) :] *= np.sqrt(self.factor)
+        return series
+
+    @property
+    def variance(self) -> None:
+        """None: it changes."""
+        return

@@ -1,0 +1,286 @@
+"""Experiments of the paper and the documentation, and their generated pages."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from eivor.errors import InputError, ParameterError
+from eivor.lab.records import Scenario, simulate
+from eivor.models.regression import Column, Equation, Parameter
+from eivor.models.signal_regression import SignalRegression
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.simulation.excitation import Disturbance, Excitation
+from eivor.tools import Float
+
+# -- Experiment --
+
+
+class Experiment(ABC):
+    """What a trial repeats: a record with new noises, and an equation to estimate from it."""
+
+    @property
+    @abstractmethod
+    def truth(self) -> Mapping[str, float]:
+        """True value of each parameter, in the order of the equation."""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """Channels of every record, all with a declared noise."""
+
+    @abstractmethod
+    def record(self, rng: np.random.Generator) -> Signals:
+        """One record, with the noises that were really added declared."""
+
+    @abstractmethod
+    def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
+        """Rows of the equation in a record."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalExperiment(Experiment):
+    """Vertical motion z'' = -K z' + K_u u, the paper's simulation.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What is simulated.
+    """
+
+    scenario: Scenario
+
+    @property
+    def truth(self) -> Mapping[str, float]:
+        """K and K_u."""
+        return {
+            "viscous_friction": self.scenario.viscous_friction,
+            "input_gain": self.scenario.input_gain,
+        }
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Measured channels, and under control the reference."""
+        return (*self.scenario.measured, *self.scenario.references)
+
+    @property
+    def exogenous_channel(self) -> str:
+        """What the vehicle does not answer: the input in open loop, the reference under control."""
+        return self.scenario.control.reference
+
+    def record(self, rng: np.random.Generator) -> Signals:
+        """Simulate, see `eivor.lab.records`."""
+        return simulate(self.scenario, rng).signals
+
+    def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
+        """Rows (-z', u) and z'': simulated records are deviations from hover, without an intercept."""
+        return VerticalMotion(intercept=False).regression(signals, instruments)
+
+
+# -- Difference equation --
+
+#: Channels of a record.
+OUTPUT, INPUT = "output", "input"
+#: Sources of randomness, in the order in which they take their streams from the record's generator.
+SOURCES = ("excitation", "disturbance", OUTPUT, INPUT)
+#: Largest modulus of a root: beyond it the output grows over the record.
+LARGEST_ROOT = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class DifferenceEquation(Experiment):
+    """A linear difference equation, simulated and posed as a regression.
+
+    Parameters
+    ----------
+    output_coefficients : tuple of float
+        a_1, a_2, ...: coefficients of y(k-1), y(k-2), ...; empty for a finite impulse response.
+    input_coefficients : tuple of float
+        Coefficients of u(k-d), u(k-d-1), ..., at least one.
+    excitation : Excitation
+        The input.
+    delay : int
+        d, lag of the first input coefficient in samples.
+    samples : int
+        Length of the record.
+    rate_hz : float
+        Samples per second [Hz]; the equation does not depend on it, an excitation may.
+    noise : mapping of str to MeasurementNoise
+        Of `output` and `input`, in their units.
+    noise_to_signal : mapping of str to float
+        For channels named here the noise's std is this ratio times the standard deviation of the noise-free
+        channel over the record; the noise given is the shape, white when none is.
+    disturbance : Disturbance, optional
+        e(k), in the unit of the output; it moves the machine.
+
+    Raises
+    ------
+    ParameterError
+        When a number is outside its range, the equation is unstable, or a channel is none of its own.
+    """
+
+    output_coefficients: tuple[float, ...]
+    input_coefficients: tuple[float, ...]
+    excitation: Excitation
+    delay: int = 1
+    samples: int = 1000
+    rate_hz: float = 1.0
+    noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
+    noise_to_signal: Mapping[str, float] = field(default_factory=dict)
+    disturbance: Disturbance | None = None
+
+    def __post_init__(self) -> None:
+        if not self.input_coefficients:
+            raise ParameterError(
+                "at least one input coefficient", "none", "Without an input nothing is excited."
+            )
+        for value in (*self.output_coefficients, *self.input_coefficients):
+            _check(True, "finite coefficients", value)
+        _check(self.delay >= 0, "a delay of zero or more samples", self.delay)
+        _check(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
+        unknowns = len(self.output_coefficients) + len(self.input_coefficients)
+        needed = unknowns + self.largest_lag
+        _check(self.samples >= needed, f"samples of {needed} or more for {unknowns} unknowns", self.samples)
+        for name, ratio in self.noise_to_signal.items():
+            _check(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
+        for name in (*self.noise, *self.noise_to_signal):
+            if name not in (OUTPUT, INPUT):
+                raise ParameterError(
+                    f"noise of {OUTPUT} and {INPUT}", f"noise of '{name}'", "Name one of these channels."
+                )
+        root = float(np.abs(np.roots([1.0, *(-a for a in self.output_coefficients)])).max(initial=0.0))
+        if root >= LARGEST_ROOT:
+            raise ParameterError(
+                "output coefficients of a stable equation",
+                f"{list(self.output_coefficients)}, with a root of modulus {root:.4g}",
+                "Make them smaller: every root of z^n - a_1 z^(n-1) - ... must lie inside the unit circle.",
+            )
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Output and input."""
+        return OUTPUT, INPUT
+
+    @property
+    def terms(self) -> tuple[tuple[Parameter, Column], ...]:
+        """Parameters, named after the channel and lag they belong to, with their columns."""
+        lagged = [(OUTPUT, lag) for lag in range(1, len(self.output_coefficients) + 1)]
+        lagged += [(INPUT, self.delay + number) for number in range(len(self.input_coefficients))]
+        return tuple((Parameter(f"{name}_lag_{lag}"), Column(name, lag)) for name, lag in lagged)
+
+    @property
+    def truth(self) -> Mapping[str, float]:
+        """Coefficients by parameter."""
+        values = (*self.output_coefficients, *self.input_coefficients)
+        return {parameter.name: value for (parameter, _), value in zip(self.terms, values, strict=True)}
+
+    @property
+    def largest_lag(self) -> int:
+        """Samples that the equation reaches back."""
+        return max(len(self.output_coefficients), self.delay + len(self.input_coefficients) - 1)
+
+    def record(self, rng: np.random.Generator) -> Signals:
+        """Simulate; each source has a stream of its own, whether it is used or not."""
+        streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
+        step_s = 1.0 / self.rate_hz
+        true_input = self.excitation.sample(self.samples, step_s, streams["excitation"])
+        driven = np.zeros(self.samples)
+        if self.disturbance is not None:
+            driven += self.disturbance.sample(self.samples, step_s, streams["disturbance"])
+        for number, coefficient in enumerate(self.input_coefficients):
+            lag = self.delay + number
+            driven[lag:] += coefficient * true_input[: self.samples - lag]
+        true = {OUTPUT: recursion(self.output_coefficients, driven), INPUT: true_input}
+        noise = {name: self._noise(name, series) for name, series in true.items()}
+        measured = {
+            name: series + noise[name].sample(self.samples, streams[name]) for name, series in true.items()
+        }
+        return Signals(self.rate_hz, measured, noise=noise)
+
+    def _noise(self, name: str, true: Float[np.ndarray, " samples"]) -> MeasurementNoise:
+        noise = self.noise.get(name, WhiteNoise(0.0))
+        if name not in self.noise_to_signal:
+            return noise
+        return noise.with_std(self.noise_to_signal[name] * float(true.std()))
+
+    def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
+        """Rows of lagged outputs and inputs, with y(k) as the response."""
+        return SignalRegression(signals, Equation(Column(OUTPUT), self.terms), instruments)
+
+
+def recursion(
+    coefficients: tuple[float, ...], driven: Float[np.ndarray, " samples"]
+) -> Float[np.ndarray, " samples"]:
+    """y(k) = sum_i a_i y(k-i) + driven(k) from rest, as the banded triangular system that it is.
+
+    Performs no checks; linear in samples.
+    """
+    if not coefficients:
+        return driven
+    band = np.ones((len(coefficients) + 1, driven.size))
+    band[1:] = -np.array(coefficients)[:, None]
+    series: Float[np.ndarray, " samples"] = dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
+    return series
+
+
+def _check(in_range: bool, expected: str, value: int | float) -> None:
+    if not (in_range and np.isfinite(value)):
+        raise ParameterError(expected, f"{value}", "Correct the scenario.")
+
+
+# -- Generated page --
+
+
+def markdown(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """Markdown table."""
+    rows = [header, ["---"] * len(header), *lines]
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def page_with(page: str, parts: Mapping[str, str]) -> str:
+    """Page with each part between its marks, ``<!-- generated: NAME -->`` and ``<!-- end: NAME -->``.
+
+    Raises
+    ------
+    InputError
+        When the marks of a part are not there, once each and in order.
+    """
+    for name, text in parts.items():
+        begin, end = marks(name)
+        if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
+            raise InputError(
+                f"a page with the marks {begin} and {end}",
+                "one without both of them",
+                "Put them where it goes.",
+            )
+        before, _, rest = page.partition(begin)
+        page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
+    return page
+
+
+def page_text(path: Path, part: str) -> str:
+    """Text of a page that has the marks of a part.
+
+    Raises
+    ------
+    InputError
+        When it cannot be read, or has no marks.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    page_with(text, {part: ""})
+    return text
+
+
+def marks(name: str) -> tuple[str, str]:
+    """Marks between which a part goes."""
+    return f"<!-- generated: {name} -->", f"<!-- end: {name} -->"

@@ -1,0 +1,740 @@
+"""Figures and tables of studies and of the paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from eivor.errors import UsageError
+from eivor.lab.experiments import markdown
+from eivor.lab.paper_errata import errata
+from eivor.lab.paper_examples import (
+    SEED,
+    Nearness,
+    PaperResult,
+    integrated_height,
+    nearness,
+    record,
+    trial_generator,
+)
+from eivor.lab.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, SCORES, Example, Reading
+from eivor.lab.study_run import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
+from eivor.motions import wording_of
+from eivor.report.document import printable
+from eivor.report.figure_panels import (
+    BLUE,
+    DARK,
+    GREY,
+    RED,
+    GivenAxes,
+    drawable,
+    figure_of,
+    given_axes,
+    labelled,
+    legend,
+    page,
+    panel,
+)
+from eivor.report.figures import save_figure, signals_figure
+from eivor.report.json_document import Json, number
+from eivor.report.terminal import heading
+from eivor.signals.signals import Signals
+from eivor.tools import Float
+
+# -- Coverage figures --
+
+COLOURS = (BLUE, RED, DARK, "#a06a00", "#1b7f3b", "#7b3f9e", GREY)
+MARKERS = ("o", "s", "D", "^", "v", "P", "X")
+WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class CoverageRow:
+    """One share.
+
+    Parameters
+    ----------
+    label : str
+        What intervals were made of: the method or the covariance. Has a colour.
+    group : str
+        What they were made for: scenario, length, parameter. Has a line.
+    hits, count : int
+        Intervals that held the truth, and all.
+    """
+
+    label: str
+    group: str
+    hits: int
+    count: int
+
+
+def coverage_figure(
+    rows: Sequence[CoverageRow],
+    *,
+    nominal: float = 0.95,
+    band: tuple[float, float] | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals.
+
+    Parameters
+    ----------
+    rows : sequence of CoverageRow
+        Groups are drawn from the top and labels beside each other, in the order of their first rows.
+    nominal : float
+        Level that was asked for: a line.
+    band : (float, float), optional
+        Shares that are good enough: a band.
+    title : str
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `ax`.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, or `ax` are no Axes.
+    """
+    drawn = [row for row in rows if row.count]
+    if not drawn:
+        raise UsageError("intervals that were counted", "none", "Run a study with intervals.")
+    groups = list(dict.fromkeys(row.group for row in drawn))
+    labels = list(dict.fromkeys(row.label for row in drawn))
+    line = max(ROW_HEIGHT * len(labels), LEAST_ROW)
+    axes = panel(ax, WIDTH, line * len(groups) + 1.5 + 0.2 * -(-len(labels) // 3), title)
+    if band is not None:
+        axes.axvspan(100 * band[0], 100 * band[1], color=BLUE, alpha=0.10, lw=0, label="asked for")
+    axes.axvline(100 * nominal, color=DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
+    for index, label in enumerate(labels):
+        own = [row for row in drawn if row.label == label]
+        shift = 0.76 * ((index + 0.5) / len(labels) - 0.5)
+        _dots(axes, own, [groups.index(row.group) + shift for row in own], index)
+    for edge in range(1, len(groups)):
+        axes.axhline(edge - 0.5, color=GREY, lw=0.4, alpha=0.5)
+    axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
+    for text in axes.get_yticklabels():
+        text.set_parse_math(False)
+    axes.set_ylim(len(groups) - 0.5, -0.5)
+    axes.set_xlim(min(_lowest(drawn), 100 * nominal - 2.0) - 1.0, 100.5)
+    axes.set_xlabel("intervals that hold the truth [%]")
+    axes.grid(axis="x", alpha=0.25)
+    figure = figure_of(axes)
+    if ax is None:
+        shown = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        for text in shown.get_texts():
+            text.set_parse_math(False)
+    else:
+        legend(axes)
+    return figure
+
+
+def study_coverage_figure(
+    results: Sequence[StudyResult],
+    *,
+    band: tuple[float, float] | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Coverage of every parameter in one or several studies, methods side by side.
+
+    Parameters
+    ----------
+    results : sequence of StudyResult
+        Finished studies that recorded intervals, of one level.
+    band : (float, float), optional
+        Shares that are good enough.
+    title : str
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        See `coverage_figure`.
+
+    Raises
+    ------
+    UsageError
+        When no study recorded intervals, their levels differ, or `ax` are no Axes.
+    """
+    levels = {result.study.level for result in results if result.study.intervals}
+    if len(levels) != 1:
+        raise UsageError(
+            "studies with intervals of one level",
+            f"levels {sorted(levels)}" if levels else "none with intervals",
+            "Set intervals = true in the study's file; draw levels apart.",
+        )
+    rows = [
+        CoverageRow(one.label, _group(result, score.name, alone=len(results) == 1), hit.hits, hit.count)
+        for result in results
+        for one in scores(result)
+        for score in one.parameters
+        if (hit := score.coverage) is not None
+    ]
+    return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
+
+
+def _group(result: StudyResult, name: str, *, alone: bool) -> str:
+    wording = wording_of(name)
+    words = wording.symbol if wording is not None else name
+    return words if alone else f"{result.study.name}: {words}"
+
+
+def _lowest(rows: Sequence[CoverageRow]) -> float:
+    return 100.0 * min(Share(row.hits, row.count).interval[0] for row in rows)
+
+
+def _dots(axes: Axes, rows: Sequence[CoverageRow], places: Sequence[float], number: int) -> None:
+    shares = [Share(row.hits, row.count) for row in rows]
+    middle = [100 * share.value for share in shares]
+    below = [100 * max(share.value - share.interval[0], 0.0) for share in shares]
+    above = [100 * max(share.interval[1] - share.value, 0.0) for share in shares]
+    axes.errorbar(
+        middle,
+        places,
+        xerr=[below, above],
+        fmt=MARKERS[number % len(MARKERS)],
+        color=COLOURS[number % len(COLOURS)],
+        ms=4.5,
+        lw=1.1,
+        capsize=2.0,
+        label=rows[0].label,
+    )
+
+
+# -- Study figures --
+
+PANEL_WIDTH, PANEL_HEIGHT = 3.6, 2.7
+BINS = 20
+#: A histogram whose largest value is so many times its median has a logarithmic axis.
+LONG_TAIL = 20.0
+#: What others published is drawn up to so many widths of the histogram away from it.
+FAR = 3.0
+
+
+def nrmse_figure(
+    rows: Mapping[str, Mapping[str, Float[np.ndarray, " _"]]],
+    *,
+    printed: Mapping[str, Mapping[str, Spread]] | None = None,
+    title: str = "",
+    axes: GivenAxes | None = None,
+) -> Figure:
+    """Histograms of NRMSE, a row of panels for each method and a column for each score.
+
+    Parameters
+    ----------
+    rows : mapping of str to mapping of str to ndarray, shape (trials,)
+        For each method in words its scores by name (a parameter's, or "together"), in percent.
+    printed : mapping of str to mapping of str to Spread, optional
+        Mean and standard deviation that others published, drawn as a line and a band.
+    title : str
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some panels, called "METHOD: SCORE", or all, row by row. Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, or `axes` do not fit the panels.
+    """
+    columns = max((len(scores) for scores in rows.values()), default=0)
+    drawable(range(columns), "scores", "Run the study first.")
+    cells = {f"{method}: {name}": (method, name) for method, scores in rows.items() for name in scores}
+    panels = _table(rows, columns, title) if axes is None else given_axes(axes, tuple(cells), title)
+    for called, drawn_panel in panels.items():
+        method, name = cells[called]
+        _draw(drawn_panel, rows[method][name], ((printed or {}).get(method) or {}).get(name))
+        first = axes is not None or name == next(iter(rows[method]))
+        beside = f"{printable(method)}\ntrials [count]" if first else ""
+        labelled(drawn_panel, x=f"NRMSE of {_words(name)} [%]", y=beside, size=9.0)
+    return figure_of(*panels.values())
+
+
+def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -> dict[str, Axes]:
+    """Panels of a page, a row for each method."""
+    figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
+    return {
+        f"{method}: {name}": figure.add_subplot(len(rows), columns, row * columns + column + 1)
+        for row, (method, scores) in enumerate(rows.items())
+        for column, name in enumerate(scores)
+    }
+
+
+def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figure:
+    """Histograms of NRMSE of every method of a study.
+
+    Parameters
+    ----------
+    result : StudyResult
+        A finished study.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw, see `nrmse_figure`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A row for each method, a column for each parameter and one for all together.
+
+    Raises
+    ------
+    UsageError
+        When `axes` do not fit the panels.
+    """
+    names = (*result.study.parameters, TOGETHER)
+    rows = {
+        choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
+        for choice in result.study.methods
+    }
+    title = f"{printable(result.study.name)}: {result.trials.height} trials" if axes is None else ""
+    return nrmse_figure(rows, title=title, axes=axes)
+
+
+def _words(name: str) -> str:
+    if name == TOGETHER:
+        return "all parameters"
+    wording = wording_of(name)
+    return wording.symbol if wording is not None else printable(name)
+
+
+def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:
+    values = values[np.isfinite(values)]
+    axes.tick_params(labelsize=8)
+    if not values.size:
+        axes.text(0.5, 0.5, "no estimate\nin any trial", ha="center", va="center", transform=axes.transAxes)
+        axes.set_yticks([])
+        return
+    top, median = float(values.max()), float(np.median(values))
+    if median > 0.0 and top > LONG_TAIL * median:
+        edges = np.geomspace(max(float(values.min()), 1e-3 * median), 1.001 * top, BINS + 1)
+        axes.set_xscale("log")
+    else:
+        edges = np.linspace(*_range(values), BINS + 1)
+    axes.hist(np.clip(values, edges[0], edges[-1]), bins=list(edges), color=BLUE, edgecolor="white", lw=0.4)
+    axes.axvline(float(values.mean()), color=DARK, lw=1.2, label=f"mean {values.mean():.3g}")
+    if printed is not None:
+        _draw_printed(axes, printed, float(edges[0]), float(edges[-1]))
+    # room for the legend above the bars
+    axes.set_ylim(0.0, 1.6 * axes.get_ylim()[1])
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    legend(axes, size=7)
+
+
+def _draw_printed(axes: Axes, printed: Spread, low: float, high: float) -> None:
+    """Line and band, or words alone when they are so far away that the bars would vanish."""
+    reach = FAR * (high - low)
+    words = f"printed {printed.mean:.4g} ± {printed.std:.3g}"
+    if not low - reach <= printed.mean <= high + reach:
+        axes.plot([], [], color=RED, lw=1.2, ls="--", label=f"{words},\noff this axis")
+        return
+    limits = min(low, printed.mean), max(high, printed.mean)
+    margin = 0.05 * (limits[1] - limits[0])
+    axes.axvspan(printed.mean - printed.std, printed.mean + printed.std, color=RED, alpha=0.18, lw=0)
+    axes.axvline(printed.mean, color=RED, lw=1.2, ls="--", label=words)
+    if axes.get_xscale() == "linear":
+        axes.set_xlim(limits[0] - margin, limits[1] + margin)
+
+
+def _range(values: Float[np.ndarray, " trials"]) -> tuple[float, float]:
+    """From zero, unless the values keep far away from it; never empty."""
+    low, high = float(values.min()), float(values.max())
+    low = 0.0 if low < 0.5 * high else low
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+# -- Paper figures --
+
+FORMATS = ("svg", "png")
+PAPER_FIGURES = tuple(f"figure-{number}" for number in range(2, 9))
+#: What the columns of the printed tables are called in figures.
+WORDS = {"LS": "least squares", "IV": "extended IV", "GIV": "generalized IV"}
+
+
+def write_figures(results: Sequence[PaperResult], folder: Path) -> tuple[Path, ...]:
+    """Write figures 2 to 8, each as SVG and PNG.
+
+    Parameters
+    ----------
+    results : sequence of PaperResult
+        Both examples under one reading.
+    folder : Path
+        Where to; it exists.
+
+    Returns
+    -------
+    tuple of Path
+        What was written.
+
+    Raises
+    ------
+    OSError
+        When a file cannot be written.
+    """
+    written = []
+    for name, figure in paper_figures(results):
+        for path in figure_files(folder, name):
+            save_figure(figure, path)
+            written.append(path)
+    return tuple(written)
+
+
+def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
+    """Files of the figures of these names; without names, of all."""
+    return tuple(folder / f"{name}.{ending}" for name in names or PAPER_FIGURES for ending in FORMATS)
+
+
+def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]]:
+    """Figures 2 to 8 by name."""
+    first = results[0]
+    yield "figure-2", signal_figure(first.reading, first.example)
+    number = 3
+    for result in results:
+        for column in PRINTED_METHODS:
+            yield f"figure-{number}", histogram_figure(result, column)
+            number += 1
+
+
+def signal_figure(
+    reading: Reading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
+) -> Figure:
+    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2.
+
+    `axes` are for "input" and "position_z", see `signals_figure`.
+    """
+    exact = replace(reading, motion=type(reading.motion).SOLUTION)
+    truth = record(exact, example, trial_generator(0)).truth
+    drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
+    height = integrated_height(velocity, drive, intersample=reading.intersample)
+    shown = Signals(truth.rate_hz, {"input": drive, "position_z": height})
+    title = f"Reading {reading.name}: input and height of the first run"
+    return signals_figure(shown, title="" if axes is not None else title, axes=axes)
+
+
+def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
+    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8.
+
+    `axes` are for K, K_u and both together, in this order; see `nrmse_figure`.
+    """
+    method = PRINTED_METHODS[column]
+    scores = result.nrmse(method)
+    words = WORDS[column]
+    printed = dict(zip(SCORES, result.example.printed[method], strict=True))
+    title = (
+        f"Example {result.example.number}, {words}, reading {result.reading.name} "
+        f"({len(result.estimates)} runs; red: printed mean ± SD)"
+    )
+    return nrmse_figure(
+        {words: {name: scores[:, place] for place, name in enumerate(SCORES)}},
+        printed={words: printed},
+        title=title if axes is None else "",
+        axes=axes,
+    )
+
+
+# -- Paper table --
+
+SCHEMA = "eivor.paper/1"
+METHOD_WORDS: Mapping[str, str] = {
+    "least_squares": "LS",
+    "total_least_squares": "LS, TLS form",
+    "extended_iv": "IV",
+    "extended_iv_tls": "IV, TLS form",
+    "generalized_iv": "GIV",
+    "generalized_iv_tls": "GIV, TLS form",
+}
+SCORE_WORDS = ("δθ1 (K)", "δθ2 (K_u)", "δθ")
+#: What a table says where a method gives no estimate.
+NO_ESTIMATE = "none"
+
+
+def spread_text(spread: Spread) -> str:
+    """Mean and SD to three significant digits."""
+    if not (math.isfinite(spread.mean) and math.isfinite(spread.std)):
+        return NO_ESTIMATE
+    return f"{_digits(spread.mean)} ± {_digits(spread.std)}"
+
+
+def _digits(value: float) -> str:
+    if value >= 1e5:
+        return f"{value:.1e}"
+    return f"{value:.{max(0, 2 - math.floor(math.log10(value)))}f}" if value > 0.0 else "0"
+
+
+def by_reading(results: Iterable[PaperResult]) -> dict[str, list[PaperResult]]:
+    """Results of each reading, in the order in which they came."""
+    found: dict[str, list[PaperResult]] = {}
+    for result in results:
+        found.setdefault(result.reading.name, []).append(result)
+    return found
+
+
+def nearest(results: Sequence[PaperResult]) -> str:
+    """Name of the allowed reading whose means are nearest to the printed ones; of any if none is allowed."""
+    groups = by_reading(results)
+    allowed = {name: group for name, group in groups.items() if group[0].reading.allowed} or groups
+    return min(allowed, key=lambda name: nearness(allowed[name]).means)
+
+
+# -- terminal ----------------------------------------------------------------------------------------
+
+
+def reading_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
+    """Measured beside printed for one reading."""
+    reading = results[0].reading
+    yield heading(reading.name)
+    yield Text(reading.sentence)
+    for result in results:
+        table = _plain(f"example {result.example.number}: NRMSE [%]", *SCORE_WORDS)
+        for method in METHODS:
+            table.add_row(METHOD_WORDS[method], *map(spread_text, result.spreads(method)))
+            if method in result.example.printed:
+                printed = map(printed_text, result.example.printed[method])
+                table.add_row(*(Text(cell, style="dim") for cell in ("    printed", *printed)))
+        yield table
+        if sentence := weak_sentence(result):
+            yield Text(sentence)
+
+
+def weak_sentence(result: PaperResult) -> str:
+    """In how many runs the instruments of which method are weak; empty when none are."""
+    runs = len(result.weak)
+    counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in PRINTED_METHODS.values()}
+    told = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
+    return f"Weak instruments (first-stage F below 10): {', '.join(told)}." if told else ""
+
+
+def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
+    """How far every reading is from the printed tables, and which is nearest."""
+    yield heading("How far from the printed tables")
+    table = _plain("reading", "means off by", "SDs off by", "printed means met")
+    for name, group in by_reading(results).items():
+        table.add_row(name, *_nearness_cells(nearness(group)))
+    yield table
+    yield Text(verdict_sentence(results))
+
+
+def verdict_sentence(results: Sequence[PaperResult]) -> str:
+    """Whether any reading gives the printed tables."""
+    groups = by_reading(results)
+    whole = [name for name, group in groups.items() if _reproduces(nearness(group))]
+    if whole:
+        return f"Every printed mean is met by: {', '.join(whole)}."
+    name = nearest(results)
+    found = nearness(groups[name])
+    return (
+        f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
+        f"{_factor(found.means)}, and {found.agreeing} of {found.printed} are met."
+    )
+
+
+def _reproduces(found: Nearness) -> bool:
+    return found.agreeing == found.printed
+
+
+def _nearness_cells(found: Nearness) -> tuple[str, str, str]:
+    return _factor(found.means), _factor(found.spreads), f"{found.agreeing} of {found.printed}"
+
+
+def _factor(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else NO_ESTIMATE
+
+
+def printed_text(spread: Spread) -> str:
+    """Mean and SD as short as they are printed."""
+    return f"{spread.mean:.4g} ± {spread.std:.4g}"
+
+
+def _plain(*columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for column in columns:
+        table.add_column(Text(column), no_wrap=True)
+    return table
+
+
+# -- JSON --------------------------------------------------------------------------------------------
+
+
+def paper_document(results: Sequence[PaperResult], *, seconds: float) -> dict[str, Json]:
+    """Document of the study, ready for `json_text`; numbers are finite or null."""
+    return {
+        "schema": SCHEMA,
+        "version": version("eivor"),
+        "runs": len(results[0].estimates),
+        "seed": SEED,
+        "seconds": number(seconds),
+        "verdict": verdict_sentence(results),
+        "readings": [_reading(group) for group in by_reading(results).values()],
+    }
+
+
+def _reading(group: Sequence[PaperResult]) -> Json:
+    reading, found = group[0].reading, nearness(group)
+    choices = {name: getattr(reading, name) for name in reading.__dataclass_fields__ if name != "name"}
+    return {
+        "name": reading.name,
+        "choices": {key: v.value if isinstance(v, Enum) else v for key, v in choices.items()},
+        "means_off_by": number(found.means),
+        "sds_off_by": number(found.spreads),
+        "printed_means_met": found.agreeing,
+        "examples": [_example(result) for result in group],
+    }
+
+
+def _example(result: PaperResult) -> Json:
+    return {
+        "number": result.example.number,
+        "methods": {
+            method: {
+                "failed": result.failed(method),
+                "weak": result.weak_runs(method),
+                "nrmse": _spreads(result.spreads(method)),
+                "printed": _spreads(result.example.printed.get(method, ())),
+            }
+            for method in METHODS
+        },
+    }
+
+
+def _spreads(spreads: Sequence[Spread]) -> Json:
+    return {
+        name: {"mean": number(spread.mean), "sd": number(spread.std)}
+        for name, spread in zip(SCORES, spreads, strict=False)
+    }
+
+
+# -- Markdown ----------------------------------------------------------------------------------------
+
+
+def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
+    """Generated parts of the page, by the name of their marks."""
+    first = by_reading(results)[nearest(results)]
+    examples = [result.example for result in first]
+    parts = {
+        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(by_reading(results))} readings, "
+        f"2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. {verdict_sentence(results)}",
+        "readings": _readings_table(results),
+    }
+    for place, example in enumerate(examples):
+        parts[f"example {example.number}"] = "\n\n".join(
+            [
+                part
+                for column, method in PRINTED_METHODS.items()
+                for part in (
+                    f"**{column}**, NRMSE in percent",
+                    _example_table([group[place] for group in by_reading(results).values()], example, method),
+                )
+            ]
+        )
+    parts["errata"] = _errata_table()
+    parts["figures"] = _figures(first[0].reading.name)
+    return parts
+
+
+def _errata_table() -> str:
+    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
+    return markdown(("where", "printed", "used here", "checked"), lines)
+
+
+def _readings_table(results: Sequence[PaperResult]) -> str:
+    lines = []
+    for name, group in by_reading(results).items():
+        with_tls = nearness(group, total_least_squares=True)
+        lines.append(
+            [
+                f"`{name}`",
+                group[0].reading.sentence,
+                *_nearness_cells(nearness(group)),
+                _factor(with_tls.means),
+            ]
+        )
+    header = ("reading", "what it says", "means off by", "SDs off by", "means met", "TLS forms off by")
+    return markdown(header, lines)
+
+
+def _example_table(results: Sequence[PaperResult], example: Example, method: str) -> str:
+    partner = METHODS[METHODS.index(method) + 1]
+    header = ("reading", *SCORE_WORDS, *(f"{words}, TLS" for words in SCORE_WORDS))
+    lines = [["**printed**", *map(printed_text, example.printed[method]), "", "", ""]]
+    for result in results:
+        both = (*result.spreads(method), *result.spreads(partner))
+        lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
+    return markdown(header, lines) + _weak_readings(results, method)
+
+
+def _weak_readings(results: Sequence[PaperResult], method: str) -> str:
+    """Readings under which the instruments of a method are weak, as a line below its table."""
+    counts = {result.reading.name: result.weak_runs(method) for result in results}
+    told = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(told)}." if told else ""
+
+
+def _figures(name: str) -> str:
+    shown = [f"Under the reading `{name}`; red is what the paper prints, mean and one SD on both sides."]
+    captions = ["Input and height"]
+    captions += [f"NRMSE of {column}, example {place}" for place in (1, 2) for column in PRINTED_METHODS]
+    for place, caption in enumerate(captions, start=2):
+        shown.append(f"![{caption}](images/paper/figure-{place}.svg)")
+        shown.append(f"*Counterpart of figure {place}. {caption}.*")
+    return "\n\n".join(shown)
+
+
+# -- Study pictures --
+
+STUDY_FIGURES = ("nrmse", "coverage")
+
+
+def write_study_figures(result: StudyResult) -> tuple[Path, ...]:
+    """Write histograms of NRMSE and, where intervals were recorded, their coverage, as SVG and PNG.
+
+    Parameters
+    ----------
+    result : StudyResult
+        A finished study; the files go into its folder.
+
+    Returns
+    -------
+    tuple of Path
+        What was written.
+
+    Raises
+    ------
+    OSError
+        When a file cannot be written.
+    """
+    figures = {"nrmse": study_figure(result)}
+    if result.study.intervals:
+        figures["coverage"] = study_coverage_figure([result], title=f"Coverage: {result.study.name}")
+    written = []
+    for name, figure in figures.items():
+        for path in picture_files(result.folder, name):
+            save_figure(figure, path)
+            written.append(path)
+    return tuple(written)
+
+
+def picture_files(folder: Path, *names: str) -> tuple[Path, ...]:
+    """Files of the pictures of these names; without names, of all that there can be."""
+    return tuple(folder / f"{name}.{ending}" for name in names or STUDY_FIGURES for ending in FORMATS)

@@ -1,0 +1,714 @@
+"""Fractional difference equations: model, filtered signals and regression."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import (
+    DataError,
+    MissingNoiseError,
+    NonFiniteError,
+    ParameterError,
+    ShapeError,
+    TooFewSamplesError,
+    UsageError,
+)
+from eivor.lab.fractional_terms import (
+    FractionalColumn,
+    FractionalDifference,
+    FractionalOperator,
+    FractionalTerm,
+    Part,
+    Side,
+    UnknownOrder,
+    combined,
+    terms_of,
+)
+from eivor.linalg.system import PASSED_ROWS
+from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock, check_columns
+from eivor.models.separable import LinearisableProblem, Nuisance, Values
+from eivor.models.spectral import SpectralRegression
+from eivor.signals.filters import filtered, in_a_row, reciprocal
+from eivor.signals.signals import Signals
+from eivor.tools import Complex, Float
+
+# -- Filtered signals --
+
+#: Series by channel, order, and whether they are the derivative by it; of order zero the channel itself.
+Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
+
+
+@dataclass(frozen=True)
+class FilteredSignals:
+    """Channels behind the operators of one equation.
+
+    Parameters
+    ----------
+    signals : Signals
+        One whole record.
+    operator : FractionalOperator
+        What an order means.
+    known_orders : frozenset of float
+        Orders whose series are kept, since they are asked for again.
+    both_sides : ndarray, shape (m,)
+        Weights of a causal filter of both sides of the equation, which stays as it was; one for none.
+
+    Raises
+    ------
+    DataError
+        When samples are not valid, or the record is part of another one: an operator needs all samples that
+        came before.
+    """
+
+    signals: Signals
+    operator: FractionalOperator
+    known_orders: frozenset[float] = frozenset()
+    both_sides: Float[np.ndarray, " m"] = field(default_factory=lambda: np.ones(1))
+    _series: Kept = field(default_factory=dict, init=False, repr=False)
+    _noises: Kept = field(default_factory=dict, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        valid = self.signals.valid
+        if self.signals.offset or not (valid is None or bool(valid.all())):
+            raise DataError(
+                "a whole record, every sample of which is valid",
+                f"one that begins at sample {self.signals.offset} of another"
+                if self.signals.offset
+                else "samples that are not valid",
+                "A fractional difference has all samples before in it: cut the record where it was at rest.",
+            )
+
+    @property
+    def count(self) -> int:
+        """Samples of the record."""
+        return self.signals.sample_count
+
+    def values(self, column: FractionalColumn, first: int) -> Float[np.ndarray, " rows"]:
+        """Column of the samples from `first` on.
+
+        Raises
+        ------
+        MissingChannelError
+            When a channel is absent.
+        TooFewSamplesError
+            When there is no such sample.
+        """
+        if self.count <= first:
+            raise TooFewSamplesError(
+                f"more than {first} samples", f"{self.count}", "Give a longer record or fewer lags."
+            )
+        total: Float[np.ndarray, " rows"] = np.zeros(self.count - first)
+        for part in column:
+            series = self._behind(self._series, part, self.signals.channel)
+            total += part.gain * series[first - part.lag : self.count - part.lag]
+        return total
+
+    def shared_noise(
+        self, left: Sequence[Column], right: Sequence[FractionalColumn], first: int
+    ) -> Float[np.ndarray, "left right"]:
+        """Average covariance of the noises of plain columns with those of fractional ones, C of (29).
+
+        Raises
+        ------
+        MissingNoiseError
+            When two are of one channel whose noise is not declared.
+        UsageError
+            When a column on the left multiplies a channel that the right has as well by another channel.
+        """
+        shared = np.zeros((len(left), len(right)))
+        for channel in self._channels(right):
+            own = [i for i, column in enumerate(left) if column.channel == channel]
+            if not own:
+                continue
+            noises = self._noise_of(channel, right) * self._share_of_rows(first)[:, None]
+            base = self._moving_average(channel)
+            for i in own:
+                if left[i].gain_channel:
+                    raise UsageError(
+                        f"instruments of '{channel}' without a gain of another channel",
+                        f"{left[i].name} times '{left[i].gain_channel}'",
+                        "Leave the gain out.",
+                    )
+                lag = left[i].lag
+                seen = base[: max(self.count - lag, 0)]
+                shared[i] += left[i].gain * (seen @ noises[lag : lag + seen.size])
+        return shared
+
+    def noise_covariance(
+        self, columns: Sequence[FractionalColumn], first: int
+    ) -> Float[np.ndarray, "columns columns"]:
+        """Average covariance of the noises of columns among themselves.
+
+        Raises
+        ------
+        MissingNoiseError
+            When the noise of a channel is not declared.
+        """
+        total = np.zeros((len(columns), len(columns)))
+        for channel in self._channels(columns):
+            noises = self._noise_of(channel, columns)
+            total += (noises * self._share_of_rows(first)[:, None]).T @ noises
+        return 0.5 * (total + total.T)
+
+    def _share_of_rows(self, first: int) -> Float[np.ndarray, " n"]:
+        """Share of the rows in which a term so many samples back is there."""
+        return np.minimum(1.0, (self.count - np.arange(self.count)) / (self.count - first))
+
+    def _noise_of(self, channel: str, columns: Sequence[FractionalColumn]) -> Float[np.ndarray, "n columns"]:
+        """Weights of a channel's white noise in each column."""
+        weights: Float[np.ndarray, "n columns"] = np.zeros((self.count, len(columns)))
+        for place, column in enumerate(columns):
+            for part in column:
+                if part.channel == channel:
+                    behind = self._behind(self._noises, part, self._moving_average)
+                    series = behind[: max(self.count - part.lag, 0)]
+                    weights[part.lag : part.lag + series.size, place] += part.gain * series
+        return weights
+
+    def _moving_average(self, channel: str) -> Float[np.ndarray, " n"]:
+        noise = self.signals.noise.get(channel)
+        if noise is None:
+            raise MissingNoiseError(
+                f"a declared noise of channel '{channel}', which columns share",
+                f"noise of {', '.join(sorted(self.signals.noise)) or 'no channel'}",
+                "Declare it in Signals(noise=...), with std 0 if the channel is exact, or use a method that "
+                "needs none: least_squares, or extended_iv with instruments of another channel.",
+            )
+        weights = noise.moving_average(self.count)
+        return weights[: int(np.flatnonzero(weights).max(initial=0)) + 1]  # one weight of white noise
+
+    def _behind(
+        self, kept: Kept, part: Part, of: Callable[[str], Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, " _"]:
+        """A channel, or its noise, behind the operator of a part; kept for known orders."""
+        key = (part.channel, part.order, part.by_order)
+        if key in kept:
+            return kept[key]
+        if part.order == 0.0 and not part.by_order:
+            result = in_a_row(self.both_sides, of(part.channel))
+        else:
+            made = self.operator.slope if part.by_order else self.operator.weights
+            weights = made(part.order, self.count, self.signals.step_s)
+            result = in_a_row(weights, self._behind(kept, Part(part.channel), of))
+        if part.order in {0.0, *self.known_orders}:
+            kept[key] = result
+        return result
+
+    @staticmethod
+    def _channels(columns: Sequence[FractionalColumn]) -> list[str]:
+        return sorted({part.channel for column in columns for part in column})
+
+
+# -- Regression --
+
+
+@dataclass(frozen=True)
+class FractionalRegression(LinearProblem):
+    """Rows of a fractional difference equation whose orders are known.
+
+    Parameters
+    ----------
+    filtered : FilteredSignals
+        Where columns come from.
+    parameters : tuple of Parameter
+        One for each regressor.
+    response : FractionalColumn
+        Left side.
+    regressors : tuple of FractionalColumn
+        Right side.
+    instrument_columns : tuple of Column
+        Instruments; may be empty.
+
+    Notes
+    -----
+    Rows start at the largest lag of any column. O(n log n) in the samples.
+    """
+
+    filtered: FilteredSignals
+    parameters: tuple[Parameter, ...]
+    response: FractionalColumn
+    regressors: tuple[FractionalColumn, ...]
+    instrument_columns: tuple[Column, ...] = ()
+    first: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        parts = [part.lag for column in (self.response, *self.regressors) for part in column]
+        object.__setattr__(self, "first", max([*parts, *(column.lag for column in self.instrument_columns)]))
+
+    @property
+    def instrument_count(self) -> int:
+        """Number of instruments."""
+        return len(self.instrument_columns)
+
+    @cached_property
+    def _rows(self) -> Regression:
+        Phi = np.column_stack([self.filtered.values(column, self.first) for column in self.regressors])
+        signals = self.filtered.signals
+        instruments = [column.values(signals, self.first) for column in self.instrument_columns]
+        Psi = np.column_stack(instruments) if instruments else np.empty((Phi.shape[0], 0))
+        try:
+            noise = self.regressor_noise_covariance()
+        except MissingNoiseError:
+            noise = None
+        response = self.filtered.values(self.response, self.first)
+        return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
+
+    def rows(self) -> Regression:
+        """Rows in arrays, built once."""
+        return self._rows
+
+    def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
+        """Views of successive rows."""
+        return self._rows.blocks(size)
+
+    @cached_property
+    def _own_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        return self.filtered.noise_covariance((*self.regressors, self.response), self.first)
+
+    def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
+        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When the noise of a channel is not declared.
+        """
+        return self._own_noise
+
+    def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """C and c from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When an instrument and another column are of one channel whose noise is not declared.
+        """
+        columns = (*self.regressors, self.response)
+        return self.filtered.shared_noise(self.instrument_columns, columns, self.first)
+
+    def instruments_share_noise(self) -> bool:
+        """Return whether declared noises make an instrument and another column correlated."""
+        declared = self.filtered.signals.noise
+        known = tuple(column for column in self.instrument_columns if column.channel in declared)
+        columns = (*self.regressors, self.response)
+        return bool(np.any(self.filtered.shared_noise(known, columns, self.first)))
+
+
+# -- Problem --
+
+#: Values of an order at which its search begins.
+GRID_POINTS = 11
+#: Accuracy of the search, before the equations themselves say the rest.
+ORDER_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True)
+class ChannelTerm:
+    """A term of the equation with the channel it is of.
+
+    Parameters
+    ----------
+    channel : str
+        Canonical name.
+    term : FractionalTerm
+        Order and lag.
+    sign : float
+        1 on the right side, -1 for what is brought there.
+    """
+
+    channel: str
+    term: FractionalTerm
+    sign: float = 1.0
+
+    def column(self, at: Values) -> FractionalColumn:
+        """The term at values of the orders that are sought."""
+        return (Part(self.channel, self.term.order_at(at), self.term.lag, self.sign),)
+
+
+@dataclass(frozen=True)
+class FractionalProblem(LinearisableProblem):
+    """A fractional difference equation and a record of it.
+
+    Parameters
+    ----------
+    filtered : FilteredSignals
+        The record.
+    response : ChannelTerm
+        Left side, of a known order.
+    terms : tuple of (Parameter, ChannelTerm)
+        Right side.
+    instruments : tuple of Column
+        May be empty.
+    nuisances : tuple of Nuisance
+        Orders that are sought.
+    """
+
+    filtered: FilteredSignals
+    response: ChannelTerm
+    terms: tuple[tuple[Parameter, ChannelTerm], ...]
+    instruments: tuple[Column, ...] = ()
+    nuisances: tuple[Nuisance, ...] = field(default=())
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Coefficients of the right side."""
+        return tuple(parameter for parameter, _ in self.terms)
+
+    def regression(self, at: Values) -> FractionalRegression:
+        """Rows of the coefficients at some orders."""
+        columns = tuple(term.column(at) for _, term in self.terms)
+        return FractionalRegression(
+            self.filtered, self.parameters, self.response.column(at), columns, self.instruments
+        )
+
+    def linearised(self, at: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
+        """Rows of the coefficients and of the changes of the orders."""
+        known = self.regression(at)
+        changes = tuple(self._by_order(nuisance.name, at, theta) for nuisance in self.nuisances)
+        orders = tuple(nuisance.parameter for nuisance in self.nuisances)
+        return FractionalRegression(
+            self.filtered,
+            self.parameters + orders,
+            known.response,
+            known.regressors + changes,
+            self.instruments,
+        )
+
+    def _by_order(self, name: str, at: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
+        """Derivative of Phi theta by an order."""
+        return combined(
+            [
+                (value, tuple(part.derivative for part in term.column(at)))
+                for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
+                if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
+            ]
+        )
+
+    def bins(self, at: Values) -> SpectralRegression:
+        """Nothing: an operator's memory does not end with a run.
+
+        Raises
+        ------
+        UsageError
+            Always.
+        """
+        raise UsageError(
+            "a method without spectral whitening for a fractional difference equation",
+            f"one that asks for its spectra at {dict(at)}",
+            "Use generalized_iv, or another method of the page on fractional equations.",
+        )
+
+
+def sought(order: UnknownOrder) -> Nuisance:
+    """Nuisance of an order."""
+    grid = np.linspace(order.low, order.high, GRID_POINTS)
+    return Nuisance(Parameter(order.name), grid, tolerance=ORDER_TOLERANCE)
+
+
+# -- Model --
+
+#: Smallest sum of the coefficients of y(k), as a share of the largest, that y(k) can be solved for.
+LEAST_OWN_COEFFICIENT = 1e-12
+Series = Float[np.ndarray, " n"]
+#: Coefficients and unknown orders by name, as `Estimate.parameters` gives them.
+Parameters = Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalDifferenceModel:
+    """A fractional difference equation with noise on its output and its input.
+
+    Parameters
+    ----------
+    output, input : tuple of float, UnknownOrder or FractionalTerm
+        Terms of each side. The first of the output has the coefficient one and a known order; the others
+        have the parameters ``output_coefficient_2``, ..., the input's ``input_coefficient_1``, ...
+    operator : FractionalOperator
+        What an order means: `FractionalDifference` of samples (default), or `FractionalDerivative` by time.
+    output_channel, input_channel : str
+        Channels of the record. Default: ``output`` and ``input``.
+
+    Raises
+    ------
+    ParameterError
+        When an order is out of range, two terms of a side and lag are of one order or might be, the first
+        order of the output is unknown, or one name has two ranges.
+    UsageError
+        When an argument is of another type.
+    """
+
+    output: tuple[float | UnknownOrder | FractionalTerm, ...]
+    input: tuple[float | UnknownOrder | FractionalTerm, ...]
+    operator: FractionalOperator = field(default_factory=FractionalDifference)
+    output_channel: str = "output"
+    input_channel: str = "input"
+
+    def __post_init__(self) -> None:
+        for side in ("output", "input"):
+            object.__setattr__(self, side, terms_of(side, getattr(self, side)))
+        remedy = "Leave it out, or give FractionalDerivative()."
+        checks.kind("operator", self.operator, FractionalOperator, "an operator", remedy)
+        checks.text("output_channel", self.output_channel)
+        checks.text("input_channel", self.input_channel)
+        leading = self._outputs[0].order
+        if isinstance(leading, UnknownOrder):
+            raise ParameterError(
+                "a known order of the first term of the output",
+                f"the unknown '{leading.name}'",
+                "Put a term of known order first, or take Delta^-order of both sides.",
+            )
+        ranges = {order.name: order for order in self._sought_twice()}
+        for order in self._sought_twice():
+            if order != ranges[order.name]:
+                raise ParameterError(
+                    f"one range of the order '{order.name}'", "two", "Use one UnknownOrder in both terms."
+                )
+        clash = sorted({parameter.name for parameter, _ in self._terms()} & set(ranges))
+        if clash:
+            raise ParameterError("orders with names of their own", f"'{clash[0]}'", "Rename the order.")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Coefficients, then unknown orders."""
+        return (
+            *(parameter for parameter, _ in self._terms()),
+            *(Parameter(order.name) for order in self.unknown_orders),
+        )
+
+    @property
+    def unknown_orders(self) -> tuple[UnknownOrder, ...]:
+        """Each order that is estimated, once."""
+        return tuple(dict.fromkeys(self._sought_twice()))
+
+    def problem(
+        self,
+        signals: Signals,
+        instruments: tuple[Column, ...] = (),
+        *,
+        divided_by_output_at: Parameters | None = None,
+    ) -> FractionalProblem:
+        """Pose the equation for `ev.identify`.
+
+        Parameters
+        ----------
+        signals : Signals
+            One whole record that was at rest before it began, with the channels of output and input, and
+            the noises of those that are not exact.
+        instruments : tuple of Column
+            Such as ``ev.lags("input", 0, 10)``. Lags of the input share noise with its differences of any
+            order that is not whole, so that they are for compensated methods: `generalized_iv`.
+        divided_by_output_at : mapping of str to float, optional
+            Parameters, guessed or from a former estimate, at which both sides are divided by the output's
+            side, a filter that the equation does not feel. The noise of y is then nearly white in the
+            residual, instead of the larger the quicker it changes: with white noise on slow signals, a
+            matter of much smaller errors. How good the guess is bears on these errors, and on nothing else.
+
+        Returns
+        -------
+        FractionalProblem
+            A regression for each value of the unknown orders.
+
+        Raises
+        ------
+        DataError
+            When a sample is not valid, or the record part of another one.
+        MissingChannelError
+            When a channel is absent.
+        UsageError
+            When an argument is of another type.
+        """
+        checks.kind("signals", signals, Signals, "Signals", "Make them: ev.Signals(rate_hz, channels).")
+        check_columns("instruments", instruments)
+        for channel in (self.output_channel, self.input_channel):
+            signals.channel(channel)
+        both_sides = np.ones(1)
+        if divided_by_output_at is not None:
+            both_sides = self._solved_for_output(
+                divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
+            )
+        every = (*self._outputs, *self._inputs)
+        known = frozenset(float(term.order) for term in every if not isinstance(term.order, UnknownOrder))
+        return FractionalProblem(
+            FilteredSignals(signals, self.operator, known, both_sides),
+            ChannelTerm(self.output_channel, self._outputs[0]),
+            tuple(self._terms()),
+            instruments,
+            tuple(sought(order) for order in self.unknown_orders),
+        )
+
+    def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
+        """Output of the equation, from rest, for the input 1, 0, 0, ...
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Coefficients and unknown orders, as ``estimate.parameters`` has them.
+        count : int
+            Samples.
+        rate_hz : float
+            Samples per second [Hz]; differences of samples do not depend on it.
+
+        Returns
+        -------
+        ndarray, shape (count,)
+            O(count log count).
+
+        Raises
+        ------
+        ParameterError
+            When a parameter is missing or not finite, the equation has no y(k) to solve for, or it is
+            unstable: the response would grow without bound.
+        """
+        checks.whole("count", count)
+        if count < 1:
+            raise ParameterError("one sample or more", f"{count}", "Give the length of the response.")
+        inverse = self._solved_for_output(parameters, count, rate_hz=rate_hz)
+        return filtered(inverse, self._side("input", parameters, rate_hz).weights(count))
+
+    def simulate(self, parameters: Parameters, driven: Series, *, rate_hz: float = 1.0) -> Series:
+        """Output of the equation, from rest, for an input: the free run of a model.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            See `impulse_response`.
+        driven : ndarray, shape (n,)
+            Input.
+        rate_hz : float
+            Samples per second [Hz].
+
+        Returns
+        -------
+        ndarray, shape (n,)
+            O(n log n).
+
+        Raises
+        ------
+        ParameterError
+            See `impulse_response`.
+        ShapeError, NonFiniteError, DataError
+            When the input is no record of finite numbers.
+        """
+        series = checks.real_array("driven", driven)
+        if series.ndim != 1 or not series.size:
+            raise ShapeError("an input of shape (n,)", f"shape {series.shape}", "Give one channel.")
+        if not np.isfinite(series).all():
+            raise NonFiniteError("a finite input", "NaN or infinity in it", "Repair those samples.")
+        return filtered(self.impulse_response(parameters, series.size, rate_hz=rate_hz), series)
+
+    def frequency_response(
+        self, parameters: Parameters, frequency_hz: Series, *, rate_hz: float = 1.0
+    ) -> Complex[np.ndarray, " k"]:
+        """Output over input of a long steady oscillation: an impedance, for a current and a voltage.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            See `impulse_response`.
+        frequency_hz : ndarray, shape (k,)
+            Above zero, up to half the rate [Hz].
+        rate_hz : float
+            Samples per second [Hz].
+
+        Raises
+        ------
+        ParameterError
+            When a frequency is out of range, or a parameter missing or not finite.
+        ShapeError, DataError
+            When the frequencies are no series of numbers.
+        """
+        over, under = (self._side(side, parameters, rate_hz) for side in ("input", "output"))
+        frequencies = checks.real_array("frequency_hz", frequency_hz)
+        if frequencies.ndim != 1:
+            raise ShapeError("frequencies of shape (k,)", f"shape {frequencies.shape}", "Give a series.")
+        if not ((frequencies > 0.0) & (frequencies <= 0.5 * rate_hz)).all():
+            raise ParameterError(
+                f"frequencies above zero and up to {0.5 * rate_hz:g} Hz, half the rate",
+                f"{frequencies}",
+                "Leave the others out, or give the rate of the record: rate_hz=...",
+            )
+        back = np.exp(-2j * np.pi * frequencies / rate_hz)
+        return np.asarray(over.response(back) / under.response(back))
+
+    @property
+    def _outputs(self) -> tuple[FractionalTerm, ...]:
+        return terms_of("output", self.output)
+
+    @property
+    def _inputs(self) -> tuple[FractionalTerm, ...]:
+        return terms_of("input", self.input)
+
+    def _sought_twice(self) -> list[UnknownOrder]:
+        """Unknown orders, as often as they are named."""
+        every = (*self._outputs, *self._inputs)
+        return [term.order for term in every if isinstance(term.order, UnknownOrder)]
+
+    def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
+        """Right side of the equation solved for the first term of the output."""
+        for number, term in enumerate(self._outputs[1:], start=2):
+            yield Parameter(f"output_coefficient_{number}"), ChannelTerm(self.output_channel, term, -1.0)
+        for number, term in enumerate(self._inputs, start=1):
+            yield Parameter(f"input_coefficient_{number}"), ChannelTerm(self.input_channel, term)
+
+    def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
+        """Weights of the filter that undoes the output's side.
+
+        Raises
+        ------
+        ParameterError
+            See `impulse_response`.
+        """
+        left = self._side("output", parameters, rate_hz)
+        own = left.weights(count)
+        if abs(own[0]) <= LEAST_OWN_COEFFICIENT * max(abs(coefficient) for coefficient, _, _ in left.terms):
+            raise ParameterError(
+                "an equation that can be solved for the newest output",
+                f"a coefficient of {own[0]:.3g} before y(k)",
+                "Give the output a term without a lag, and coefficients that do not cancel.",
+            )
+        growing = left.growing_modes
+        if growing:
+            raise ParameterError(
+                "a stable equation",
+                f"one with {growing} growing mode{'s' if growing > 1 else ''}",
+                "Check the signs of the coefficients, and that orders are below two.",
+            )
+        return reciprocal(own)
+
+    def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
+        """One side of the equation at some values of its parameters.
+
+        Raises
+        ------
+        ParameterError
+            When one is missing or not finite, or the rate is not positive.
+        """
+        checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
+        checks.number("rate_hz", rate_hz)
+        missing = [one.name for one in self.parameters if not np.isfinite(parameters.get(one.name, np.nan))]
+        if missing:
+            raise ParameterError(
+                f"finite values of {', '.join(one.name for one in self.parameters)}",
+                f"none of {', '.join(missing)}",
+                "Give estimate.parameters, or all of them by name.",
+            )
+        if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+            raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
+        terms = self._outputs if side == "output" else self._inputs
+        coefficients = [
+            float(parameters[f"{side}_coefficient_{number}"]) if side == "input" or number > 1 else 1.0
+            for number in range(1, len(terms) + 1)
+        ]
+        return Side(
+            tuple(
+                (coefficient, term.order_at(parameters), term.lag)
+                for coefficient, term in zip(coefficients, terms, strict=True)
+            ),
+            self.operator,
+            1.0 / rate_hz,
+        )

@@ -1,0 +1,283 @@
+"""Simulated logs with their true parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
+
+import numpy as np
+
+from eivor.errors import ParameterError, UsageError
+from eivor.lab.records import Scenario, SimulatedRecord, simulate
+from eivor.motions.rigid_body.dynamics import into_body, rotation
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.channels import held_by_default, unit_of
+from eivor.signals.recording import Channel, Recording
+from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
+from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
+
+# -- Known log --
+
+SCHEMA = "eivor.simulate/1"
+
+
+@dataclass(frozen=True)
+class KnownLog:
+    """A log and its truth.
+
+    Parameters
+    ----------
+    recording : Recording
+        As it would be logged.
+    rate_hz : float
+        Its rate [Hz].
+    samples : int
+        Its length.
+    truth : mapping of str to object
+        Parameters, their units and what was added to the channels, as a JSON document.
+    """
+
+    recording: Recording
+    rate_hz: float
+    samples: int
+    truth: dict[str, object]
+
+
+def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
+    """Log of a scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What is simulated; its input is a deviation from hover.
+    seed : int
+        Of all randomness.
+    hover : bool
+        Add the input that carries the weight, g / K_u, so that the log has the whole input.
+
+    Raises
+    ------
+    UsageError
+        When no input carries the weight.
+    ParameterError
+        When the scenario cannot be simulated at its rate and length.
+    """
+    record = simulate(scenario, np.random.default_rng(seed))
+    hover_input = _hover_input(scenario) if hover else 0.0
+    truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
+    return KnownLog(_recording(record, hover_input), scenario.rate_hz, scenario.samples, truth)
+
+
+def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
+    """Log of a flight.
+
+    Parameters
+    ----------
+    spec : VerticalFlightSpec
+        The flight.
+
+    Raises
+    ------
+    ParameterError
+        When the vehicle is lost.
+    """
+    (log,) = logs_of_flights([spec])
+    return log
+
+
+def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
+    """Logs of flights of one duration, in order; many are flown side by side.
+
+    Parameters
+    ----------
+    specs : sequence of VerticalFlightSpec
+        The flights.
+
+    Raises
+    ------
+    ParameterError
+        When a vehicle is lost.
+    UsageError
+        When the durations differ.
+    """
+    for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
+        if not flight.flew:
+            raise ParameterError(
+                "a flight that follows its reference within 5 m",
+                f"one that is lost with the seed {spec.seed}",
+                "Make the gusts weaker, or the trajectory less vigorous.",
+            )
+        # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
+        recording = replace(flight.recording, input_map="")
+        yield KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
+
+
+def _hover_input(scenario: Scenario) -> float:
+    """Input whose effect is the weight's."""
+    if scenario.input_gain <= 0.0:
+        raise UsageError(
+            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
+        )
+    return GRAVITY / scenario.input_gain
+
+
+def _recording(record: SimulatedRecord, hover_input: float) -> Recording:
+    """Recording of the measured channels."""
+    signals = record.signals
+    time_s = np.arange(signals.sample_count) * signals.step_s
+    channels = {}
+    for key, values in signals.channels.items():
+        logged = values + hover_input if key == "input" else values
+        channels[key] = Channel(
+            key, time_s, logged, unit_of(key), source="simulation", held=held_by_default(key)
+        )
+    return Recording(name="simulation", format="simulation", channels=channels)
+
+
+def _scenario_truth(scenario: Scenario, record: SimulatedRecord) -> dict[str, object]:
+    noises = {
+        name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
+        for name, noise in record.signals.noise.items()
+    }
+    return {
+        "schema": SCHEMA,
+        **record.parameters,
+        "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
+        "noise": noises,
+        "disturbance": {
+            "route": scenario.route.value,
+            "std": float(record.truth.channels["disturbance"].std()),
+        },
+        "rate_hz": scenario.rate_hz,
+        "samples": scenario.samples,
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
+    levels = ("acceleration", "velocity", "position", "attitude")
+    return {
+        "schema": SCHEMA,
+        "viscous_friction": spec.viscous_friction,
+        "input_gain": spec.input_gain,
+        "actuator_lag": spec.actuator_lag,
+        "delay": spec.delay,
+        "hover_input": spec.hover_input,
+        "units": {
+            "viscous_friction": "1/s",
+            "input_gain": "m/s^2 per squared share of full command",
+            "actuator_lag": "s",
+            "delay": "s",
+            "hover_input": "share of full command",
+            "gain_changes_at": "s",
+            "gain_changes_over": "s",
+        },
+        "noise": {"kind": str(spec.noise.kind)} | {name: getattr(spec.noise, name) for name in levels},
+        "gust_rms": spec.gust_rms,
+        "gain_after": spec.gain_after,
+        "gain_changes_at": spec.gain_changes_at,
+        "gain_changes_over": spec.gain_changes_over,
+        "trajectory": str(spec.trajectory),
+        "rate_hz": 1.0 / STEP_S,
+        "samples": spec.count,
+        "seed": spec.seed,
+        "provenance": {"version": version("eivor")},
+    }
+
+
+# -- Known log --
+
+#: Units of what the truth says of every axis.
+UNITS = {
+    "gyroscopic_ratios": "",
+    "torque_gains": "rad/s^2 per m (yaw: no m) and squared rad/s",
+    "rate_damping": "1/s",
+    "thrust_gain": "m/s^2 per squared rad/s",
+    "drag": "1/s",
+    "rotor_rate_drag": "1/s per m^2 and rad/s",
+    "rotor_drag": "1/s per rad/s",
+    "quadratic_drag": "1/m",
+    "translational_lift": "1/m",
+    "rotor_reaction": "",
+    "lag_up": "s",
+    "lag_down": "s",
+    "delay": "s",
+    "control_effectiveness": "rad/s^2 per unit of torque setpoint",
+    "hover_speed": "rad/s",
+}
+
+
+def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
+    """Log of a flight of a whole vehicle.
+
+    Parameters
+    ----------
+    spec : RigidBodyFlightSpec
+        The flight.
+
+    Raises
+    ------
+    ParameterError
+        When the vehicle is lost.
+    """
+    (flight,) = simulate_rigid_body_flights([spec])
+    if not flight.flew:
+        raise ParameterError(
+            "a flight that follows its height within 5 m and stays upright",
+            f"one that is lost with the seed {spec.seed}",
+            "Make gusts, steps or disturbances smaller, or the controller less quick.",
+        )
+    # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
+    recording = replace(flight.recording, input_map="")
+    return KnownLog(recording, spec.rate_hz, spec.count, _rigid_body_truth(spec, flight))
+
+
+def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
+    """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
+    told = flight.truth.parameters
+    rotors = spec.vehicle.rotors
+    return {
+        "schema": SCHEMA,
+        "viscous_friction": viscous_friction(flight.truth),
+        "input_gain": rotors.count * told.thrust_gain,
+        "hover_input": spec.vehicle.hover_speed,
+        **asdict(told),
+        "control_effectiveness": list(flight.truth.control_effectiveness),
+        "hover_speed": spec.vehicle.hover_speed,
+        "units": UNITS
+        | {
+            "viscous_friction": "1/s",
+            "input_gain": "m/s^2 per squared rad/s",
+            "hover_input": "rad/s",
+        },
+        "trajectory": str(spec.trajectory),
+        "rate_hz": spec.rate_hz,
+        "samples": spec.count,
+        "seed": spec.seed,
+        "provenance": {"version": version("eivor")},
+    }
+
+
+def viscous_friction(truth: RigidBodyTruth) -> float:
+    """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2.
+
+    It is what `eivor identify` calls viscous friction: the body's quadratic drag, at the speeds that it was
+    flown at, is part of it.
+
+    Parameters
+    ----------
+    truth : RigidBodyTruth
+        Of a flight.
+    """
+    told = truth.parameters
+    w, x, y, z = truth.attitude.T
+    along_x, along_y, along_z = truth.air_velocity.T
+    _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
+    squared = np.asarray(climb) ** 2
+    total = squared.sum()
+    if not total > 0.0:
+        return told.drag[2]
+    speed = np.linalg.norm(truth.air_velocity, axis=1)
+    return told.drag[2] + told.quadratic_drag[2] * float(speed @ squared / total)

@@ -1,0 +1,428 @@
+"""Errata of the paper, and the checks that show them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from eivor.estimation import methods
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
+from eivor.lab.disturbances import RandomCoefficientMovingAverage
+from eivor.lab.paper_examples import nrmse, record, trial_generator
+from eivor.lab.paper_readings import (
+    DISTURBANCE,
+    EXAMPLES,
+    PRINTED_METHODS,
+    TRUTH,
+    Example,
+    Ratio,
+    named_readings,
+)
+from eivor.lab.records import SimulatedRecord
+from eivor.linalg.system import LinearSystem
+from eivor.models.regression import lags
+from eivor.models.signal_regression import SignalRegression
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
+from eivor.signals.noise import fractional_weights
+from eivor.signals.signals import Signals
+from eivor.tools import Float
+
+# -- Errata --
+
+RUNS = 20
+STRONG = Example(0, 0.1, {})
+
+
+@dataclass(frozen=True, slots=True)
+class Erratum:
+    """One place.
+
+    Parameters
+    ----------
+    where, printed, used : str
+        Equation, what it says as printed, what is used here.
+    check : str
+        What was computed.
+    """
+
+    where: str
+    printed: str
+    used: str
+    check: str
+
+
+def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
+    """Every place with its check, computed anew.
+
+    Parameters
+    ----------
+    runs : int
+        Records behind each mean.
+    """
+    reading = replace(named_readings(("ratios-of-variances",))[0], ratio=Ratio.VARIANCE)
+    records = [record(reading, STRONG, trial_generator(index)) for index in range(runs)]
+    return (*_of_the_motion(records), *_of_errors(records), *_of_instruments(records), *_of_the_simulation())
+
+
+def _of_the_motion(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
+    return (
+        Erratum(
+            "(1) rows 1 to 3",
+            "Euler angles, and their derivatives in place of the body rates",
+            "body rates p, q, r and the attitude's kinematics, in the simulator of whole vehicles",
+            euler_rates(),
+        ),
+        Erratum(
+            "(1) last row, (4)",
+            "f(t) - g; ... - m g",
+            "f(t) - m g; ... - g",
+            "Units: forces, and accelerations.",
+        ),
+        Erratum(
+            "(6)-(10), (12), (15)-(17), (20), (23)-(27), (29)-(34)",
+            "z'' - g",
+            "z'' + g, which (5), (13) and (14) have",
+            gravity(records),
+        ),
+        Erratum(
+            "(9)", "Z'' stacked with - g, and g subtracted again", "the response z'' + g once", "As above."
+        ),
+    )
+
+
+def _of_errors(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
+    return (
+        Erratum(
+            "(12)",
+            "eps = xi'' + (phi~ - phi) theta",
+            "eps = xi'' - (phi~ - phi) theta",
+            error_of_the_variables(records[0]),
+        ),
+        Erratum(
+            "after A4",
+            "fractional differential equation coefficients",
+            "the coefficients of (5)",
+            "(5) is of first order in z'; what is fractional is the noise, from section 5 on.",
+        ),
+        Erratum(
+            "(13)",
+            "sigma of a signal about its mean",
+            "variances of the noises, which (14), (15) need",
+            signal_variances(records),
+        ),
+        Erratum(
+            "W of (13), (29)",
+            "sigma_zeta",
+            "sigma of xi_u, the noise of u in (11)",
+            which_noise(records),
+        ),
+        Erratum(
+            "(14), after (16), (17), (34)",
+            "y for the height",
+            "z, as everywhere else",
+            "No y is introduced.",
+        ),
+        Erratum(
+            "a_j, b_j",
+            "binom(alpha_m, j) = (-1)^j and a quotient of Gamma functions",
+            "(-1)^j binom(alpha, j): the right side, with the alpha of Delta^alpha",
+            weights(),
+        ),
+        Erratum(
+            "Delta^alpha",
+            "upper limit i",
+            "k, the noise zero before the record",
+            "The sum of (20) runs over the record so far.",
+        ),
+    )
+
+
+def _of_instruments(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
+    return (
+        Erratum(
+            "before (21)",
+            "E(psi phi^T), with the row phi of (6)",
+            "E(psi phi)",
+            "The product must be p x n; two columns have none.",
+        ),
+        Erratum("(24)", "the LS solution of system (20)", "of system (23)", which_system(records[0])),
+        Erratum(
+            "(25)",
+            "K_EIV-LS and K_EIV",
+            "one number",
+            first_unknown_of_least_squares(records[0]),
+        ),
+        Erratum(
+            "(25), (27)",
+            "Psi Phi^T below the diagonal",
+            "(Psi^T Phi)^T",
+            "The block must be n x p, not N x N.",
+        ),
+        Erratum(
+            "(25), (27), (31), (33)",
+            "E_n",
+            "the identity of size p",
+            "The block multiplies p residuals, not n.",
+        ),
+        Erratum("(27), (33)", "first unknown eps", "eps / sigma, as in (16)", first_unknown(records[0])),
+        Erratum(
+            "(29)",
+            "sigma^2 H, with the 1 of H in row 2",
+            "N sigma^2 H, with the 1 in the row of lag 0, the first of (28)",
+            compensations(records),
+        ),
+    )
+
+
+def _of_the_simulation() -> tuple[Erratum, ...]:
+    return (
+        Erratum(
+            "(34)",
+            "no name before (t_k, q^-1)",
+            "C, as in (19)",
+            "The quotient has a polynomial on both sides.",
+        ),
+        Erratum(
+            "(34)",
+            "zeta the series and e the white sequence in it; in (17)-(19) e is the series",
+            "the ratio of e is that of the series",
+            roles_of_e(),
+        ),
+        Erratum(
+            "table 2, GIV",
+            "5.74 ± 2.70",
+            "taken as printed; 3.74 would fit its neighbours",
+            table_2(),
+        ),
+    )
+
+
+# -- Errata checks --
+
+#: Mean over standard deviation of the absolute value of a normal variable without bias.
+HALF_NORMAL = float(np.sqrt(2.0 / np.pi) / np.sqrt(1.0 - 2.0 / np.pi))
+#: Moments of inertia of the check of (1), about x, y and z; any that differ will do.
+INERTIA = np.array([1.4, 1.4, 2.2])
+#: Step of the second difference of an angle [s].
+ANGLE_STEP_S = 1e-3
+
+
+def _mean_error(
+    records: Sequence[SimulatedRecord],
+    method: LinearMethod,
+    change: Callable[[Moments], Moments],
+    first_lag: int = -1,
+) -> str:
+    """Mean NRMSE of both parameters by a method from changed moments, in words."""
+    found = []
+    for one in records:
+        columns = lags("input", first_lag, 10) if first_lag >= 0 else ()
+        problem = VerticalMotion(intercept=False).regression(one.signals, columns)
+        found.append(method.solve_moments(change(method.assembler.moments(problem))).solution.theta)
+    return f"{nrmse(np.array(found))[:, -1].mean():.3g} %"
+
+
+def _unchanged(moments: Moments) -> Moments:
+    return moments
+
+
+def gravity(records: Sequence[SimulatedRecord]) -> str:
+    """Take g from the response instead of adding it."""
+
+    def shifted(one: SimulatedRecord) -> SimulatedRecord:
+        channels = dict(one.signals.channels)
+        channels["acceleration_z"] = channels["acceleration_z"] - 2.0 * GRAVITY
+        return replace(one, signals=Signals(one.signals.rate_hz, channels, noise=one.signals.noise))
+
+    right = _mean_error(records, methods.least_squares(), _unchanged)
+    wrong = _mean_error([shifted(one) for one in records], methods.least_squares(), _unchanged)
+    return f"LS errs by {right} with z'' + g, by {wrong} with z'' - g."
+
+
+def signal_variances(records: Sequence[SimulatedRecord]) -> str:
+    """Weight total least squares by the power of the signals."""
+
+    def with_signals(moments: Moments) -> Moments:
+        assert isinstance(moments, TriangularMoments)  # noqa: S101 - those of a direct method
+        power = np.einsum("ij,ij->j", moments.root, moments.root) / moments.count
+        return replace(moments, noise=np.diag(power))
+
+    method = methods.total_least_squares()
+    right, wrong = (_mean_error(records, method, change) for change in (_unchanged, with_signals))
+    return f"TLS errs by {right} with the noises' variances, by {wrong} with the signals'."
+
+
+def first_unknown(one: SimulatedRecord) -> str:
+    """Solve (27) in full, with p + 2 unknowns."""
+    A, b = _extended_equations(one)
+    rows, unknowns = A.shape
+    sigma = float(np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1])
+    full = np.block([[sigma * np.eye(rows), A], [A.T, sigma * np.eye(unknowns)]])
+    solution = np.linalg.solve(full, np.concatenate([b, np.zeros(unknowns)]))
+    residual = b - A @ solution[rows:]
+    return (
+        f"Solved in full, the first block times sigma is the residual to "
+        f"{_off(sigma * solution[:rows], residual):.0e}; the block itself is off by a factor of "
+        f"{np.linalg.norm(solution[:rows]) / np.linalg.norm(residual):.2g}."
+    )
+
+
+def _off(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> float:
+    return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+
+
+def compensations(records: Sequence[SimulatedRecord]) -> str:
+    """Compensate (29) as printed, part by part."""
+
+    def changed(change: Callable[[Float[np.ndarray, "p n"], float], Float[np.ndarray, "p n"]]) -> str:
+        def moments(before: Moments) -> Moments:
+            assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
+            assert before.noise is not None  # noqa: S101 - of a compensated one
+            return replace(before, noise=change(before.noise, before.rows))
+
+        return _mean_error(records, methods.generalized_iv(), moments, 0)
+
+    return (
+        f"GIV errs by {changed(lambda noise, _: noise)}; with the 1 in row 2 by "
+        f"{changed(lambda noise, _: np.roll(noise, 1, axis=0))}, without N by "
+        f"{changed(lambda noise, count: noise / count)}, without any compensation by "
+        f"{changed(lambda noise, _: 0.0 * noise)}."
+    )
+
+
+def weights() -> str:
+    """Correlation of neighbours in noises of either weights."""
+    signed = fractional_weights(-0.5, 4000)
+    printed = signed * (-1.0) ** np.arange(4000)
+
+    def correlation(weights: Float[np.ndarray, " n"]) -> float:
+        return float(weights[:-1] @ weights[1:] / (weights @ weights))
+
+    return (
+        f"At order -0.5 neighbours correlate by {correlation(signed):+.2f} with the sign, the long memory "
+        f"that accelerometers have, and by {correlation(printed):+.2f} without it: an alternating noise."
+    )
+
+
+def table_2() -> str:
+    """Shape of the printed errors."""
+    friction, gain, _ = EXAMPLES[1].printed[PRINTED_METHODS["GIV"]]
+    return (
+        f"Mean over SD is {friction.mean / friction.std:.2f}; it is {gain.mean / gain.std:.2f} in the next "
+        f"row, and {HALF_NORMAL:.2f} for errors without bias. 3.74 would give {3.74 / friction.std:.2f}."
+    )
+
+
+def euler_rates() -> str:
+    """Turn a free body at zero tilt, and take its Euler angles' second derivative."""
+
+    def accelerations(rates: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
+        """Second derivatives of roll, pitch and yaw at zero angles, of a body that turns with these rates."""
+        before, here, after = (_euler_angles(rates, time) for time in (-ANGLE_STEP_S, 0.0, ANGLE_STEP_S))
+        return (before - 2.0 * here + after) / ANGLE_STEP_S**2
+
+    x, y, z = INERTIA
+    printed = ((y - z) / x, (z - x) / y, (x - y) / z)
+    pairs = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
+    found = [accelerations(pair)[axis] for axis, pair in enumerate(pairs)]
+    words = ("phi'' to theta' psi'", "theta'' to psi' phi'", "psi'' to theta' phi'")
+    told = ", ".join(
+        f"{what} {is_:+.2f} (printed {was:+.2f})"
+        for what, is_, was in zip(words, found, printed, strict=True)
+    )
+    return f"At zero tilt, inertia {x:g}, {y:g}, {z:g}, no torque: {told}."
+
+
+def _euler_angles(rates: Float[np.ndarray, " 3"], time: float) -> Float[np.ndarray, " 3"]:
+    """Roll, pitch and yaw of a free body, a time after it was level with these body rates."""
+    if time == 0.0:
+        return np.zeros(3)
+
+    def slope(_: float, state: Float[np.ndarray, " 12"]) -> Float[np.ndarray, " 12"]:
+        spin, turned = state[:3], state[3:].reshape(3, 3)
+        cross = np.array([[0.0, -spin[2], spin[1]], [spin[2], 0.0, -spin[0]], [-spin[1], spin[0], 0.0]])
+        return np.concatenate([-cross @ (INERTIA * spin) / INERTIA, (turned @ cross).ravel()])
+
+    start = np.concatenate([rates, np.eye(3).ravel()])
+    end = solve_ivp(slope, (0.0, time), start, rtol=1e-12, atol=1e-14).y[3:, -1].reshape(3, 3)
+    yaw, pitch, roll = Rotation.from_matrix(end).as_euler("ZYX")
+    return np.array([roll, pitch, yaw])
+
+
+def error_of_the_variables(one: SimulatedRecord) -> str:
+    """Compare (12) with its error, which the record's noises make."""
+    measured, true = one.signals.channels, one.truth.channels
+    theta = np.array(list(TRUTH.values()))
+    noisy, clean = (np.column_stack([-each["velocity_z"], each["input"]]) for each in (measured, true))
+    error = measured["acceleration_z"] - true[DISTURBANCE] - noisy @ theta
+    own = measured["acceleration_z"] - true["acceleration_z"]
+    minus, plus = (own + sign * (noisy - clean) @ theta for sign in (-1.0, 1.0))
+    return (
+        f"With the minus sign it is the residual of a record to {_off(minus, error):.0e}; as printed it is "
+        f"off by {100 * _off(plus, error):.0f} %."
+    )
+
+
+def which_system(one: SimulatedRecord) -> str:
+    """Solve (20) and (23) by least squares, and compare with the formula (24)."""
+    A, b = _extended_equations(one)
+    formula = np.linalg.solve(A.T @ A, A.T @ b)
+    of_moments = np.linalg.lstsq(A, b, rcond=None)[0]
+    rows = VerticalMotion(intercept=False).regression(one.signals).rows()
+    of_rows = np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
+    return (
+        f"(24) is the LS solution of (23) to {_off(of_moments, formula):.0e}; that of (20) differs by "
+        f"{100 * _off(of_rows, formula):.0f} %."
+    )
+
+
+def first_unknown_of_least_squares(one: SimulatedRecord) -> str:
+    """Solve (25) in full, with p + 2 unknowns and one number K."""
+    A, b = _extended_equations(one)
+    rows, unknowns = A.shape
+    scale = float(np.linalg.svd(A, compute_uv=False)[-1]) / np.sqrt(2.0)
+    full = np.block([[scale * np.eye(rows), A], [A.T, np.zeros((unknowns, unknowns))]])
+    solution = np.linalg.solve(full, np.concatenate([b, np.zeros(unknowns)]))
+    residual = b - A @ solution[rows:]
+    off = _off(scale * solution[:rows], residual)
+    return f"With one number for both, the first block times it is the residual to {off:.0e}."
+
+
+def _extended_equations(one: SimulatedRecord) -> tuple[Float[np.ndarray, "p n"], Float[np.ndarray, " p"]]:
+    """A and b of (23), with ten lags."""
+    problem: SignalRegression = VerticalMotion(intercept=False).regression(one.signals, lags("input", 1, 10))
+    method = methods.extended_iv_tls()
+    system: LinearSystem = method.assembler.system(method.assembler.moments(problem))
+    return system.matrix, system.right
+
+
+def which_noise(records: Sequence[SimulatedRecord]) -> str:
+    """Compensate (29) with the variance of zeta, which is the error of the equation in (7) and (20)."""
+    input_noise = float(np.mean([one.signals.noise["input"].std ** 2 for one in records]))
+    equation = float(np.mean([one.truth.channels[DISTURBANCE].var() for one in records]))
+
+    def swapped(before: Moments) -> Moments:
+        assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
+        assert before.noise is not None  # noqa: S101 - of a compensated one
+        return replace(before, noise=before.noise * equation / input_noise)
+
+    right, wrong = (
+        _mean_error(records, methods.generalized_iv(), change, 0) for change in (_unchanged, swapped)
+    )
+    return f"GIV errs by {right} with the variance of u's noise, by {wrong} with that of zeta."
+
+
+def roles_of_e() -> str:
+    """Spread of the coloured error over that of the white sequence in it."""
+    series = RandomCoefficientMovingAverage((0.0, 3.0), (1.0, 1.0), 1.0).sample(
+        200_000, 0.2, np.random.default_rng(0)
+    )
+    return (
+        f"The moving average has {series.std():.2f} times the SD of the white sequence in it: a ratio "
+        f"sigma_e / sigma_y means one or the other."
+    )

@@ -1,0 +1,544 @@
+"""Examples of the paper: trials and their results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from eivor.errors import EivorError, UsageError
+from eivor.estimation import methods
+from eivor.estimation.linear import LinearMethod, first_stage_strengths
+from eivor.estimation.moments import CrossMoments, Moments
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.lab.disturbances import paper_disturbance
+from eivor.lab.paper_readings import (
+    DISTURBANCE,
+    EXAMPLES,
+    LARGER_RATIO,
+    METHODS,
+    ORDERS,
+    PRINTED_METHODS,
+    RATE_HZ,
+    SAMPLES,
+    SOURCES,
+    TRUTH,
+    Compensation,
+    Example,
+    Input,
+    MotionSource,
+    Ratio,
+    RatioOf,
+    Reading,
+    Weights,
+)
+from eivor.lab.records import Intersample, Scenario, SimulatedRecord, simulate
+from eivor.lab.study_run import Spread
+from eivor.models.regression import lags
+from eivor.motions.vertical.model import VerticalMotion
+from eivor.process_pool import in_order, local_executor
+from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_difference
+from eivor.signals.signals import Signals
+from eivor.simulation.excitation import Excitation, PaperInput
+from eivor.tools import Bool, Float
+
+# -- Trials --
+
+#: Samples at each end of a record that differences cannot reach.
+EDGE = 2
+#: Variance of (35) without its sinusoid per variance of w, and variance of the sinusoid.
+MOVING_AVERAGE, SINUSOID = 0.7**2 + 0.49**2, 0.5
+
+Series = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, slots=True)
+class AlternatingNoise(MeasurementNoise):
+    """Fractional noise with binom(order, j) as weights, which is (-1)^k Delta^order of white noise.
+
+    Parameters
+    ----------
+    std, order : float
+        See `FractionalNoise`.
+    """
+
+    std: float
+    order: float
+
+    def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
+        """(-1)^lag times that of `FractionalNoise`."""
+        return (-1.0) ** lag * FractionalNoise(self.std, self.order).autocovariance(lag, start, count)
+
+    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
+        """(-1)^m times those of `FractionalNoise`."""
+        signs = 1.0 - 2.0 * (np.arange(count) % 2)
+        return signs * FractionalNoise(self.std, self.order).moving_average(count)
+
+    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        signs = 1.0 - 2.0 * (np.arange(count) % 2)
+        return self.std * signs * fractional_difference(rng.standard_normal(count), self.order)
+
+    def with_std(self, std: float) -> AlternatingNoise:
+        """Same order, another `std`."""
+        return replace(self, std=std)
+
+
+@dataclass(frozen=True, slots=True)
+class SampleClockInput(Excitation):
+    """The paper's (35) with t counted in samples.
+
+    Parameters
+    ----------
+    variance : float
+        Variance of w.
+    """
+
+    variance: float
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        return PaperInput(self.variance).sample(count, 1.0, rng)
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteInput(Excitation):
+    """White input.
+
+    Parameters
+    ----------
+    variance : float
+        Its variance.
+    """
+
+    variance: float
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        return np.sqrt(self.variance) * rng.standard_normal(count)
+
+
+def scenario(reading: Reading, example: Example) -> Scenario:
+    """What a reading of an example simulates; longer by the edges when differences are taken."""
+    exact = reading.motion is MotionSource.SOLUTION
+    ratios = {name: _ratio(reading, example, name) for name in SOURCES}
+    share = ratios.pop(DISTURBANCE)
+    shape = FractionalNoise if reading.weights is Weights.SIGNED else AlternatingNoise
+    noise: dict[str, MeasurementNoise] = {name: shape(1.0, order) for name, order in ORDERS.items()}
+    return Scenario(
+        TRUTH["viscous_friction"],
+        TRUTH["input_gain"],
+        rate_hz=RATE_HZ,
+        samples=SAMPLES + (0 if exact else 2 * EDGE),
+        excitation=_excitation(reading),
+        noise=noise | {"input": WhiteNoise(1.0)},
+        noise_to_signal=ratios,
+        disturbance=paper_disturbance(),
+        disturbance_to_signal=share if reading.disturbance_scaled else None,
+        route=reading.route,
+        intersample=reading.intersample,
+    )
+
+
+def _ratio(reading: Reading, example: Example, source: str) -> float:
+    """Ratio of standard deviations, that of the noise before its operator."""
+    ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
+    if reading.ratio is Ratio.VARIANCE:
+        ratio = float(np.sqrt(ratio))
+    if reading.ratio_of is RatioOf.FRACTIONAL and source in ORDERS:
+        ratio /= float(np.sqrt(mean_variance(ORDERS[source], SAMPLES)))
+    return ratio
+
+
+def _excitation(reading: Reading) -> Excitation:
+    if reading.input is Input.SAMPLES:
+        return SampleClockInput(reading.input_variance)
+    if reading.input is Input.WHITE:
+        return WhiteInput(MOVING_AVERAGE * reading.input_variance + SINUSOID)
+    return PaperInput(reading.input_variance)
+
+
+@lru_cache
+def mean_variance(order: float, count: int, start: int = 0) -> float:
+    """Mean variance, over samples that begin `start` after the noise did, of Delta^order of unit noise."""
+    return float(FractionalNoise(1.0, order).autocovariance(0, start, count).mean())
+
+
+def record(reading: Reading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
+    """One record under a reading, and its truth."""
+    made = simulate(scenario(reading, example), rng)
+    return made if reading.motion is MotionSource.SOLUTION else _differentiated(made, reading)
+
+
+def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
+    """Record whose z' and z'' come from differences or steps, with the same errors, without its edges."""
+    truth = made.truth
+    errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
+    velocity = truth.channels["velocity_z"]
+    if reading.motion is MotionSource.EULER_STEPS:
+        velocity, acceleration = euler_steps(truth.channels["input"])
+    else:
+        if reading.motion is MotionSource.NOISY_VELOCITY:
+            velocity = velocity + errors["velocity_z"]
+        height = integrated_height(velocity, truth.channels["input"], intersample=reading.intersample)
+        velocity, acceleration = _DIFFERENCES[reading.motion](velocity, height)
+    made_of = {
+        "velocity_z": velocity,
+        "acceleration_z": acceleration + truth.channels[DISTURBANCE],
+        "input": truth.channels["input"],
+    }
+    measured = {name: values + errors[name] for name, values in made_of.items()}
+    if reading.motion is MotionSource.NOISY_VELOCITY:
+        measured["velocity_z"] = velocity
+    return SimulatedRecord(
+        _without_edges(measured, made.signals), _without_edges(made_of, truth), made.parameters
+    )
+
+
+def _without_edges(channels: dict[str, Series], like: Signals) -> Signals:
+    inner = {name: values[EDGE:-EDGE] for name, values in channels.items()}
+    return Signals(like.rate_hz, inner, noise=like.noise, offset=EDGE)
+
+
+def integrated_height(velocity: Series, drive: Series, *, intersample: Intersample) -> Series:
+    """Height of an undisturbed motion from rest [m]: K z' integrated is impulse less momentum."""
+    step = 1.0 / RATE_HZ
+    held = drive[:-1] if intersample is Intersample.HOLD else 0.5 * (drive[:-1] + drive[1:])
+    climbs = (TRUTH["input_gain"] * step * held - np.diff(velocity)) / TRUTH["viscous_friction"]
+    return np.concatenate([[0.0], np.cumsum(climbs)])
+
+
+def euler_steps(drive: Series) -> tuple[Series, Series]:
+    """Motion from rest by Euler's steps: y[k] = -K v[k-1] + K_u u[k], v[k] = v[k-1] + T y[k].
+
+    Beside v[k], y[k] obeys an equation whose parameters are both greater by 1/(1 - K T).
+
+    Returns
+    -------
+    v, y : ndarray, shape (n,)
+        Velocity [m/s] and acceleration [m/s^2].
+    """
+    from scipy.signal import lfilter
+
+    K, K_u, T = TRUTH["viscous_friction"], TRUTH["input_gain"], 1.0 / RATE_HZ
+    velocity: Series = lfilter([T * K_u], [1.0, K * T - 1.0], drive)
+    return velocity, np.diff(velocity, prepend=0.0) / T
+
+
+def _central(values: Series) -> Series:
+    return 0.5 * RATE_HZ * (np.roll(values, -1) - np.roll(values, 1))
+
+
+def _backward(values: Series) -> Series:
+    return RATE_HZ * (values - np.roll(values, 1))
+
+
+def _forward(values: Series) -> Series:
+    return RATE_HZ * (np.roll(values, -1) - values)
+
+
+#: From z' and z to z' and z'' by differences; the edges are wrong.
+_DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Series]]] = {
+    MotionSource.VELOCITY_CENTRAL: lambda v, _: (v, _central(v)),
+    MotionSource.NOISY_VELOCITY: lambda v, _: (v, _central(v)),
+    MotionSource.VELOCITY_BACKWARD: lambda v, _: (v, _backward(v)),
+    MotionSource.VELOCITY_FORWARD: lambda v, _: (v, _forward(v)),
+    MotionSource.HEIGHT_CENTRAL: lambda _, z: (_central(z), _forward(_backward(z))),
+    MotionSource.HEIGHT_TWICE_CENTRAL: lambda _, z: (_central(z), _central(_central(z))),
+    MotionSource.HEIGHT_BACKWARD: lambda _, z: (_backward(z), _backward(_backward(z))),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """What every method says of one record, in the order of `METHODS`.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (methods, parameters)
+        NaN where a method gives none.
+    weak : ndarray, shape (methods,)
+        Whether a first-stage F of its instruments is below ten; never for direct methods.
+    """
+
+    theta: Float[np.ndarray, "methods parameters"]
+    weak: Bool[np.ndarray, " methods"]
+
+
+def estimates(reading: Reading, signals: Signals) -> Estimates:
+    """Estimates of theta by every method, and whether their instruments are weak."""
+    model = VerticalMotion(intercept=False)
+    last = reading.lags - 1 if reading.as_many else reading.lags
+    problems = (
+        (
+            model.regression(_known_by_variance(signals)),
+            methods.least_squares(),
+            methods.total_least_squares(),
+        ),
+        (
+            model.regression(signals, lags("input", 1, reading.lags)),
+            methods.extended_iv(),
+            methods.extended_iv_tls(),
+        ),
+        (
+            model.regression(signals, lags("input", 0, last)),
+            methods.generalized_iv(),
+            methods.generalized_iv_tls(),
+        ),
+    )
+    found = np.full((len(METHODS), len(TRUTH)), np.nan)
+    weak = np.zeros(len(METHODS), dtype=np.bool_)
+    for pair, (problem, *both) in enumerate(problems):
+        moments = both[0].moments(problem)
+        weak[2 * pair : 2 * pair + 2] = _weak(moments)
+        as_read = _as_read(moments, reading.compensation)
+        for place, method in enumerate(both):
+            found[2 * pair + place] = _theta(method, as_read)
+    return Estimates(found, weak)
+
+
+def _weak(moments: Moments) -> bool:
+    """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
+    strengths = first_stage_strengths(moments)
+    return strengths is not None and bool(strengths.min() < STRONG_FIRST_STAGE)
+
+
+def _known_by_variance(signals: Signals) -> Signals:
+    """Signals whose noises are white, of the same mean variance: all that direct methods use of them."""
+    count, start = signals.sample_count, signals.offset
+    noise = {
+        name: WhiteNoise(one.std * float(np.sqrt(mean_variance(one.order, count, start))))
+        if isinstance(one, FractionalNoise | AlternatingNoise)
+        else one
+        for name, one in signals.noise.items()
+    }
+    return replace(signals, noise=noise)
+
+
+def _as_read(moments: Moments, compensation: Compensation) -> Moments:
+    """Moments with the shared noise in the place that the reading gives it."""
+    if not isinstance(moments, CrossMoments) or moments.noise is None:
+        return moments
+    if compensation is Compensation.PRINTED_ROW:
+        return replace(moments, noise=np.roll(moments.noise, 1, axis=0))
+    if compensation is Compensation.WITHOUT_COUNT:
+        return replace(moments, noise=moments.noise / moments.rows)
+    return moments
+
+
+def _theta(method: LinearMethod, moments: Moments) -> Float[np.ndarray, " parameters"]:
+    try:
+        return method.solve_moments(moments).solution.theta
+    except EivorError:  # too few equations, or no unique solution: that is what the method says
+        return np.full(len(TRUTH), np.nan)
+
+
+def nrmse(theta: Float[np.ndarray, "*trials parameters"]) -> Float[np.ndarray, "*trials scores"]:
+    """NRMSE in percent of each parameter, and of both together: the paper's definition."""
+    truth = np.array(list(TRUTH.values()))
+    errors = theta - truth
+    each = 100.0 * np.abs(errors / truth)
+    together = 100.0 * np.linalg.norm(errors, axis=-1, keepdims=True) / np.linalg.norm(truth)
+    return np.concatenate([each, together], axis=-1)
+
+
+# -- Examples --
+
+SEED = 20240513
+#: Standard errors within which a measured mean agrees with a printed one.
+AGREEMENT = 3.0
+#: Runs behind the printed tables.
+PRINTED_RUNS = 100
+
+
+@dataclass(frozen=True, slots=True)
+class PaperResult:
+    """What came out of one example under one reading.
+
+    Parameters
+    ----------
+    reading : Reading
+        The reading.
+    example : Example
+        The example.
+    estimates : ndarray, shape (runs, methods, parameters)
+        In the order of `METHODS`; NaN where a method gave none.
+    weak : ndarray, shape (runs, methods)
+        Whether a method's instruments were weak.
+    """
+
+    reading: Reading
+    example: Example
+    estimates: Float[np.ndarray, "runs methods parameters"]
+    weak: Bool[np.ndarray, "runs methods"]
+
+    def nrmse(self, method: str) -> Float[np.ndarray, "runs scores"]:
+        """NRMSE in percent of each run in which the method gave an estimate, in the order of `SCORES`."""
+        found = self.estimates[:, METHODS.index(method)]
+        return nrmse(found[np.isfinite(found).all(axis=1)])
+
+    def failed(self, method: str) -> int:
+        """Runs in which the method gave no estimate."""
+        return len(self.estimates) - len(self.nrmse(method))
+
+    def weak_runs(self, method: str) -> int:
+        """Runs in which the method's instruments were weak."""
+        return int(self.weak[:, METHODS.index(method)].sum())
+
+    def spreads(self, method: str) -> tuple[Spread, ...]:
+        """Mean and SD of each score; NaN where there are too few runs."""
+        scores = self.nrmse(method)
+        nan = np.full(scores.shape[1], np.nan)
+        means = scores.mean(axis=0) if len(scores) else nan
+        stds = scores.std(axis=0, ddof=1) if len(scores) > 1 else nan
+        return tuple(Spread(float(mean), float(std)) for mean, std in zip(means, stds, strict=True))
+
+
+@dataclass(frozen=True, slots=True)
+class Nearness:
+    """How far a reading is from the printed tables.
+
+    Parameters
+    ----------
+    means, spreads : float
+        Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of
+        |log(measured / printed)| over examples, columns and parameters.
+    agreeing, printed : int
+        Printed means that the measured ones agree with to `AGREEMENT` standard errors, and how many
+        there are.
+    """
+
+    means: float
+    spreads: float
+    agreeing: int
+    printed: int
+
+
+def run_example(reading: Reading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
+    """Result of some runs of an example under a reading, on one thread.
+
+    Parameters
+    ----------
+    reading, example : Reading, Example
+        What to run.
+    runs : int
+        Number of runs.
+    seed : int
+        Run `index` draws from the seed sequence's child of that number.
+    """
+    return run_together((reading,), example, runs, seed)[0]
+
+
+def run_together(
+    readings: Sequence[Reading], example: Example, runs: int, seed: int = SEED
+) -> list[PaperResult]:
+    """Results under readings that have their records in common, see `Reading.records`."""
+    theta = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
+    weak = np.empty((len(readings), runs, len(METHODS)), dtype=np.bool_)
+    with threadpool_limits(limits=1):
+        for index in range(runs):
+            signals = record(readings[0], example, trial_generator(index, seed)).signals
+            for place, reading in enumerate(readings):
+                found = estimates(reading, signals)
+                theta[place, index], weak[place, index] = found.theta, found.weak
+    return [
+        PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
+    ]
+
+
+def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
+    """Generator of one run."""
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(index,))))
+
+
+def run_paper(
+    readings: Sequence[Reading], *, runs: int, seed: int = SEED, workers: int | None = None
+) -> Iterator[PaperResult]:
+    """Results of every reading in their order, example 1 before example 2, as they are done.
+
+    Parameters
+    ----------
+    readings : sequence of Reading
+        Which.
+    runs : int
+        Runs of each.
+    seed : int
+        See `run_example`.
+    workers : int, optional
+        Processes; default one for each core, and none but this for a single core.
+
+    Raises
+    ------
+    UsageError
+        When there are fewer than two runs: a standard deviation needs two.
+    """
+    if runs < 2:
+        raise UsageError("two runs or more", f"{runs}", "The paper has 100.")
+    return _results(readings, runs, seed, workers)
+
+
+def _results(readings: Sequence[Reading], runs: int, seed: int, workers: int | None) -> Iterator[PaperResult]:
+    groups: dict[Reading, list[Reading]] = {}
+    for reading in readings:
+        groups.setdefault(reading.records, []).append(reading)
+    tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
+    waiting = [(reading, example) for reading in readings for example in EXAMPLES]
+    done: dict[tuple[str, int], PaperResult] = {}
+    computed = local_executor(workers, len(tasks)).map(partial(_run_task, runs=runs, seed=seed), tasks)
+    with closing(in_order(computed)) as groups_done:
+        for results in groups_done:
+            done |= {(result.reading.name, result.example.number): result for result in results}
+            while waiting and (waiting[0][0].name, waiting[0][1].number) in done:
+                reading, example = waiting.pop(0)
+                yield done[reading.name, example.number]
+
+
+def _run_task(task: tuple[tuple[Reading, ...], Example], runs: int, seed: int) -> list[PaperResult]:
+    return run_together(*task, runs, seed)
+
+
+def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = False) -> Nearness:
+    """How far both examples of one reading are from the printed tables.
+
+    Parameters
+    ----------
+    results : sequence of PaperResult
+        Of one reading.
+    total_least_squares : bool
+        Take the forms of IV and GIV that are solved by total least squares, as the paper proposes; its
+        tables do not say which they show.
+    """
+    pairs = [
+        (spread, printed, len(result.nrmse(method)))
+        for result in results
+        for shown in PRINTED_METHODS.values()
+        for method in (solved_by(shown, total_least_squares=total_least_squares),)
+        for spread, printed in zip(result.spreads(method)[:2], result.example.printed[shown][:2], strict=True)
+    ]
+    agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
+    return Nearness(
+        _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs]),
+        _factor([(spread.std, printed.std) for spread, printed, _ in pairs]),
+        agreeing,
+        len(pairs),
+    )
+
+
+def solved_by(method: str, *, total_least_squares: bool) -> str:
+    """Instrumental method as the tables may mean it; least squares is what it is."""
+    return f"{method}_tls" if total_least_squares and method.endswith("_iv") else method
+
+
+def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:
+    error = np.sqrt(measured.std**2 / max(runs, 1) + printed.std**2 / PRINTED_RUNS)
+    return bool(abs(measured.mean - printed.mean) <= AGREEMENT * error)
+
+
+def _factor(pairs: list[tuple[float, float]]) -> float:
+    if any(not measured > 0.0 for measured, _ in pairs):
+        return float("inf")
+    return float(np.exp(np.mean([abs(np.log(measured / printed)) for measured, printed in pairs])))

@@ -1,0 +1,691 @@
+"""Simulated records of a scenario, in open and closed loop."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from eivor import checks
+from eivor.errors import ParameterError
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, finite, positive
+from eivor.tools import Float
+
+# -- Control --
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """A controller's law, u = proportional d + integral T sum(d).
+
+    Here d = reference_gain reference - measured velocity - altitude_gain measured altitude.
+
+    Parameters
+    ----------
+    reference_gain : float
+        Velocity setpoint per unit of the reference.
+    altitude_gain : float
+        Velocity setpoint per altitude missing [1/s].
+    proportional, integral : float
+        Input per velocity missing [input per m/s], and per metre that it adds up to.
+    """
+
+    reference_gain: float
+    altitude_gain: float
+    proportional: float
+    integral: float
+
+
+class Control(ABC):
+    """Where the input comes from."""
+
+    @property
+    @abstractmethod
+    def reference(self) -> str:
+        """Channel that the excitation is: `input`, or the reference of a controller."""
+
+    @property
+    @abstractmethod
+    def feedback(self) -> Feedback | None:
+        """The law, None in open loop."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenLoop(Control):
+    """No control: the excitation is the input."""
+
+    @property
+    def reference(self) -> str:
+        """The input."""
+        return "input"
+
+    @property
+    def feedback(self) -> Feedback | None:
+        """None."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityControl(Control):
+    """PI control of the measured velocity: the excitation is its reference [m/s].
+
+    Parameters
+    ----------
+    velocity_gain : float
+        Input per velocity missing [input per m/s].
+    velocity_integral_gain : float
+        Input per metre that the missing velocity adds up to.
+
+    Raises
+    ------
+    ParameterError
+        When a gain is not finite, or both are zero.
+    """
+
+    velocity_gain: float
+    velocity_integral_gain: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
+
+    @property
+    def reference(self) -> str:
+        """Velocity."""
+        return "reference_velocity_z"
+
+    @property
+    def feedback(self) -> Feedback | None:
+        """The reference is the setpoint."""
+        return Feedback(1.0, 0.0, self.velocity_gain, self.velocity_integral_gain)
+
+
+@dataclass(frozen=True, slots=True)
+class AltitudeControl(Control):
+    """Proportional control of the measured altitude over PI control of the measured velocity.
+
+    The excitation is the reference altitude [m].
+
+    Parameters
+    ----------
+    altitude_gain : float
+        Velocity setpoint per altitude missing [1/s].
+    velocity_gain, velocity_integral_gain : float
+        Input per velocity missing [input per m/s], and per metre that it adds up to.
+
+    Raises
+    ------
+    ParameterError
+        When a gain is not finite, the altitude's is not above zero, or both of the velocity are zero.
+    """
+
+    altitude_gain: float
+    velocity_gain: float
+    velocity_integral_gain: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive("altitude_gain", self.altitude_gain)
+        _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
+
+    @property
+    def reference(self) -> str:
+        """Altitude."""
+        return "reference_position_z"
+
+    @property
+    def feedback(self) -> Feedback | None:
+        """The setpoint is the altitude that is missing, times the gain."""
+        gain = self.altitude_gain
+        return Feedback(gain, gain, self.velocity_gain, self.velocity_integral_gain)
+
+
+def _check_velocity_gains(proportional: float, integral: float) -> None:
+    finite("velocity_gain", proportional)
+    finite("velocity_integral_gain", integral)
+    if proportional == 0.0 and integral == 0.0:
+        raise ParameterError(
+            "a controller with a velocity_gain or a velocity_integral_gain",
+            "both zero",
+            "Give one of them, or leave the control out for open loop.",
+        )
+
+
+# -- Sampled vehicle --
+
+#: K T below which the gains are summed as series: their closed forms would cancel.
+SMALL = 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class SampledVehicle:
+    """Coefficients of the step, see this module.
+
+    Parameters
+    ----------
+    input_gain : float
+        K_u [m/s^2 per unit of input].
+    step_s : float
+        T [s].
+    decay : float
+        Of the velocity [-].
+    held : float
+        Velocity per held acceleration [s].
+    ramp : float
+        Velocity per acceleration that grows from 0 to 1 over the step [s].
+    """
+
+    input_gain: float
+    step_s: float
+    decay: float
+    held: float
+    ramp: float
+
+    @property
+    def rise(self) -> float:
+        """Altitude per held acceleration [s^2]."""
+        return self.step_s * self.ramp
+
+
+def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -> SampledVehicle:
+    """Step of a vehicle.
+
+    Parameters
+    ----------
+    viscous_friction : float
+        K [1/s], zero or more.
+    input_gain : float
+        K_u [m/s^2 per unit of input].
+    step_s : float
+        T [s].
+
+    Notes
+    -----
+    held = T (1 - e^-x)/x and ramp = T (e^-x - 1 + x)/x^2 at x = K T. Performs no checks.
+    """
+    x = viscous_friction * step_s
+    if x < SMALL:
+        held = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
+        ramp = 0.5 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
+    else:
+        held = -float(np.expm1(-x)) / x
+        ramp = (float(np.expm1(-x)) + x) / x**2
+    return SampledVehicle(input_gain, step_s, float(np.exp(-x)), step_s * held, step_s * ramp)
+
+
+# -- Sampled loop --
+
+Series = Float[np.ndarray, " samples"]
+
+
+@dataclass(frozen=True, slots=True)
+class SampledLoop:
+    """Matrices of the recursion; u[k] = error_gain d[k] + (the sum's share).
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (states, states)
+        M.
+    error_effect : ndarray, shape (states,)
+        Of an addition to the error d.
+    push_effect : ndarray, shape (states,)
+        Of an acceleration of the vehicle.
+    input_from_state : ndarray, shape (states,)
+        What the state contributes to u.
+    error_gain : float
+        What an addition to d contributes to u.
+    """
+
+    matrix: Float[np.ndarray, "states states"]
+    error_effect: Float[np.ndarray, " states"]
+    push_effect: Float[np.ndarray, " states"]
+    input_from_state: Float[np.ndarray, " states"]
+    error_gain: float
+
+
+def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
+    """Loop of a vehicle under control, without the states that the controller does not use."""
+    summed = feedback.integral * vehicle.step_s
+    present = feedback.proportional + summed
+    # All three states; the error is d = addition - seen x, the input u = present d + summed x[2].
+    plant = np.array([[vehicle.decay, 0.0, 0.0], [vehicle.held, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    push = np.array([vehicle.held, vehicle.rise, 0.0])
+    seen = np.array([1.0, feedback.altitude_gain, 0.0])
+    from_state = np.array([0.0, 0.0, summed]) - present * seen
+    sums = np.array([0.0, 0.0, 1.0])
+    matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
+    used = np.array([True, feedback.altitude_gain != 0.0, feedback.integral != 0.0])
+    return SampledLoop(
+        matrix[np.ix_(used, used)],
+        (vehicle.input_gain * present * push + sums)[used],
+        push[used],
+        from_state[used],
+        present,
+    )
+
+
+def check_stable(vehicle: SampledVehicle, control: Control) -> None:
+    """Refuse gains with which the sampled loop is not stable.
+
+    Raises
+    ------
+    ParameterError
+        With the spectral radius of the loop.
+    """
+    feedback = control.feedback
+    if feedback is None:
+        return
+    radius = float(np.abs(np.linalg.eigvals(sampled_loop(vehicle, feedback).matrix)).max())
+    if not radius < 1.0:
+        raise ParameterError(
+            "gains with which the control loop is stable: every mode decays from sample to sample",
+            f"{control} at input_gain={vehicle.input_gain} and {1.0 / vehicle.step_s:g} Hz, with a mode that "
+            f"has a factor of {radius:.6g}",
+            "Make the gains smaller, the velocity's of the sign of input_gain, or raise the rate.",
+        )
+
+
+def from_rest(
+    matrix: Float[np.ndarray, "states states"], forcing: Float[np.ndarray, "steps states"]
+) -> Float[np.ndarray, "samples states"]:
+    """x[k+1] = M x[k] + forcing[k] from x[0] = 0, as the banded triangular system that it is.
+
+    Performs no checks; linear in samples.
+    """
+    steps, states = forcing.shape
+    band = np.zeros((2 * states, (steps + 1) * states))
+    band[0] = 1.0
+    for row in range(states):
+        for column in range(states):
+            band[states + row - column, column::states] = -matrix[row, column]
+    known = np.concatenate([np.zeros(states), forcing.ravel()])[:, None]
+    solved: Float[np.ndarray, "samples states"] = dtbtrs(band, known, uplo="L", diag="U")[0]
+    return solved.reshape(steps + 1, states)
+
+
+def driven_loop(
+    loop: SampledLoop, additions: Series, pushes: Series
+) -> tuple[Series, Float[np.ndarray, "samples states"]]:
+    """Input and states of a loop from rest.
+
+    Parameters
+    ----------
+    loop : SampledLoop
+        The loop.
+    additions : ndarray, shape (samples,)
+        To the error d [m/s].
+    pushes : ndarray, shape (samples,)
+        Held accelerations of the vehicle [m/s^2].
+
+    Returns
+    -------
+    input : ndarray, shape (samples,)
+        u.
+    states : ndarray, shape (samples, states)
+        Velocity [m/s], then altitude [m] and the sum of errors where the controller uses them.
+    """
+    forcing = np.outer(additions[:-1], loop.error_effect) + np.outer(pushes[:-1], loop.push_effect)
+    states = from_rest(loop.matrix, forcing)
+    return loop.error_gain * additions + states @ loop.input_from_state, states
+
+
+# -- Scenario --
+
+#: Channels that are measured with noise in every record.
+ALWAYS_MEASURED = ("velocity_z", "acceleration_z", "input")
+#: All that are measured with noise; the altitude under altitude control only.
+NOISY_CHANNELS = (*ALWAYS_MEASURED, "position_z")
+#: Fewest samples of a record.
+LEAST_SAMPLES = 2
+#: What to say to those who name the response of a recording.
+ABOUT_HOVER = "A scenario moves about hover, without gravity: its response is acceleration_z, which is z''."
+
+
+class Route(Enum):
+    """Where a disturbance enters; the two differ."""
+
+    EQUATION = "equation"
+    """Only the measured response is shifted: the paper's simulation."""
+    DYNAMICS = "dynamics"
+    """It moves the vehicle, so that the velocity responds: a gust."""
+
+
+class Intersample(Enum):
+    """What the input does between samples."""
+
+    HOLD = "hold"
+    LINEAR = "linear"
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What to simulate.
+
+    Parameters
+    ----------
+    viscous_friction, input_gain : float
+        K [1/s] and K_u [m/s^2 per unit of input].
+    rate_hz : float
+        Samples per second [Hz].
+    samples : int
+        Length of the record.
+    excitation : Excitation
+        The input in open loop, the reference under control.
+    noise : mapping of str to MeasurementNoise
+        Measurement noise of `velocity_z`, `acceleration_z` and `input`, and under altitude control of
+        `position_z`, in their units.
+    noise_to_signal : mapping of str to float
+        For channels named here the noise's std is this ratio times the standard deviation of the noise-free
+        channel over the record; the noise given is the shape (its own std is replaced), white when none is.
+    disturbance : Disturbance, optional
+        Of the equation of motion [m/s^2].
+    disturbance_to_signal : float, optional
+        Scales the disturbance to this share of the standard deviation of z''.
+    route : Route
+        Where the disturbance enters.
+    intersample : Intersample
+        Of the input.
+    control : Control
+        What makes the input: open loop, or a controller of velocity or altitude.
+
+    Raises
+    ------
+    ParameterError
+        When a number is outside its range, a channel is not measured, a disturbance is to be
+        scaled that is not there, the control loop is unstable, or a controller is to change its output
+        between samples.
+    """
+
+    viscous_friction: float
+    input_gain: float
+    rate_hz: float = 5.0
+    samples: int = 4000
+    excitation: Excitation = field(default_factory=PaperInput)
+    noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
+    noise_to_signal: Mapping[str, float] = field(default_factory=dict)
+    disturbance: Disturbance | None = None
+    disturbance_to_signal: float | None = None
+    route: Route = Route.EQUATION
+    intersample: Intersample = Intersample.HOLD
+    control: Control = field(default_factory=OpenLoop)
+
+    def __post_init__(self) -> None:
+        self._check_types()
+        _check(self.viscous_friction >= 0.0, "viscous_friction of zero or more", self.viscous_friction)
+        _check(True, "a finite input_gain", self.input_gain)
+        _check(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
+        _check(self.samples >= LEAST_SAMPLES, f"samples of {LEAST_SAMPLES} or more", self.samples)
+        for name, ratio in self.noise_to_signal.items():
+            _check(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
+        for name in (*self.noise, *self.noise_to_signal):
+            if name not in self.measured:
+                raise ParameterError(
+                    f"noise of {', '.join(self.measured)}",
+                    f"noise of '{name}'",
+                    _REMEDIES.get(name, "Name one of these channels."),
+                )
+        if self.disturbance_to_signal is not None:
+            ratio = self.disturbance_to_signal
+            _check(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
+            if self.disturbance is None:
+                raise ParameterError(
+                    "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
+                )
+        if self.controlled and self.intersample is not Intersample.HOLD:
+            raise ParameterError(
+                "an input that is held between samples, as a sampled controller gives it",
+                f"intersample '{self.intersample.value}' under control",
+                "Use hold, or leave the control out.",
+            )
+        check_stable(self.vehicle, self.control)
+
+    def _check_types(self) -> None:
+        for name in ("viscous_friction", "input_gain", "rate_hz"):
+            checks.number(name, getattr(self, name))
+        checks.whole("samples", self.samples)
+        checks.kind("excitation", self.excitation, Excitation, "an excitation")
+        checks.mapping("noise", self.noise, MeasurementNoise, "noises")
+        checks.mapping("noise_to_signal", self.noise_to_signal, checks.NUMBERS, "numbers")
+        if self.disturbance is not None:
+            checks.kind("disturbance", self.disturbance, Disturbance, "a disturbance")
+        if self.disturbance_to_signal is not None:
+            checks.number("disturbance_to_signal", self.disturbance_to_signal)
+        checks.kind("route", self.route, Route, "a Route", "Give Route.EQUATION or Route.DYNAMICS.")
+        checks.kind("intersample", self.intersample, Intersample, "an Intersample", "Give Intersample.HOLD.")
+        checks.kind("control", self.control, Control, "a control")
+
+    @property
+    def step_s(self) -> float:
+        """Time between samples [s]."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def vehicle(self) -> SampledVehicle:
+        """The vehicle from one sample to the next."""
+        return sampled_vehicle(self.viscous_friction, self.input_gain, self.step_s)
+
+    @property
+    def controlled(self) -> bool:
+        """Whether a controller makes the input; then the excitation is its reference."""
+        return self.control.feedback is not None
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """Channels of the record that are measured."""
+        return NOISY_CHANNELS if isinstance(self.control, AltitudeControl) else ALWAYS_MEASURED
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Channels of the record that are known without error: the reference under control."""
+        return (self.control.reference,) if self.controlled else ()
+
+
+@dataclass(frozen=True)
+class SimulatedRecord:
+    """A simulated record and its truth.
+
+    Parameters
+    ----------
+    signals : Signals
+        As measured, with the noises that were really added declared (their true std), and under control
+        the reference as `reference_velocity_z` or `reference_position_z`.
+    truth : Signals
+        The same channels without measurement noise; `disturbance` beside them.
+    parameters : mapping of str to float
+        viscous_friction and input_gain.
+    """
+
+    signals: Signals
+    truth: Signals
+    parameters: Mapping[str, float]
+
+
+#: For channels that a scenario does not measure, or not always.
+_REMEDIES = {
+    "position_z": "The altitude is measured under altitude control only.",
+    "specific_force_z": ABOUT_HOVER,
+}
+
+
+def _check(in_range: bool, expected: str, value: float | int) -> None:
+    if not (in_range and np.isfinite(value)):
+        raise ParameterError(expected, f"{value}", "Correct the scenario.")
+
+
+# -- Simulate --
+
+#: Sources of randomness, in the order in which they take their streams from the record's generator.
+SOURCES = ("excitation", "disturbance", *NOISY_CHANNELS)
+
+
+@dataclass(frozen=True, slots=True)
+class LinearMotion:
+    """Input and motion at the samples; motions add, since the model is linear.
+
+    Parameters
+    ----------
+    input : ndarray, shape (samples,)
+        What the actuator got.
+    velocity : ndarray, shape (samples,)
+        z' [m/s].
+    altitude : ndarray, shape (samples,), or None
+        z [m], under altitude control.
+    """
+
+    input: Series
+    velocity: Series
+    altitude: Series | None = None
+
+    def __add__(self, other: LinearMotion) -> LinearMotion:
+        altitude = None
+        if self.altitude is not None and other.altitude is not None:
+            altitude = self.altitude + other.altitude
+        return LinearMotion(self.input + other.input, self.velocity + other.velocity, altitude)
+
+
+def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
+    """Simulate one record.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What to simulate.
+    rng : numpy.random.Generator
+        Source of all randomness. Each source spawns its own stream from it, whether the scenario uses it
+        or not: changing one leaves the others' realisations as they are. A second call with the same
+        generator gives another record.
+
+    Returns
+    -------
+    SimulatedRecord
+        Measured and true channels; every channel's noise is declared, with std 0 where there is none.
+
+    Raises
+    ------
+    ParameterError
+        When a disturbance that is to be scaled does not vary.
+
+    Notes
+    -----
+    Linear in samples, apart from the FFT of fractional noises.
+    """
+    checks.kind("scenario", scenario, Scenario, "a Scenario", "Make one: ev.Scenario(0.3, 0.02).")
+    checks.kind("rng", rng, np.random.Generator, "a generator", "Give numpy.random.default_rng(0).")
+    streams = dict(zip(SOURCES, rng.spawn(len(SOURCES)), strict=True))
+    drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
+    motion = driven_motion(scenario, drive)
+    disturbance = _disturbance(scenario, motion, streams["disturbance"])
+    if scenario.route is Route.DYNAMICS and scenario.disturbance is not None:
+        motion += pushed_motion(scenario, disturbance)
+    noise = declared_noise(scenario, _channels(scenario, motion, disturbance))
+    errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        motion += misled_motion(scenario, feedback, errors)
+    true = _channels(scenario, motion, disturbance)
+    references = dict.fromkeys(scenario.references, drive)
+    return SimulatedRecord(
+        Signals(
+            scenario.rate_hz,
+            {name: true[name] + error for name, error in errors.items()} | references,
+            noise=noise | {name: WhiteNoise(0.0) for name in references},
+        ),
+        Signals(scenario.rate_hz, true | references | {"disturbance": disturbance}),
+        {"viscous_friction": scenario.viscous_friction, "input_gain": scenario.input_gain},
+    )
+
+
+def driven_motion(scenario: Scenario, drive: Series) -> LinearMotion:
+    """Motion under the excitation alone: as the input, or under control as the reference."""
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        return _controlled(scenario, feedback, feedback.reference_gain * drive, np.zeros_like(drive))
+    vehicle = scenario.vehicle
+    if scenario.intersample is Intersample.LINEAR:
+        pushed = (vehicle.held - vehicle.ramp) * drive[:-1] + vehicle.ramp * drive[1:]
+    else:
+        pushed = vehicle.held * drive[:-1]
+    return LinearMotion(drive, _decaying(scenario, scenario.input_gain * pushed))
+
+
+def pushed_motion(scenario: Scenario, disturbance: Series) -> LinearMotion:
+    """Motion under a held acceleration [m/s^2] alone, with a controller when there is one."""
+    rest = np.zeros_like(disturbance)
+    feedback = scenario.control.feedback
+    if feedback is not None:
+        return _controlled(scenario, feedback, rest, disturbance)
+    return LinearMotion(rest, _decaying(scenario, scenario.vehicle.held * disturbance[:-1]))
+
+
+def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> LinearMotion:
+    """Motion of a controlled vehicle under the errors of what its controller measures alone.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The vehicle.
+    feedback : Feedback
+        Its controller.
+    errors : mapping of str to ndarray, shape (samples,)
+        Of `velocity_z` [m/s], and of `position_z` [m] under altitude control.
+    """
+    error = errors["velocity_z"]
+    if feedback.altitude_gain != 0.0:
+        error = error + feedback.altitude_gain * errors["position_z"]
+    return _controlled(scenario, feedback, -error, np.zeros_like(error))
+
+
+def declared_noise(scenario: Scenario, channels: Mapping[str, Series]) -> dict[str, MeasurementNoise]:
+    """Noise of each measured channel, with its std in the channel's unit."""
+    noises: dict[str, MeasurementNoise] = {}
+    for name in scenario.measured:
+        noise = scenario.noise.get(name, WhiteNoise(0.0))
+        if name in scenario.noise_to_signal:
+            noise = noise.with_std(scenario.noise_to_signal[name] * float(channels[name].std()))
+        noises[name] = noise
+    return noises
+
+
+def _channels(scenario: Scenario, motion: LinearMotion, disturbance: Series) -> dict[str, Series]:
+    """Channels without measurement noise; the response is z''."""
+    K, K_u = scenario.viscous_friction, scenario.input_gain
+    channels = {
+        "velocity_z": motion.velocity,
+        "acceleration_z": K_u * motion.input - K * motion.velocity + disturbance,
+        "input": motion.input,
+    }
+    return channels if motion.altitude is None else channels | {"position_z": motion.altitude}
+
+
+def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.Generator) -> Series:
+    rest = np.zeros(scenario.samples)
+    if scenario.disturbance is None:
+        return rest
+    series = scenario.disturbance.sample(scenario.samples, scenario.step_s, rng)
+    if scenario.disturbance_to_signal is None:
+        return series
+    spread = float(series.std())
+    if not (np.isfinite(spread) and spread > 0.0):
+        raise ParameterError(
+            "a disturbance that varies, since it is to be scaled to a share of z''",
+            f"a standard deviation of {spread} over the record",
+            "Give it a positive std, or leave disturbance_to_signal out.",
+        )
+    response = _channels(scenario, undisturbed, rest)["acceleration_z"]
+    return scenario.disturbance_to_signal * float(response.std()) / spread * series
+
+
+def _decaying(scenario: Scenario, steps: Float[np.ndarray, " steps"]) -> Series:
+    """v[k+1] = decay v[k] + steps[k] from rest."""
+    velocity: Series = from_rest(np.array([[scenario.vehicle.decay]]), steps[:, None])[:, 0]
+    return velocity
+
+
+def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> LinearMotion:
+    """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
+    commanded, states = driven_loop(sampled_loop(scenario.vehicle, feedback), additions, pushes)
+    return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)

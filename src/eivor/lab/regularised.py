@@ -1,0 +1,283 @@
+"""Regularised solvers and the choice of their parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor import checks
+from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod, check_linear
+from eivor.estimation.method import Method, Problem
+from eivor.linalg.system import LinearSystem, Shrinkage, Solution, triangular_root
+from eivor.linalg.total_least_squares import (
+    ErrorsInColumns,
+    GeneralizedTotalLeastSquares,
+    UnweightedLeastSquares,
+    UnweightedScore,
+    balanced,
+    column_lengths,
+    smallest_singular_value,
+    solve_augmented,
+    split_problem,
+)
+from eivor.tools import Float
+
+# -- Regularised --
+
+#: Decades of the parameter that cross-validation tries, and points in each; zero is tried as well.
+DECADES, POINTS = (-14, 4), 20
+
+
+@dataclass(frozen=True)
+class ReducedProblem:
+    """A problem in the coordinates in which it is regularised."""
+
+    R: Float[np.ndarray, "n n"]  # triangular factor of the scaled or whitened columns
+    right: Float[np.ndarray, " n"]
+    outside: float  # square of the right-hand side that R does not reach
+    shift: float  # sigma^2
+    towards: Float[np.ndarray, " n"]
+    equations: float  # number of equations that R is the root of
+    column_errors: float  # variance of the columns' errors over the right-hand side's: 0, or 1 in TLS
+
+    @property
+    def unit(self) -> float:
+        """Mean of the squared singular values, the unit of the parameter."""
+        return float(np.sum(self.R**2)) / self.R.shape[0]
+
+    def solution(self, parameter: float) -> Float[np.ndarray, " n"]:
+        """Theta of the shifted system."""
+        a = parameter * self.unit
+        upper = balanced(self.R, self.shift - a)
+        below = -(a / upper) * self.towards
+        return solve_augmented(self.R, self.right, upper, (self.shift - a) / upper, below=below)
+
+    def kept(self, parameters: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Number of parameters that are left, of n."""
+        powers = (np.linalg.svd(self.R, compute_uv=False) ** 2 - self.shift) / self.unit
+        return np.sum(powers / (powers + parameters[:, None]), axis=1)
+
+    def cross_validated(self) -> float:
+        """Parameter of the least misfit / (m - parameters left)^2 (Golub, Heath and Wahba 1979)."""
+        if self.equations <= self.right.size:
+            raise EstimationError(
+                f"more equations than the {self.right.size} unknowns for generalized cross-validation",
+                f"{self.equations:g}",
+                "Give more instruments (moments count, not rows), or give the parameter.",
+            )
+        first, last = DECADES
+        parameters = np.append(0.0, np.logspace(first, last, (last - first) * POINTS + 1))
+        U, s, Vt = np.linalg.svd(self.R)
+        powers = s**2 - self.shift
+        beta, target = U.T @ self.right, Vt @ self.towards
+        x = target + powers / (powers + parameters[:, None] * self.unit) * (s * beta / powers - target)
+        misfits = self.outside + np.sum((beta - s * x) ** 2, axis=1)
+        misfits /= 1.0 + self.column_errors * np.sum(x**2, axis=1)
+        return float(parameters[np.argmin(misfits / (self.equations - self.kept(parameters)) ** 2)])
+
+
+@dataclass(frozen=True)
+class Tikhonov:
+    """Parameter, and the vector that the solution is pulled towards.
+
+    Parameters
+    ----------
+    parameter : float, optional
+        Zero or more: at 1 a regressor that is orthogonal to all others keeps half of its coefficient. None
+        takes generalized cross-validation.
+    towards : ndarray, shape (n,), optional
+        In the units of theta; zero by default.
+
+    Raises
+    ------
+    UsageError, NonFiniteError
+        When an argument is out of range or not finite.
+    """
+
+    parameter: float | None = None
+    towards: Float[np.ndarray, " n"] | None = None
+
+    def __post_init__(self) -> None:
+        if self.parameter is not None:
+            checks.number("parameter", self.parameter)
+            if not 0.0 <= self.parameter < np.inf:
+                raise UsageError(
+                    "a parameter of zero or more", f"{self.parameter:g}", "Zero regularises nothing."
+                )
+        if self.towards is not None:
+            vector = checks.real_array("towards", self.towards)
+            if vector.ndim != 1 or not np.isfinite(vector).all():
+                raise NonFiniteError(
+                    "a vector of finite numbers", f"{vector}", "Give one number for each parameter."
+                )
+            object.__setattr__(self, "towards", vector)
+
+    def vector(self, unknowns: int) -> Float[np.ndarray, " n"]:
+        """The vector for a number of unknowns."""
+        if self.towards is None:
+            return np.zeros(unknowns)
+        if self.towards.size != unknowns:
+            raise ShapeError(
+                f"{unknowns} numbers to be pulled towards, one for each parameter",
+                f"{self.towards.size}",
+                "Give them in the order of the parameters.",
+            )
+        return self.towards
+
+    def solve(
+        self, problem: ReducedProblem, back: Callable[[Float[np.ndarray, " q"]], Float[np.ndarray, " n"]]
+    ) -> tuple[Float[np.ndarray, " n"], Shrinkage]:
+        """Theta in its own units, and the shift that regularisation made."""
+        chosen = "gcv" if self.parameter is None else "given"
+        parameter = problem.cross_validated() if self.parameter is None else float(self.parameter)
+        theta = back(problem.solution(parameter))
+        kept = float(problem.kept(np.array([parameter]))[0])
+        return theta, Shrinkage("tikhonov", chosen, parameter, kept, theta - back(problem.solution(0.0)))
+
+
+@dataclass(frozen=True)
+class RegularisedLeastSquares(UnweightedScore):
+    """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths.
+
+    Columns are scaled to unit length first, so that the result does not depend on their units. Every column
+    is pulled, an intercept's as well: give its value in `towards`, or leave it out of the model.
+
+    Parameters
+    ----------
+    scheme : Tikhonov
+        Parameter and vector.
+    """
+
+    scheme: Tikhonov = Tikhonov()
+
+    def solve(self, system: LinearSystem) -> Solution:
+        """Regularised solution, see `Solver.solve`.
+
+        Raises
+        ------
+        EstimationError
+            When cross-validation needs more equations than unknowns and there are not.
+        ShapeError
+            When the number of unknowns differs from that of `towards`.
+        """
+        n = system.matrix.shape[1]
+        scale = column_lengths(system.matrix)
+        root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
+        _, condition = smallest_singular_value(root[:n, :n])
+        outside = float(root[n, n] ** 2) if root.shape[0] > n else 0.0
+        towards = self.scheme.vector(n) * scale
+        problem = ReducedProblem(root[:n, :n], root[:n, -1], outside, 0.0, towards, system.equations, 0.0)
+        theta, shrinkage = self.scheme.solve(problem, lambda scaled: scaled / scale)
+        residual = system.right - system.matrix @ theta
+        return Solution(theta, residual, float(residual @ residual), condition, shrinkage)
+
+
+@dataclass(frozen=True)
+class RegularisedTotalLeastSquares(ErrorsInColumns):
+    """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b]).
+
+    In the coordinates in which the declared errors are alike; see `GeneralizedTotalLeastSquares` for them.
+    Columns without error are not pulled.
+
+    Parameters
+    ----------
+    scheme : Tikhonov
+        Parameter and vector.
+    """
+
+    scheme: Tikhonov = Tikhonov()
+
+    def solve(self, system: LinearSystem) -> Solution:
+        """Regularised solution, see `RegularisedLeastSquares.solve` and `GeneralizedTotalLeastSquares.solve`.
+
+        Raises
+        ------
+        TooFewSamplesError, NoUniqueSolutionError, CovarianceError, EstimationError, ShapeError
+            As they do.
+        """
+        split = split_problem(system)
+        if not split.noisy.size:
+            return split.solution(split.theta(np.empty(0)))
+        towards = split.whitened(self.scheme.vector(system.matrix.shape[1]))
+        left = system.equations - split.exact.size
+        problem = ReducedProblem(split.R, split.right, split.outside, split.smallest**2, towards, left, 1.0)
+        return split.solution(*self.scheme.solve(problem, split.theta))
+
+
+# -- Regularised --
+
+
+@dataclass(frozen=True)
+class PulledTowards(Method):
+    """A method whose solution is pulled towards the estimate of another method on the same problem."""
+
+    name: str
+    method: LinearMethod
+    parameter: float | None
+    target: Method
+
+    @property
+    def needs_instruments(self) -> bool:
+        """Whether either of them does."""
+        return self.method.needs_instruments or self.target.needs_instruments
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate of the target first, see `Method.estimate`."""
+        towards = self.target.estimate(problem).best.theta
+        return _pulled(self.method, Tikhonov(self.parameter, towards)).estimate(problem)
+
+
+def regularised(
+    method: LinearMethod,
+    parameter: float | None = None,
+    towards: Float[np.ndarray, " n"] | Method | None = None,
+) -> Method:
+    """Return a linear method with Tikhonov's regularisation.
+
+    On simulated records it gains nothing over generalized IV, see `docs/efficiency.md`. It serves comparison,
+    and equations that are ill-conditioned for want of a better input.
+
+    Parameters
+    ----------
+    method : LinearMethod
+        Solved by least squares or total least squares, such as ``generalized_iv()``.
+    parameter : float, optional
+        Zero or more, in units of the mean squared singular value; generalized cross-validation by default.
+    towards : ndarray, shape (n,), or Method, optional
+        In the order and the units of the parameters; the estimate of another method; or zero.
+
+    Returns
+    -------
+    Method
+        Its estimate is biased. Intervals have the covariance without regularisation, with the square of the
+        whole shift added: they are never shorter than those without.
+
+    Raises
+    ------
+    UsageError
+        When the method cannot be regularised, or an argument is of another kind.
+    """
+    check_linear(method)
+    if isinstance(towards, Method):
+        _pulled(method, Tikhonov(parameter))  # refuses what cannot be regularised
+        return PulledTowards(f"{method.name}_tikhonov", method, parameter, towards)
+    return _pulled(method, Tikhonov(parameter, towards))
+
+
+def _pulled(method: LinearMethod, scheme: Tikhonov) -> LinearMethod:
+    solver: RegularisedLeastSquares | RegularisedTotalLeastSquares
+    if isinstance(method.solver, UnweightedLeastSquares):
+        solver = RegularisedLeastSquares(scheme)
+    elif isinstance(method.solver, GeneralizedTotalLeastSquares):
+        solver = RegularisedTotalLeastSquares(scheme)
+    else:
+        raise UsageError(
+            "a method that is solved by least squares or total least squares",
+            f"{method.name}, which has {type(method.solver).__name__}",
+            "Use generalized_iv(), extended_iv() or least_squares(), for example.",
+        )
+    return replace(method, name=f"{method.name}_tikhonov", solver=solver)

@@ -1,0 +1,606 @@
+"""Scenario files: flights, rigid bodies and noises."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from enum import Enum, StrEnum
+from functools import lru_cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+
+from eivor.errors import EivorError, UsageError, did_you_mean
+from eivor.lab.disturbances import (
+    Arma,
+    Bilinear,
+    BilinearSum,
+    BoundedAdversary,
+    CoefficientCourse,
+    Course,
+    Garch,
+    GivenCourse,
+    GivenDisturbance,
+    OrnsteinUhlenbeck,
+    RandomCoefficientMovingAverage,
+    Sinusoids,
+    SumOfCourses,
+    SumOfDisturbances,
+    ThresholdMovingAverage,
+    TimeVaryingArma,
+    Trend,
+    VarianceSwitch,
+    paper_disturbance,
+)
+from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
+from eivor.signals.noise import (
+    AutoregressiveNoise,
+    FractionalNoise,
+    HeavyTailedNoise,
+    MeasurementNoise,
+    RoundingNoise,
+    WhiteNoise,
+)
+from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
+from eivor.simulation.excitation import (
+    Chirp,
+    Disturbance,
+    DrydenGust,
+    Excitation,
+    FilteredWhite,
+    GivenSeries,
+    Multisine,
+    PaperInput,
+    PseudoRandomBinary,
+    RandomSteps,
+    ScaledExcitation,
+    Steps,
+    WhiteDisturbance,
+    WhiteExcitation,
+)
+from eivor.simulation.rigid_body_spec import AdaptiveSteps, Integrator, RigidBodyFlightSpec, RungeKutta4
+from eivor.simulation.vertical import VerticalFlightSpec
+from eivor.strict_toml import LARGEST_NUMBER, TomlTable, read_toml
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+# -- Number file --
+
+#: Endings of files that can be read.
+FORMATS = (".csv", ".parquet")
+#: Larger files, and longer columns, are no excitation: they would be held whole in every process.
+LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
+
+
+def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
+    """Numbers of a table ``{ file = ..., column = ... }``.
+
+    Parameters
+    ----------
+    table : TomlTable
+        Its two keys; it knows the folder of the scenario.
+
+    Raises
+    ------
+    InputError
+        When a key is missing or unknown, the file is elsewhere or cannot be read, the column does not
+        exist, or one of its values is no finite number.
+    """
+    path = _path(table, table.text("file"))
+    name = table.text("column")
+    table.finish()
+    import polars as pl
+
+    column = _column(table, path, name)
+    table.files.add(path)
+    numbers = column.str.strip_chars().cast(pl.Float64, strict=False) if column.dtype == pl.String else column
+    numbers = numbers.cast(pl.Float64, strict=False)
+    bad = numbers.is_null() | ~numbers.is_finite() | (numbers.abs() > LARGEST_NUMBER)
+    if bad.any():
+        row = bad.arg_max()
+        value = column[row] if row is not None else None
+        raise table.wrong(
+            "column",
+            f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size",
+            "no value" if value is None else repr(value)[:60],
+            f"See its row {0 if row is None else row + 1}, not counting the header.",
+        )
+    return tuple(numbers.to_list())
+
+
+def _path(table: TomlTable, text: str) -> Path:
+    """File that a text names, which is inside the folder of the scenario."""
+    relative = Path(text)
+    inside = not relative.is_absolute() and ".." not in relative.parts
+    path = table.folder / relative
+    try:
+        inside = inside and path.resolve().is_relative_to(table.folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # a loop of links, a name that no system has
+        inside = False
+    if not inside:
+        raise table.wrong(
+            "file", "a file beside the scenario or in a folder below it", f"'{text}'", "Put it there."
+        )
+    if path.suffix.lower() not in FORMATS:
+        raise table.wrong("file", f"a file that ends in {' or '.join(FORMATS)}", f"'{text}'")
+    if not path.is_file():
+        raise table.wrong("file", "a file that exists", f"'{text}', which does not", "Check the name.")
+    if path.stat().st_size > LARGEST_BYTES:
+        raise table.wrong("file", f"a file of {LARGEST_BYTES} bytes or fewer", f"'{text}', larger than that")
+    return path
+
+
+def _column(table: TomlTable, path: Path, name: str) -> pl.Series:
+    """Column as it is stored; as texts from CSV, so that what is no number can be shown."""
+    import polars as pl
+
+    try:
+        if path.suffix.lower() == ".csv":
+            lazy = pl.read_csv(path, infer_schema=False).lazy()  # the whole of it: every row is checked
+        else:
+            lazy = pl.scan_parquet(path, hive_partitioning=False)
+        names = lazy.collect_schema().names()
+        found = lazy.select(name).head(MOST_NUMBERS + 1).collect()[name] if name in names else None
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise table.wrong(
+            "file", f"a table as {path.suffix.lower()[1:].upper()}", f"'{path.name}', which is not: {reason}"
+        ) from error
+    if found is None:
+        remedy = did_you_mean(name, names, "Name one of its columns.")
+        shown = ", ".join(names[:20]) or "none"
+        raise table.wrong("column", f"a column out of {shown}", f"'{name}', not in {path.name}", remedy)
+    if not (found.dtype.is_numeric() or found.dtype == pl.String):
+        raise table.wrong("column", f"numbers in column '{name}' of {path.name}", f"values of {found.dtype}")
+    if found.len() > MOST_NUMBERS:
+        raise table.wrong("column", f"{MOST_NUMBERS} numbers or fewer", "more", "Cut the file.")
+    return found
+
+
+# -- Kinds --
+
+Maker = Callable[..., Any]
+
+NOISES: Mapping[str, Maker] = {
+    "white": WhiteNoise,
+    "fractional": FractionalNoise,
+    "autoregressive": AutoregressiveNoise,
+    "heavy_tailed": HeavyTailedNoise,
+    "rounding": RoundingNoise,
+}
+DISTURBANCES: Mapping[str, Maker] = {
+    "paper": paper_disturbance,
+    "white": WhiteDisturbance,
+    "arma": Arma,
+    "time_varying_arma": TimeVaryingArma,
+    "random_coefficient_moving_average": RandomCoefficientMovingAverage,
+    "threshold_moving_average": ThresholdMovingAverage,
+    "bilinear": Bilinear,
+    "bilinear_sum": BilinearSum,
+    "garch": Garch,
+    "variance_switch": VarianceSwitch,
+    "trend": Trend,
+    "sinusoids": Sinusoids,
+    "bounded": BoundedAdversary,
+    "dryden": DrydenGust,
+    "ornstein_uhlenbeck": OrnsteinUhlenbeck,
+    "series": GivenDisturbance,
+    "sum": SumOfDisturbances,
+}
+#: Of coefficients that change; sinusoids when none is named.
+COURSES: Mapping[str, Maker] = {"sinusoid": CoefficientCourse, "series": GivenCourse, "sum": SumOfCourses}
+EXCITATIONS: Mapping[str, Maker] = {
+    "paper": PaperInput,
+    "white": WhiteExcitation,
+    "filtered_white": FilteredWhite,
+    "chirp": Chirp,
+    "multisine": Multisine,
+    "pseudo_random_binary": PseudoRandomBinary,
+    "steps": Steps,
+    "random_steps": RandomSteps,
+    "series": GivenSeries,
+    "scaled": ScaledExcitation,
+}
+CONTROLS: Mapping[str, Maker] = {"velocity": VelocityControl, "altitude": AltitudeControl}
+INTEGRATORS: Mapping[str, Maker] = {"runge_kutta_4": RungeKutta4, "adaptive": AdaptiveSteps}
+#: Kinds by the abstract class that a parameter asks for.
+KINDS: Mapping[type, Mapping[str, Maker]] = {
+    MeasurementNoise: NOISES,
+    Disturbance: DISTURBANCES,
+    Excitation: EXCITATIONS,
+    Control: CONTROLS,
+    Integrator: INTEGRATORS,
+    Course: COURSES,
+}
+#: Kinds that are meant where a table names none.
+USUAL: Mapping[type, str] = {Course: "sinusoid"}
+
+
+def of_kind(table: TomlTable, family: type, **known: object) -> Any:
+    """Object that a table with a `kind` describes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        Its keys, apart from those taken already.
+    family : type
+        A key of `KINDS`: what is described.
+    **known
+        Parameters that do not come from the table.
+
+    Raises
+    ------
+    InputError
+        When the kind or a key is unknown, a value of the wrong type, or a parameter out of its range.
+    """
+    kinds = KINDS[family]
+    kind = table.text("kind", USUAL[family]) if family in USUAL else table.text("kind")
+    if kind not in kinds:
+        remedy = did_you_mean(kind, kinds, "Name one of them.")
+        raise table.wrong("kind", f"one of {', '.join(kinds)}", f"'{kind}'", remedy)
+    return built(table, kinds[kind], **known)
+
+
+def built(table: TomlTable, maker: Maker, **known: object) -> Any:
+    """Call a class or function with what the table says of its parameters; see `of_kind`."""
+    values = dict(known)
+    for name, (annotation, default) in parameters_of(maker).items():
+        if name in known:
+            continue
+        if default is inspect.Parameter.empty or table.has(name):
+            values[name] = _value(table, name, annotation)
+        table.taken.add(name)
+    table.finish()
+    try:
+        return maker(**values)
+    except EivorError as error:
+        raise table.wrong("", error.expected, error.received, error.remedy) from error
+
+
+@lru_cache(maxsize=64)
+def parameters_of(maker: Maker) -> dict[str, tuple[Any, Any]]:
+    """Type and default of each parameter."""
+    hints = get_type_hints(maker)
+    signature = inspect.signature(maker)
+    return {name: (hints[name], parameter.default) for name, parameter in signature.parameters.items()}
+
+
+def _value(table: TomlTable, name: str, annotation: Any) -> Any:
+    """Value of one key, by the type that its parameter has."""
+    if get_origin(annotation) in (Union, UnionType):
+        annotation = next(option for option in get_args(annotation) if option is not type(None))
+    if annotation in _PLAIN:
+        return _PLAIN[annotation](table, name)
+    if annotation in KINDS:
+        return of_kind(table.section(name), annotation)
+    if isinstance(annotation, type):
+        if issubclass(annotation, StrEnum):
+            return annotation(table.choice(name, tuple(annotation)))
+        return built(table.section(name), annotation)
+    item = get_args(annotation)[0]
+    if item in KINDS:
+        return tuple(of_kind(section, item) for section in table.sections(name))
+    return tuple(built(section, item) for section in table.sections(name))
+
+
+def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
+    """A list of numbers, or a column of a file of numbers."""
+    if isinstance(table.values.get(name), dict):
+        return numbers_in_file(table.section(name))
+    return table.numbers(name)
+
+
+def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
+    """A list of lists of numbers."""
+    rows = table.values.get(name)
+    if not isinstance(rows, list):
+        raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
+    path = ".".join(part for part in (table.path, name) if part)
+    numbered = table.part({f"{number + 1}": row for number, row in enumerate(rows)}, path)
+    return tuple(numbered.numbers(key) for key in numbered.values)
+
+
+def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
+    """A list of whole numbers."""
+    numbers = table.numbers(name)
+    if any(number != round(number) for number in numbers):
+        raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
+    return tuple(round(number) for number in numbers)
+
+
+#: How values of the plain types are taken.
+_PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
+    float: TomlTable.number,
+    int: TomlTable.whole,
+    str: TomlTable.text,
+    tuple[float, ...]: _numbers,
+    tuple[int, ...]: _wholes,
+    tuple[str, ...]: TomlTable.texts,
+    tuple[tuple[float, ...], ...]: _rows,
+}
+
+
+# -- Flight file --
+
+#: What a file of a flight says of itself.
+FLIGHT_KIND = "flight"
+
+
+def read_flight(path: Path) -> VerticalFlightSpec:
+    """Flight from a file, with the seed zero.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or does not describe a flight; says where and why.
+    """
+    return flight_from_table(read_toml(path, "a flight"))
+
+
+def shipped_flight() -> VerticalFlightSpec:
+    """Flight that comes with the package, "flight"."""
+    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{FLIGHT_KIND}.toml")) as path:
+        return read_flight(path)
+
+
+def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
+    """Flight from the top table of a TOML file, all of whose keys it takes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        With ``kind = "flight"``.
+
+    Raises
+    ------
+    InputError
+        When a key is unknown, a value of the wrong type, or a number out of its range.
+    """
+    table.choice("kind", (FLIGHT_KIND,))
+    known: dict[str, object] = {"seed": 0}
+    if table.has("trajectory"):
+        known["trajectory"] = TrajectoryKind(table.choice("trajectory", tuple(TrajectoryKind)))
+    if table.has("noise"):
+        section = table.section("noise")
+        quiet = SensorNoise()
+        kind = NoiseKind(section.choice("kind", tuple(NoiseKind))) if section.has("kind") else quiet.kind
+        # The log of vertical motion has no angular rates.
+        known["noise"] = built(section, SensorNoise, kind=kind, angular_rate=quiet.angular_rate)
+    flight: VerticalFlightSpec = built(table, VerticalFlightSpec, **known)
+    return flight
+
+
+# -- Noise tables --
+
+#: Key of a noise or a disturbance whose size is a share of a signal's.
+RATIO = "ratio_to_signal"
+
+
+def noises(
+    table: TomlTable, channels: tuple[str, ...]
+) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
+    """Noise of each channel, and the ratio of those that are measured by their signal.
+
+    Parameters
+    ----------
+    table : TomlTable
+        Of a scenario; its table [noise] is taken when there is one.
+    channels : tuple of str
+        What may have a noise.
+
+    Raises
+    ------
+    InputError
+        When a channel is none of these, or its noise is not described by its kind and one size.
+    """
+    noise: dict[str, MeasurementNoise] = {}
+    ratios: dict[str, float] = {}
+    if not table.has("noise"):
+        return noise, ratios
+    sections = table.section("noise")
+    for name in channels:
+        sections.taken.add(name)
+        if not sections.has(name):
+            continue
+        section = sections.section(name)
+        ratio = ratio_to_signal(section)
+        if (ratio is None) != section.has("std"):
+            given = "both" if section.has("std") else "neither"
+            raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
+        if ratio is None:
+            noise[name] = of_kind(section, MeasurementNoise)
+        else:
+            # Its std follows from the signal; until then any will do.
+            noise[name], ratios[name] = of_kind(section, MeasurementNoise, std=1.0), ratio
+    if sections.has("specific_force_z") and "acceleration_z" in channels:
+        raise sections.wrong(
+            "", f"noise of {', '.join(channels)}", "noise of 'specific_force_z'", ABOUT_HOVER
+        )
+    sections.finish()
+    return noise, ratios
+
+
+def ratio_to_signal(table: TomlTable) -> float | None:
+    """Ratio that a table gives, None when it gives none.
+
+    Raises
+    ------
+    InputError
+        When it is negative.
+    """
+    table.taken.add(RATIO)
+    if not table.has(RATIO):
+        return None
+    ratio = table.number(RATIO)
+    if ratio < 0.0:
+        raise table.wrong(RATIO, "a ratio of zero or more", f"{ratio}")
+    return ratio
+
+
+# -- Rigid body file --
+
+#: What a file of such a flight says of itself.
+RIGID_BODY_KIND = "rigid-body"
+#: Flights that come with the package.
+SHIPPED = ("crazyflie", "quadrotor")
+#: Most steps of a flight from a file.
+MOST_STEPS = 2_000_000
+
+
+def read_rigid_body_flight(path: Path) -> RigidBodyFlightSpec:
+    """Flight from a file, with the seed zero.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or does not describe such a flight; says where and why.
+    """
+    return rigid_body_flight_from_table(read_toml(path, "a flight of a rigid body"))
+
+
+def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
+    """Flight that comes with the package.
+
+    Raises
+    ------
+    UsageError
+        When there is none of that name.
+    """
+    if name not in SHIPPED:
+        raise UsageError(f"a flight out of {', '.join(SHIPPED)}", f"'{name}'", "Name one of them.")
+    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{name}.toml")) as path:
+        return read_rigid_body_flight(path)
+
+
+def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
+    """Flight from the top table of a TOML file, all of whose keys it takes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        With ``kind = "rigid-body"``.
+
+    Raises
+    ------
+    InputError
+        When a key is unknown, a value of the wrong type, or a number out of its range.
+    """
+    table.choice("kind", (RIGID_BODY_KIND,))
+    flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, seed=0)
+    if flight.count > MOST_STEPS:
+        raise table.wrong("duration", f"{MOST_STEPS} steps or fewer", f"{flight.count}", "Ask for fewer.")
+    return flight
+
+
+# -- Scenario file --
+
+#: Most samples of a record that is simulated from a file.
+MOST_SAMPLES = 50_000_000
+
+AnyEnum = TypeVar("AnyEnum", bound=Enum)
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Scenario from a file.
+
+    Parameters
+    ----------
+    path : Path
+        TOML, see this module.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or does not describe a scenario; says where and why.
+    """
+    return scenario_from_table(read_toml(path, "a scenario"))
+
+
+def shipped_scenarios() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    folder = files("eivor.lab").joinpath("scenarios")
+    names = (entry.name for entry in folder.iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+
+
+def shipped_scenario(name: str) -> Scenario:
+    """Scenario that comes with the package.
+
+    Raises
+    ------
+    UsageError
+        When there is none of that name.
+    """
+    if name not in shipped_scenarios():
+        raise UsageError(
+            f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."
+        )
+    with as_file(files("eivor.lab").joinpath("scenarios", f"{name}.toml")) as path:
+        return read_scenario(path)
+
+
+def scenario_from_table(table: TomlTable) -> Scenario:
+    """Scenario from a table of a TOML file, all of whose keys it takes.
+
+    Parameters
+    ----------
+    table : TomlTable
+        The file's top, or a table in it. It may say ``kind = "vertical"``.
+
+    Raises
+    ------
+    InputError
+        When a key is unknown, a value of the wrong type, or a number out of its range.
+    """
+    if table.has("kind") and table.text("kind") != "vertical":
+        raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
+    noise, ratios = noises(table, NOISY_CHANNELS)
+    values: dict[str, Any] = {
+        "viscous_friction": table.number("viscous_friction"),
+        "input_gain": table.number("input_gain"),
+        "rate_hz": table.number("rate_hz", Scenario.rate_hz),
+        "samples": sample_count(table, Scenario.samples),
+        "route": _choice(table, "route", Scenario.route),
+        "intersample": _choice(table, "intersample", Scenario.intersample),
+        "noise": noise,
+        "noise_to_signal": ratios,
+    }
+    if table.has("excitation"):
+        values["excitation"] = of_kind(table.section("excitation"), Excitation)
+    if table.has("control"):
+        values["control"] = of_kind(table.section("control"), Control)
+    if table.has("disturbance"):
+        section = table.section("disturbance")
+        values["disturbance_to_signal"] = ratio_to_signal(section)
+        values["disturbance"] = of_kind(section, Disturbance)
+    table.taken.update({"kind", "excitation", "control", "disturbance", "noise"})
+    table.finish()
+    try:
+        return Scenario(**values)
+    except EivorError as error:
+        raise table.wrong("", error.expected, error.received, error.remedy) from error
+
+
+def sample_count(table: TomlTable, default: int) -> int:
+    """Samples of a record; default when the table does not say.
+
+    Raises
+    ------
+    InputError
+        When it is no whole number, or more than `MOST_SAMPLES`.
+    """
+    samples = table.whole("samples", default)
+    if samples > MOST_SAMPLES:
+        raise table.wrong("samples", f"{MOST_SAMPLES} samples or fewer", f"{samples}", "Ask for fewer.")
+    return samples
+
+
+def _choice(table: TomlTable, key: str, default: AnyEnum) -> AnyEnum:
+    words = {member.value: member for member in type(default)}
+    word = table.text(key, default.value)
+    if word not in words:
+        raise table.wrong(key, " or ".join(f"'{name}'" for name in words), f"'{word}'")
+    return words[word]

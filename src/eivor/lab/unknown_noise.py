@@ -1,0 +1,588 @@
+"""Generalized IV with noises of unknown variance or order."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.linalg
+from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
+
+from eivor.errors import InstrumentError, UsageError
+from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.linear import check_freedom
+from eivor.estimation.method import Method, Problem
+from eivor.estimation.moments import Compensated
+from eivor.estimation.weighting import weighted
+from eivor.inference.covariance import CovariancePart, JointCovariance, unit_scale
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
+from eivor.inference.distributions import chi_square_tail
+from eivor.inference.kernel import newey_west_bandwidth
+from eivor.inference.verdict import Reason, Status
+from eivor.linalg import LeastSquares, LinearSystem
+from eivor.models.regression import Column, Parameter, Regression
+from eivor.models.signal_regression import SignalRegression, shared_noise
+from eivor.signals.channels import unit_of
+from eivor.signals.noise import LARGEST_ORDER, FractionalNoise, MeasurementNoise, WhiteNoise
+from eivor.tools import Float
+
+# -- Choices --
+
+#: Lags of a regressor that has white noise, and of one whose noise has an order, the present one beside them.
+WHITE_LAGS = 2
+ORDER_LAGS = 6
+
+
+class EquationChoice(ABC):
+    """A choice of test functions."""
+
+    @abstractmethod
+    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
+        """Test functions: columns of the problem, and others of its channels.
+
+        Parameters
+        ----------
+        problem : SignalRegression
+            With its instruments.
+        orders : tuple of str
+            Channels whose noise has an unknown order.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class GeneralizedEquations(EquationChoice):
+    """Instruments, and every noisy regressor at some lags: generalized instrumental variables in full.
+
+    Parameters
+    ----------
+    lags : int, optional
+        Lags of each regressor's channel. Default: two, and six for a noise whose order is unknown.
+
+    References
+    ----------
+    T. Soderstrom, "A generalized instrumental variable estimation method for errors-in-variables
+    identification problems", Automatica 47 (2011).
+    """
+
+    lags: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.lags is not None and self.lags < 0:
+            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
+
+    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
+        """Instruments, and lags of the regressors' channels."""
+        own = []
+        for column in problem.regressor_columns:
+            most = self.lags
+            if most is None:
+                most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
+            if column.channel:
+                own += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
+        return _once((*problem.instrument_columns, *own))
+
+
+@dataclass(frozen=True, slots=True)
+class BiasEliminating(EquationChoice):
+    """The regressors themselves and instruments: bias-eliminating least squares.
+
+    The normal equations of least squares, with a bias of known form, and equations of instruments that tell
+    it (Zheng 1998).
+    """
+
+    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
+        """Regressors, then instruments."""
+        return _once((*problem.regressor_columns, *problem.instrument_columns))
+
+
+@dataclass(frozen=True, slots=True)
+class FrischScheme(EquationChoice):
+    """Regressors, response and instruments: the Frisch scheme with the equations of past inputs.
+
+    The covariance of [phi y] less that of its noises is singular along [theta -1] (Beghelli, Guidorzi and
+    Soverini 1990): one more equation, and the strength of the response's noise one more unknown. A
+    disturbance of the equation counts as noise of the response.
+    """
+
+    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
+        """Regressors, response, then instruments."""
+        return _once((*problem.regressor_columns, problem.equation.response, *problem.instrument_columns))
+
+
+def _once(columns: Iterable[Column]) -> tuple[Column, ...]:
+    """Each channel at each lag once, whatever its sign and size."""
+    kept: dict[tuple[str, int, str], Column] = {}
+    for column in columns:
+        kept.setdefault((column.channel, column.lag, column.gain_channel), column)
+    return tuple(kept.values())
+
+
+# -- Long memory --
+
+#: Largest lag: the record over this.
+RECORD_OVER_LAG = 4
+
+
+def long_memory_covariance(
+    influence: Float[np.ndarray, "rows k"], error: Float[np.ndarray, " rows"]
+) -> Float[np.ndarray, "k k"]:
+    """Covariance of the sums of g e, of normal series g (influence) and e (error).
+
+    sum over tau of r_g(tau) r_e(tau) + r_ge(tau) r_ge(-tau)', autocovariances as sums over the rows.
+
+    Notes
+    -----
+    O(rows log(rows) k^2).
+    """
+    count = error.size
+    length = 1 << (2 * count - 1).bit_length()
+    lags = np.arange(length)
+    lags = np.minimum(lags, length - lags)
+    weights = np.clip(1.0 - lags / (count // RECORD_OVER_LAG + 1.0), 0.0, None) / count
+
+    def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
+        found: Float[np.ndarray, "lags *k"] = np.fft.irfft(spectrum, length, axis=0)
+        return found
+
+    of_error, own = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
+    by_error = weights * sums(np.abs(of_error) ** 2)
+    across = sums(own * of_error.conj()[:, None])
+    backwards = np.roll(across[::-1], 1, axis=0)
+    found = across.T @ (weights[:, None] * backwards)
+    for number in range(influence.shape[1]):
+        found[number] += by_error @ sums(own[:, [number]] * own.conj())
+    symmetric: Float[np.ndarray, "k k"] = 0.5 * (found + found.T)
+    return symmetric
+
+
+# -- Shared moments --
+
+#: Degree in the order of the polynomials that stand for D between the orders at which it is computed.
+DEGREE = 14
+#: Where a search of an order begins.
+FIRST_ORDER = -0.1
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownNoise:
+    """Noise of one channel.
+
+    Parameters
+    ----------
+    channel : str
+        Whose.
+    fractional : bool
+        Whether its order is unknown as well; else it is white.
+    """
+
+    channel: str
+    fractional: bool = False
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Variance, and order: `noise_variance_velocity_z` and `noise_order_velocity_z`."""
+        unit = unit_of(self.channel)
+        strength = Parameter(f"noise_variance_{self.channel}", f"({unit})^2" if unit else "")
+        return (strength, Parameter(f"noise_order_{self.channel}")) if self.fractional else (strength,)
+
+
+@dataclass(frozen=True)
+class SharedMoments:
+    """Moments of a problem that unknown noises are a part of.
+
+    Parameters
+    ----------
+    problem : SignalRegression
+        Its instruments are the test functions.
+    unknown : tuple of UnknownNoise
+        One for each channel whose noise is not declared.
+    """
+
+    problem: SignalRegression
+    unknown: tuple[UnknownNoise, ...]
+    made: dict[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The problem's, then those of the noises."""
+        return (*self.problem.parameters, *(one for noise in self.unknown for one in noise.parameters))
+
+    def known(self) -> Float[np.ndarray, "p n_plus_1"]:
+        """What declared noises add."""
+        exact = {noise.channel: WhiteNoise(0.0) for noise in self.unknown}
+        return self._shared({**exact, **self.problem.signals.noise})
+
+    def unit(
+        self, noise: UnknownNoise, order: float, *, slope: bool = False
+    ) -> Float[np.ndarray, "p n_plus_1"]:
+        """D of a channel's noise, or its slope by the order.
+
+        D is a smooth function of the order: it is computed at Chebyshev's, and is their polynomial elsewhere.
+        """
+        if noise.channel not in self.made:
+            self.made[noise.channel] = self._coefficients(noise)
+        coefficients = self.made[noise.channel]
+        scaled = order / LARGEST_ORDER
+        if slope:
+            return np.asarray(chebval(scaled, chebder(coefficients)) / LARGEST_ORDER)
+        return np.asarray(chebval(scaled, coefficients))
+
+    def _coefficients(self, noise: UnknownNoise) -> Float[np.ndarray, "degree_plus_1 p n_plus_1"]:
+        if not noise.fractional:
+            return self._shared({noise.channel: WhiteNoise(1.0)})[None]
+        orders = LARGEST_ORDER * chebpts1(DEGREE + 1)
+        made = np.stack([self._shared({noise.channel: FractionalNoise(1.0, float(one))}) for one in orders])
+        fitted = chebfit(orders / LARGEST_ORDER, made.reshape(DEGREE + 1, -1), DEGREE)
+        return np.asarray(fitted.reshape(made.shape))
+
+    def _shared(self, noise: dict[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
+        problem = self.problem
+        signals = replace(problem.signals, noise=noise)
+        right = (*problem.regressor_columns, problem.equation.response)
+        shared = np.zeros((problem.instrument_count, len(right)))
+        for i, one in enumerate(problem.instrument_columns):
+            for j, other in enumerate(right):
+                if one.channel and one.channel == other.channel and one.channel in noise:
+                    shared[i, j] = shared_noise([one], [other], signals, problem.first, problem.used)[0, 0]
+        return shared
+
+    def added(
+        self, beta: Float[np.ndarray, " k"], known: Float[np.ndarray, "p n_plus_1"]
+    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p k"]]:
+        """What all noises add to mean(psi e), with its sign turned, and the slopes of that.
+
+        Parameters
+        ----------
+        beta : ndarray, shape (k,)
+            Parameters, and for each noise its variance and, when it is unknown, its order.
+        known : ndarray, shape (p, n + 1)
+            See `known`.
+
+        Returns
+        -------
+        added : ndarray, shape (p,)
+            C theta - c.
+        slopes : ndarray, shape (p, k)
+            By beta.
+        """
+        n = len(self.problem.parameters)
+        direction = np.append(beta[:n], -1.0)
+        total, slopes, place = known.copy(), np.zeros((known.shape[0], beta.size)), n
+        for noise in self.unknown:
+            variance, order = beta[place], beta[place + 1] if noise.fractional else 0.0
+            unit = self.unit(noise, float(order))
+            total = total + variance * unit
+            slopes[:, place] = unit @ direction
+            if noise.fractional:
+                slopes[:, place + 1] = variance * self.unit(noise, float(order), slope=True) @ direction
+            place += len(noise.parameters)
+        slopes[:, :n] = total[:, :n]
+        return total @ direction, slopes
+
+
+# -- Noise estimating --
+
+#: Weights of the equations are renewed so often.
+PASSES = 3
+#: Condition number, columns scaled, beyond which equations do not tell the unknowns apart.
+LARGEST_CONDITION = 1e8
+#: Least share of its channel's variance that a fractional noise begins at.
+NOTHING = 1e-8
+#: Chance below which equations contradict each other.
+CONTRADICTION = 1e-3
+
+
+@dataclass(frozen=True)
+class NoiseEstimatingIV(Method):
+    """Generalized instrumental variables that estimate the noises that nothing is declared of.
+
+    Parameters
+    ----------
+    name : str
+        The word that results use.
+    choice : EquationChoice
+        Which equations.
+    orders : tuple of str
+        Channels whose noise is fractional, of unknown order; that of all others is white.
+    """
+
+    name: str
+    choice: EquationChoice = field(default_factory=GeneralizedEquations)
+    orders: tuple[str, ...] = ()
+
+    @property
+    def needs_instruments(self) -> bool:
+        """Yes."""
+        return True
+
+    def estimate(self, problem: Problem) -> Estimate:
+        """Estimate parameters and noises.
+
+        Raises
+        ------
+        UsageError
+            For another problem than one of signals, or an order of a channel that is not in the equations.
+        InstrumentError
+            When there are fewer equations than unknowns, or they do not tell them apart.
+        """
+        if not isinstance(problem, SignalRegression):
+            raise UsageError(
+                "a regression of signals, whose columns say what noises they share",
+                type(problem).__name__,
+                "Make one with VerticalMotion().regression(signals, instruments).",
+            )
+        search = _Search(self._moments(problem))
+        return search.estimate(self.name, search.minimum())
+
+    def _moments(self, problem: SignalRegression) -> SharedMoments:
+        psi = self.choice.columns(problem, self.orders)
+        whole = SignalRegression(problem.signals, problem.equation, psi)
+        right = (*whole.regressor_columns, whole.equation.response)
+        both = {one.channel for one in right} & {one.channel for one in psi}
+        declared = set(problem.signals.noise)
+        channels = dict.fromkeys(one.channel for one in right if one.channel in both - {""})
+        strange = [name for name in self.orders if name not in channels or name in declared]
+        if strange:
+            raise UsageError(
+                f"orders of noises that are unknown: {', '.join(set(channels) - declared) or 'none is'}",
+                ", ".join(f"'{name}'" for name in strange),
+                "Leave it out, or do not declare its noise.",
+            )
+        unknown = tuple(UnknownNoise(name, name in self.orders) for name in channels if name not in declared)
+        return SharedMoments(whole, unknown)
+
+
+@dataclass
+class _Search:
+    """The weighted moments of one problem, and their least.
+
+    Parameters
+    ----------
+    shared : SharedMoments
+        With the unknown noises.
+    """
+
+    shared: SharedMoments
+
+    def __post_init__(self) -> None:
+        self.rows = self.shared.problem.rows()
+        psi, count = self.rows.instruments, self.rows.response.size
+        unknowns = len(self.shared.parameters)
+        check_freedom(count, unknowns)
+        if psi.shape[1] < unknowns:
+            raise InstrumentError(
+                f"at least {unknowns} equations for {unknowns} unknowns, the noises among them",
+                f"{psi.shape[1]}",
+                "Give more lags as instruments, or declare the noise of a channel.",
+            )
+        self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
+        self.known = self.shared.known()
+        self.factor = weighted(self._system(), psi.T @ psi / count).factor
+
+    def _system(self) -> LinearSystem:
+        return LinearSystem(self.cross[:, :-1], self.cross[:, -1])
+
+    @property
+    def _count(self) -> int:
+        return self.rows.response.size
+
+    def _residual(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " p"]:
+        direction = np.append(beta[: self.cross.shape[1] - 1], -1.0)
+        return self.shared.added(beta, self.known)[0] - self.cross @ direction
+
+    def _slopes(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p k"]:
+        slopes = self.shared.added(beta, self.known)[1]
+        slopes[:, : self.cross.shape[1] - 1] -= self.cross[:, :-1]
+        return slopes
+
+    def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
+        found: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
+        return found
+
+    def _start(self) -> Float[np.ndarray, " k"]:
+        """Parameters and, times them, variances by linear equations; orders at a first guess.
+
+        Of a channel that is in one column the noise adds D times one number, which is linear.
+        """
+        n = self.cross.shape[1] - 1
+        units = [self.shared.unit(one, FIRST_ORDER if one.fractional else 0.0) for one in self.shared.unknown]
+        linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
+        extra = [units[number][:, j] for number, j in linear]
+        right = self.cross[:, -1] - self.known[:, -1]
+        left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-one for one in extra)])
+        left = self._divided(left)
+        size = _column_scale(left)
+        found = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
+        direction = np.append(found[:n], -1.0)
+        beta = list(found[:n])
+        for number, noise in enumerate(self.shared.unknown):
+            own = [(found[n + place], direction[j]) for place, (of, j) in enumerate(linear) if of == number]
+            power = sum(factor**2 for _, factor in own)
+            variance = sum(value * factor for value, factor in own) / power
+            beta.append(max(variance, self._floor(noise.channel)) if noise.fractional else variance)
+            beta += [FIRST_ORDER] if noise.fractional else []
+        return np.array(beta)
+
+    def _floor(self, channel: str) -> float:
+        """A variance that is as good as none."""
+        return NOTHING * float(np.var(self.shared.problem.signals.channel(channel)))
+
+    def minimum(self) -> Float[np.ndarray, " k"]:
+        """Least of the weighted moments, weights renewed at each."""
+        from scipy.optimize import least_squares
+
+        beta, low, high = (
+            self._start(),
+            [-np.inf] * (self.cross.shape[1] - 1),
+            [np.inf] * (self.cross.shape[1] - 1),
+        )
+        for noise in self.shared.unknown:
+            low += [0.0, -LARGEST_ORDER] if noise.fractional else [-np.inf]
+            high += [np.inf, LARGEST_ORDER] if noise.fractional else [np.inf]
+        for _ in range(PASSES):
+            # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
+            size = _column_scale(self._divided(self._slopes(beta)))
+            found = least_squares(
+                lambda x, size=size: self._divided(self._residual(size * x)),
+                beta / size,
+                lambda x, size=size: self._divided(self._slopes(size * x)) * size,
+                bounds=(np.array(low) / size, np.array(high) / size),
+                x_scale="jac",
+                xtol=1e-12,
+                ftol=1e-12,
+                gtol=None,
+            )
+            beta = size * found.x
+            self.factor = weighted(self._system(), self._covariance(beta)).factor
+        return beta
+
+    def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
+        """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011).
+
+        sum over tau of r_psi(tau) r_e(tau) + r_psi_e(tau) r_psi_e(-tau)', with Bartlett's weights. Fourth
+        moments of the data are not in it, so that weights hardly depend on the moments that they weight.
+        """
+        n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
+        error = self.rows.response - self.rows.regressors @ beta[:n]
+        lags = newey_west_bandwidth(count)
+        found = (
+            psi.T @ psi * float(error @ error) / count**2 + np.outer(psi.T @ error, psi.T @ error) / count**2
+        )
+        for lag in range(1, lags + 1):
+            share = (1.0 - lag / (lags + 1.0)) / count**2
+            own = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
+            ahead, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
+            both = own + np.outer(ahead, behind)
+            found += share * (both + both.T)
+        return found
+
+    def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
+        """Estimate at the least."""
+        alone = Candidate({}, self._solved(beta))
+        parts = (*alone.covariance.parts, self._of_normal_series(beta), *self._of_long_memory(beta))
+        estimate = Estimate(
+            name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
+        )
+        return replace(estimate, reasons=tuple(self._grounds(estimate, beta)))
+
+    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
+        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows."""
+        root = np.linalg.qr(self._divided(self._slopes(beta)), mode="r")
+        inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
+        return CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
+
+    def _of_long_memory(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
+        """The same with the autocovariances of long lags, where a noise is fractional."""
+        if not any(noise.fractional for noise in self.shared.unknown):
+            return
+        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
+        answers = scipy.linalg.solve_triangular(root, Q.T)
+        answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
+        error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
+        matrix = long_memory_covariance(self.rows.instruments @ answers, error)
+        yield CovariancePart("of_long_memory", matrix / self._count**2)
+
+    def _solved(self, beta: Float[np.ndarray, " k"]) -> Solved:
+        """Linear equations at the least: slopes by the noises stand among what is compensated."""
+        added, slopes = self.shared.added(beta, self.known)
+        more = beta.size - self.rows.regressors.shape[1]
+        rows = Regression(
+            self.rows.response,
+            np.pad(self.rows.regressors, ((0, 0), (0, more))),
+            self.rows.instruments,
+            self.shared.parameters,
+            instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
+        )
+        assembler, solver = Compensated(), LeastSquares()
+        moments = assembler.full_moments(rows)
+        system = assembler.system(moments)
+        solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
+        if solution.condition > LARGEST_CONDITION:
+            raise InstrumentError(
+                "equations that tell parameters and noises apart",
+                f"equations with the condition number {solution.condition:.2g}",
+                "Give an input that is not white, more lags as instruments, or declare a noise.",
+            )
+        return Solved(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
+
+    def _first_stage(self) -> dict[str, float]:
+        """How well each regressor is told by test functions that share no unknown noise with any."""
+        own = [noise.channel for noise in self.shared.unknown]
+        lags = {(one.channel, one.lag) for one in self.shared.problem.regressor_columns}
+        fractional = {noise.channel for noise in self.shared.unknown if noise.fractional}
+        free = [
+            number
+            for number, one in enumerate(self.shared.problem.instrument_columns)
+            if one.channel not in own
+            or (one.channel not in fractional and (one.channel, one.lag) not in lags)
+        ]
+        strengths = conditional_first_stage(
+            orthonormal_basis(self.rows.instruments[:, free]), self.rows.regressors
+        )
+        noisy = [column.channel in own for column in self.shared.problem.regressor_columns]
+        names = self.shared.problem.names
+        return {name: float(f) for name, f, at in zip(names, strengths, noisy, strict=True) if at}
+
+    def _grounds(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
+        reasons = []
+        for noise in self.shared.unknown:
+            variance = noise.parameters[0]
+            low, high = estimate.interval(variance.name)
+            if low <= 0.0:
+                sentence = (
+                    f"The noise of {noise.channel} cannot be told from none: the interval of its variance is "
+                    f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
+                    + "."
+                )
+                reasons.append(
+                    Reason(Status.WEAK, sentence, "Declare it, where it is known, or record longer.")
+                )
+        for name, strength in self._first_stage().items():
+            if strength < STRONG_FIRST_STAGE:
+                sentence = (
+                    f"The input does not tell the {name.replace('_', ' ')} from the noises: what shares no "
+                    f"noise with its column has a first-stage F of {strength:.1f}, and "
+                    f"{STRONG_FIRST_STAGE:.0f} is needed."
+                )
+                remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
+                reasons.append(Reason(Status.REFUSED, sentence, remedy))
+        left = self._divided(self._residual(beta))
+        degrees = left.size - beta.size
+        J = self._count * float(left @ left)
+        if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:
+            sentence = (
+                f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "
+                "disturbance moves the vehicle, or a noise has another memory."
+            )
+            reasons.append(
+                Reason(Status.WEAK, sentence, "Leave out the velocity's equations, or give orders.")
+            )
+        return reasons
+
+
+def _column_scale(matrix: Float[np.ndarray, "p k"]) -> Float[np.ndarray, " k"]:
+    """What brings every column to unit length, whatever the units."""
+    return unit_scale(np.einsum("ij,ij->j", matrix, matrix))

@@ -1,0 +1,780 @@
+"""What all formats share: columns, units, stamps, delays, silences and findings."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from heapq import nsmallest
+from math import inf
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
+
+import numpy as np
+
+from eivor.errors import InputError, LogTooLargeError
+from eivor.signals.channels import CanonicalChannel
+from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
+from eivor.tools import Bool, Float
+
+# -- Columns --
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Columns of a table as numbers.
+
+    Parameters
+    ----------
+    values : mapping of str to ndarray, shape (n,)
+        By column name, in the logged unit; NaN where the table has no number.
+    unreadable : mapping of str to int
+        Number of cells, by column, that hold a text which is no number.
+    seconds : frozenset of str
+        Columns that hold points in time and have been turned into seconds.
+    lists : mapping of str to str
+        The first cell of columns whose cells are lists, which are no numbers.
+    """
+
+    values: Mapping[str, Float[np.ndarray, " n"]]
+    unreadable: Mapping[str, int] = field(default_factory=dict)
+    seconds: frozenset[str] = frozenset()
+    lists: Mapping[str, str] = field(default_factory=dict)
+
+
+# -- Delays --
+
+
+def low_pass_delay_s(cutoff_hz: float) -> float:
+    """How late a low-pass of the second order (Butterworth) is, far below its cutoff [s]."""
+    return float(np.sqrt(2.0) / (2.0 * np.pi * cutoff_hz))
+
+
+def notch_delay_s(frequency_hz: float, bandwidth_hz: float) -> float:
+    """How late a notch is, far below its frequency [s]."""
+    return float(bandwidth_hz / (2.0 * np.pi * frequency_hz**2))
+
+
+# -- Elements --
+
+_ELEMENT = re.compile(r"(.+)\[(\d{1,6})\]")
+
+
+def element_name(column: str, index: int) -> str:
+    """Return the name of an element of a column."""
+    return f"{column}[{index}]"
+
+
+def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
+    """Return the column and the place that a name means; None for a column of its own, or of none.
+
+    Parameters
+    ----------
+    name : str
+        As a channel map has it.
+    columns : sequence of str
+        Columns of the table.
+    """
+    match = _ELEMENT.fullmatch(name)
+    if match is None or name in columns or match[1] not in columns:
+        return None
+    return match[1], int(match[2])
+
+
+def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
+    """Return the columns of a table, and after them the elements of them that are needed."""
+    found = [name for name in dict.fromkeys(needed) if element_of(name, columns) is not None]
+    return [*columns, *found]
+
+
+# -- Extrapolation --
+
+#: Fewest rows of a line, fewest columns that begin one together, and what "together" means [rows].
+MIN_ROWS = 50
+MIN_COLUMNS = 3
+TOGETHER_ROWS = 5
+
+
+def without_extrapolation(
+    time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]]
+) -> tuple[dict[str, Float[np.ndarray, " n"]], Finding | None]:
+    """Return the columns with made-up values as NaN, and what was found.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps of the rows [s].
+    columns : mapping of str to ndarray, shape (n,)
+        Columns of the table, in any unit.
+    """
+    starts = {name: _line_start(time_s, values) for name, values in columns.items()}
+    begun = {name: start for name, start in starts.items() if start is not None}
+    if len(begun) < MIN_COLUMNS:
+        return dict(columns), None
+    middle = int(np.median(list(begun.values())))
+    together = [name for name, start in begun.items() if abs(start - middle) <= TOGETHER_ROWS]
+    # four rotors on one commanded ramp are one line, not four
+    different = {tuple(columns[name][-2:]) for name in together}
+    if len(different) < MIN_COLUMNS:
+        return dict(columns), None
+    cleaned = dict(columns)
+    for name in together:
+        cleaned[name] = np.where(np.arange(time_s.size) > begun[name], np.nan, columns[name])
+    named = ", ".join(map(repr, together))
+    message = (
+        f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines ({named}): made "
+        "up by a resampling tool after the stream had stopped, and taken as missing."
+    )
+    return cleaned, Finding("extrapolated", message)
+
+
+def _line_start(time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> int | None:
+    """Row at which an exact sloping line to the last row begins; None when there is none of `MIN_ROWS`."""
+    if values.size < 2 * MIN_ROWS:
+        return None
+    with np.errstate(all="ignore"):
+        slopes = np.diff(values) / np.diff(time_s)
+        last = slopes[-1]
+        on_line = np.abs(slopes - last) <= 1e-5 * np.abs(last)
+    if not np.isfinite(last) or last == 0.0 or on_line.all():
+        return None
+    start = int(np.flatnonzero(~on_line)[-1]) + 1
+    return start if values.size - start >= MIN_ROWS else None
+
+
+# -- Findings --
+
+_GRAVITY = 9.80665
+#: So many values of a long channel have the median of all: no more are looked at.
+ENOUGH = 1 << 17
+_FORCES, _PARTS, _RATES = (
+    tuple(f"{family}_{member}" for member in members)
+    for family, members in (("specific_force_body", "xyz"), ("attitude", "wxyz"), ("angular_rate", "xyz"))
+)
+#: Channels whose size is doubted.
+_SIZED = frozenset({*_FORCES, *_PARTS, *_RATES, "specific_force_z", "cos_tilt"})
+_Values = Mapping[str, Float[np.ndarray, " _"]]
+
+
+def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+    """Return everything that stands out in a set of channels.
+
+    Parameters
+    ----------
+    channels : mapping of str to Channel
+        By canonical name, in SI units.
+
+    Returns
+    -------
+    tuple of Finding
+        Counts first, then doubts about units.
+    """
+    looks = {name: look(channel) for name, channel in channels.items()}
+    return findings_of(looks, channels)
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What findings need of every channel.
+
+    Parameters
+    ----------
+    quality : ChannelQuality
+        What was set right.
+    step_s : float
+        Median step of a sampled channel, NaN where there is none [s].
+    values : ndarray
+        Its values where sizes are doubted, of a long channel so many that their median is that of all.
+    """
+
+    quality: ChannelQuality
+    step_s: float
+    values: Float[np.ndarray, " n"]
+
+
+def look(channel: Channel) -> Look:
+    """Look at a channel."""
+    every = -(-channel.time_s.size // ENOUGH) or 1
+    steps = channel.time_s[1::every] - channel.time_s[:-1:every]
+    sampled = channel.time_s.size > 2 and not channel.held
+    values = np.array(channel.values[::every]) if channel.name in _SIZED else np.empty(0)
+    return Look(channel.quality, float(np.median(steps)) if sampled else np.nan, values)
+
+
+def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+    """Return what `channel_findings` does, of channels that were looked at as they were made.
+
+    Parameters
+    ----------
+    looks : mapping of str to Look
+        By canonical name.
+    channels : mapping of str to Channel
+        The same, of which some are asked for.
+    """
+    qualities = {name: one.quality for name, one in looks.items()}
+    steps = [one.step_s for one in looks.values() if np.isfinite(one.step_s)]
+    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(looks, channels))
+
+
+_COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
+    ("missing_values", lambda q: q.missing_values, "samples without a value"),
+    ("overflow", lambda q: q.overflowed, "samples outside the channel's possible range, set to missing"),
+    ("saturation", lambda q: q.saturated, "samples at the bound of the channel's range"),
+    (
+        "time_stamps",
+        lambda q: q.duplicated_stamps + q.backward_stamps,
+        "samples dropped, because their stamp repeats or goes backward",
+    ),
+    (
+        "time_stamps",
+        lambda q: q.evened_stamps,
+        "samples whose stamps go back and forth, which were evened",
+    ),
+)
+
+
+def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
+    findings = []
+    for name, count, meaning in _COUNTS:
+        concerned = [
+            f"{key} {count(quality)}"
+            for key, quality in qualities.items()
+            # a setpoint without a value is one that is not in force, hence nothing to report
+            if count(quality) and not (name == "missing_values" and "reference_" in key)
+        ]
+        if concerned:
+            findings.append(Finding(name, f"{meaning[0].upper()}{meaning[1:]}: {', '.join(concerned)}."))
+    return findings
+
+
+def _time_findings(steps: Sequence[float]) -> list[Finding]:
+    """Doubt about the unit of the clock: a flight is sampled between once per second and 100 kHz."""
+    if not steps:
+        return []
+    step = min(steps)
+    if 1e-5 <= step <= 1.0:
+        return []
+    return [
+        Finding(
+            "time_unit",
+            f"The fastest sampled channel has a median step of {step:.3g} s; check the unit of its clock.",
+        )
+    ]
+
+
+def _unit_findings(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> list[Finding]:
+    values = {name: one.values for name, one in looks.items() if name in _SIZED}
+    doubts = [
+        *_force_doubts(values),
+        *_attitude_doubts(values),
+        *_rate_doubts(values),
+        *_velocity_doubts(channels),
+    ]
+    return [Finding("mixed_units", doubt) for doubt in doubts]
+
+
+def _median(values: Float[np.ndarray, " n"]) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if finite.size else float("nan")
+
+
+def _norm(values: _Values, names: Sequence[str]) -> Float[np.ndarray, " n"] | None:
+    """Norm of channels that share one clock; None when one is absent or the lengths differ."""
+    parts = [values[name] for name in names if name in values]
+    if len(parts) < len(names) or len({part.size for part in parts}) > 1 or not parts[0].size:
+        return None
+    return np.asarray(np.sqrt(np.sum(np.square(parts), axis=0)))
+
+
+def _force_doubts(values: _Values) -> list[str]:
+    """Doubt a median specific force other than one g: that of rest, of hover and of most flights."""
+    doubts = []
+    body = _norm(values, _FORCES)
+    candidates = [
+        ("The norm of specific_force_body", body),
+        ("specific_force_z", values.get("specific_force_z")),
+    ]
+    for label, force in candidates:
+        if force is None:
+            continue
+        median = abs(_median(force))
+        if 0.8 < median < 1.25:
+            doubts.append(f"{label} has a median of {median:.3g} m/s^2, which looks like a value in g.")
+        elif 800.0 < median < 1250.0:
+            doubts.append(f"{label} has a median of {median:.4g} m/s^2, which looks like a value in milli-g.")
+        elif median < 0.5 * _GRAVITY or median > 2.0 * _GRAVITY:
+            doubts.append(f"{label} has a median of {median:.3g} m/s^2, where about 9.8 is expected.")
+    return doubts
+
+
+def _attitude_doubts(values: _Values) -> list[str]:
+    doubts = []
+    norm = _norm(values, _PARTS)
+    if norm is not None and abs(_median(norm) - 1.0) > 0.05:
+        doubts.append(f"The attitude quaternion has a median norm of {_median(norm):.3g} instead of 1.")
+    tilt = values.get("cos_tilt")
+    if tilt is not None and np.any(np.abs(tilt) > 1.0 + 1e-6):
+        doubts.append("cos_tilt leaves [-1, 1]; is it an angle?")
+    return doubts
+
+
+def _rate_doubts(values: _Values) -> list[str]:
+    """No gyro of a drone measures 35 rad/s (2000 deg/s) for more than a moment."""
+    fast = [name for name in _RATES if name in values and _median(np.abs(values[name])) > 10.0]
+    return [f"Typical values of {', '.join(fast)} are above 10 rad/s; are they in deg/s?"] if fast else []
+
+
+def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
+    """Doubt a vertical velocity that is not the slope of the position, in size and in sign."""
+    position, velocity = channels.get("position_z"), channels.get("velocity_z")
+    if position is None or velocity is None or not np.array_equal(position.time_s, velocity.time_s):
+        return []
+    both = np.isfinite(position.values) & np.isfinite(velocity.values)
+    if both.sum() < 20:
+        return []
+    z, v, t = position.values[both], velocity.values[both], position.time_s[both]
+    slope = np.diff(z) / np.diff(t)
+    middle = 0.5 * (v[1:] + v[:-1])
+    if np.std(slope) == 0.0 or np.std(middle) == 0.0:
+        return []
+    if abs(float(np.corrcoef(slope, middle)[0, 1])) < 0.9:
+        return []
+    ratio = float(np.std(middle) / np.std(slope)) * float(np.sign(np.corrcoef(slope, middle)[0, 1]))
+    if 0.5 < ratio < 2.0:
+        return []
+    return [f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."]
+
+
+# -- Folders --
+
+#: More files than a folder of one log has; the others do not count.
+MAX_FILES = 10_000
+
+
+def file_names(folder: Path) -> Iterator[str]:
+    """Names of the regular files of a folder, in any order, one after the other: it may have very many.
+
+    Raises
+    ------
+    OSError
+        When the folder cannot be looked into.
+    """
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_file():
+                yield entry.name
+
+
+def folder_files(folder: Path) -> list[Path]:
+    """Return the regular files of a folder, by their names; those of folders in it are not looked at."""
+    return [folder / name for name in nsmallest(MAX_FILES, file_names(folder))]
+
+
+def folder_size(folder: Path) -> int:
+    """Return the size of all its files [bytes]."""
+    return sum(file.stat().st_size for file in folder_files(folder))
+
+
+def folder_sha256(folder: Path) -> str:
+    """Return a hash of the names and of the hashes of its files, hexadecimal."""
+    whole = hashlib.sha256()
+    for file in folder_files(folder):
+        with file.open("rb") as stream:
+            whole.update(f"{file.name}\0{hashlib.file_digest(stream, 'sha256').hexdigest()}\n".encode())
+    return whole.hexdigest()
+
+
+# -- Channels in memory --
+
+#: What reads a part of a log, see `KeptChannels`.
+Cut = Callable[[float, float, float], "KeptChannels"]
+#: What stays in memory: all channels of most logs [bytes].
+KEPT_BYTES = 48 << 20
+
+
+@dataclass(slots=True)
+class KeptChannels(MadeChannels):
+    """Channels by name, the first of which are kept.
+
+    Parameters
+    ----------
+    limit : int
+        What kept channels may hold together [bytes].
+    cut : callable, optional
+        Reads a part of the log: from one second to another, its samples so many seconds apart.
+    """
+
+    limit: int = KEPT_BYTES
+    cut: Cut | None = None
+    _makers: dict[str, Callable[[], Channel]] = field(default_factory=dict)
+    _kept: dict[str, Channel] = field(default_factory=dict)
+    _held: dict[int, int] = field(default_factory=dict)
+    _span_s: tuple[float, float] = (inf, -inf)
+
+    def put(self, channel: Channel, make: Callable[[], Channel]) -> None:
+        """Add a channel, or put it in the place of another.
+
+        Parameters
+        ----------
+        channel : Channel
+            Kept when there is room.
+        make : callable
+            Makes the same channel again.
+        """
+        self._kept.pop(channel.name, None)
+        self._makers[channel.name] = make
+        if channel.time_s.size:
+            first, last = self._span_s
+            self._span_s = min(first, float(channel.time_s[0])), max(last, float(channel.time_s[-1]))
+        # channels of one clock share its array
+        arrays = {id(array): array.nbytes for array in (channel.time_s, channel.values)}
+        if sum((self._held | arrays).values()) <= self.limit:
+            self._held |= arrays
+            self._kept[channel.name] = channel
+
+    def settled(self) -> Mapping[str, Channel]:
+        """Return the channels: as a dictionary when all of them are kept."""
+        if len(self._kept) < len(self._makers):
+            return self
+        return {name: self._kept[name] for name in self._makers}
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last stamp over all channels [s]."""
+        first, last = self._span_s
+        return (first, last) if first <= last else (0.0, 0.0)
+
+    def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
+        """Return the channels of a part of the log, all of it where it cannot be cut."""
+        if self.cut is None:
+            return self
+        found = self.cut(start_s, end_s, step_s)
+        found._span_s = self._span_s
+        return found
+
+    def __getitem__(self, name: str) -> Channel:
+        kept = self._kept.get(name)
+        return self._makers[name]() if kept is None else kept
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._makers
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+
+# -- Log format --
+
+#: Bytes of a file's start that `LogFormat.sniff` is given.
+HEAD_BYTES = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class ReadOptions:
+    """What a reader is told beside the file.
+
+    Parameters
+    ----------
+    channel_map : str or path, optional
+        A channel map (TOML), or the name of a shipped one; only for formats that take one.
+    sha256 : str
+        Hash of the file's bytes, for the Recording.
+    """
+
+    channel_map: str | os.PathLike[str] | None = None
+    sha256: str = ""
+
+
+def begins_with(magic: bytes) -> Callable[[bytes, Path], bool]:
+    """Return the `LogFormat.sniff` of a format whose files begin with these bytes."""
+    return lambda head, _file: head.startswith(magic)
+
+
+def no_advice(_channel: str) -> tuple[str, ...]:
+    """Return the `LogFormat.advice` of a format about which nothing is known."""
+    return ()
+
+
+@dataclass(frozen=True, slots=True)
+class FolderParts:
+    """Files of a folder that are no logs themselves.
+
+    Parameters
+    ----------
+    members : frozenset of str
+        Names of those that are one log together: the folder is the log.
+    derived : frozenset of str
+        Names of those that were made of logs that lie beside them.
+    """
+
+    members: frozenset[str] = frozenset()
+    derived: frozenset[str] = frozenset()
+
+
+def no_parts(_folder: Path) -> FolderParts:
+    """Return the `LogFormat.parts` of a format whose logs are files."""
+    return FolderParts()
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A format of logs, one row of the table in `eivor.logs.read`.
+
+    Parameters
+    ----------
+    name : str
+        The word of `Recording.format`: "ulog".
+    label : str
+        What people call it: "ULog".
+    sniff : callable
+        Says whether a file is of this format, from its first `HEAD_BYTES` (or all of it) and, for formats
+        that are told by more, the file. Its name says nothing.
+    read : callable
+        Reads a file with `ReadOptions` into a Recording, or raises an `InputError` with the reason and what
+        to do. What it needs beyond NumPy it imports when it is called.
+    is_read : bool
+        False for a format that is recognised only to say what to do with such a file.
+    takes_map : bool
+        True when columns may have any name, so that a channel map can say what they are.
+    advice : callable
+        Sentences that say what to log, the most important first: for a canonical channel, or for the whole
+        flight when it is given an empty name.
+    setpoints : str
+        Sentence that names the setpoints and commands to log; empty when nothing special is known.
+    endings : tuple of str
+        How names of such logs end, in small letters: a file of such a name is taken for a log in a folder of
+        many, whatever is in it.
+    parts : callable
+        Says which files of a folder are one log of this format together.
+    """
+
+    name: str
+    label: str
+    sniff: Callable[[bytes, Path], bool]
+    read: Callable[[Path, ReadOptions], Recording]
+    is_read: bool = True
+    takes_map: bool = False
+    advice: Callable[[str], tuple[str, ...]] = no_advice
+    setpoints: str = ""
+    endings: tuple[str, ...] = ()
+    parts: Callable[[Path], FolderParts] = no_parts
+
+
+# -- Silences --
+
+#: A setpoint that is silent for longer than this, and than five of its steps, is not in force [s].
+SILENCE_S = 1.0
+
+
+def silenced(channel: Channel, end_s: float) -> Channel:
+    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint.
+
+    Parameters
+    ----------
+    channel : Channel
+        Setpoint that is logged only while it is in force.
+    end_s : float
+        Where the log ends [s].
+    """
+    limit = SILENCE_S
+    if channel.time_s.size > 1:
+        limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
+    following = np.append(channel.time_s[1:], end_s)
+    # a millisecond more, or the sample that is put in meets the next one
+    last = np.flatnonzero((following - channel.time_s > limit + 1e-3) & np.isfinite(channel.values))
+    time = np.insert(channel.time_s, last + 1, channel.time_s[last] + limit)
+    values = np.insert(channel.values, last + 1, np.nan)
+    return replace(channel, time_s=time, values=values)
+
+
+# -- Clocks of sources --
+
+#: A column has a clock of its own where at least this share of the steps between its values skips rows. What
+#: is lost now and then skips fewer, and a setpoint that is not in force for a while skips many rows at once.
+SKIPPING_SHARE = 0.1
+#: Fewer values tell nothing of a clock.
+FEWEST_VALUES = 10
+
+
+def on_own_clock(channel: Channel) -> Channel:
+    """Return the channel at the rows that it has values in, where these are its own; else as it is.
+
+    A setpoint or a command that has no value for longer than a second is not in force from then on.
+
+    Parameters
+    ----------
+    channel : Channel
+        With a value or NaN for each row of a table.
+    """
+    own = np.isfinite(channel.values)
+    rows = np.flatnonzero(own)
+    if rows.size < FEWEST_VALUES or np.mean(np.diff(rows) > 1) < SKIPPING_SHARE:
+        return channel
+    quality = replace(channel.quality, missing_values=0)
+    on_own = replace(channel, time_s=channel.time_s[own], values=channel.values[own], quality=quality)
+    return silenced(on_own, float(channel.time_s[-1])) if channel.held else on_own
+
+
+def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channel]) -> list[Finding]:
+    """Say which columns have clocks of their own, and how quick these are."""
+    told = [f"{name} {one.rate_hz:.3g} Hz" for name, one in after.items() if one is not before[name]]
+    if not told:
+        return []
+    return [
+        Finding(
+            "own_clock", f"Without a value in some rows, and read at rates of their own: {', '.join(told)}."
+        )
+    ]
+
+
+# -- Stamps --
+
+#: Stamps further than this from the log's others are damaged [s].
+MAX_SPAN_S = 1e6
+#: A stamp that is ahead of both its neighbours by so much is damaged, not the ones after it [s].
+AHEAD_S = 1.0
+
+
+def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which stamps can be: of the span of a log, and not far ahead of both their neighbours.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps, of which those of a sound log are near zero [s].
+    """
+    within = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
+    if within and np.all(time_s[1:] >= time_s[:-1]):
+        return np.ones(time_s.size, dtype=np.bool_)
+    usable = np.abs(time_s) <= MAX_SPAN_S
+    usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= AHEAD_S
+    before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]
+    usable[1:-1] &= (here - np.maximum(before, after) <= AHEAD_S) | (before > after)
+    return usable
+
+
+# -- Streams --
+
+#: The path that means standard input, unless there is a file of that name.
+STANDARD_INPUT = "-"
+#: What reports call a log that has no name.
+NAME = "standard input"
+_BLOCK_BYTES = 1 << 20
+
+
+def is_stream(file: Path) -> bool:
+    """Say whether a path means standard input, or a pipe that this process was given open (``/dev/fd/63``).
+
+    Other pipes are not read: to open one may wait for ever.
+    """
+    if str(file) == STANDARD_INPUT:
+        return not os.path.lexists(file)
+    try:
+        status = file.stat()
+        descriptor = 0 if str(file) == "/dev/stdin" else int(file.name)
+        return not file.is_file() and os.path.samestat(status, os.fstat(descriptor))
+    except (OSError, ValueError, OverflowError):
+        return False
+
+
+@contextmanager
+def kept(file: Path, max_bytes: int) -> Iterator[Path]:
+    """Copy a stream into a file, which is there while the context lasts.
+
+    Parameters
+    ----------
+    file : Path
+        For which `is_stream` holds.
+    max_bytes : int
+        Most bytes that are read.
+
+    Raises
+    ------
+    LogTooLargeError
+        When there are more.
+    InputError
+        When there is no stream, or it cannot be copied.
+    """
+    with TemporaryDirectory(prefix="eivor-") as folder:
+        copy = Path(folder) / NAME
+        try:
+            with _opened(file) as stream, copy.open("wb") as target:
+                size = 0
+                while block := stream.read(_BLOCK_BYTES):
+                    size += len(block)
+                    if size > max_bytes:
+                        raise LogTooLargeError(
+                            f"a log of at most {max_bytes} bytes",
+                            f"more from {NAME}",
+                            "Cut the log to the manoeuvre of interest, or save it and raise the limit: "
+                            "read_log(max_bytes=...).",
+                        )
+                    target.write(block)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError(
+                f"a log from {NAME}", f"what cannot be copied: {reason}", "Save it, and give the file."
+            ) from error
+        yield copy
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[BinaryIO]:
+    if str(file) != STANDARD_INPUT:
+        with file.open("rb") as stream:
+            yield stream
+        return
+    if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
+        raise InputError(
+            f"a log from {NAME}", "nothing that is piped into it", f"Write `... | eivor identify {file}`."
+        )
+    yield sys.stdin.buffer
+
+
+# -- Units --
+
+#: Unit as written in a map: its SI unit, and how many of that one of it is.
+UNITS: Mapping[str, tuple[str, float]] = {
+    "": ("", 1.0),
+    "1": ("", 1.0),
+    "%": ("", 0.01),
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "ft": ("m", 0.3048),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 1e-2),
+    "mm/s": ("m/s", 1e-3),
+    "km/h": ("m/s", 1.0 / 3.6),
+    "m/s^2": ("m/s^2", 1.0),
+    "cm/s^2": ("m/s^2", 1e-2),
+    "mm/s^2": ("m/s^2", 1e-3),
+    "g": ("m/s^2", 9.80665),
+    "mg": ("m/s^2", 9.80665e-3),
+    "rad": ("rad", 1.0),
+    "deg": ("rad", math.pi / 180.0),
+    "rad/s": ("rad/s", 1.0),
+    "deg/s": ("rad/s", math.pi / 180.0),
+    "rpm": ("rad/s", math.pi / 30.0),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "N": ("N", 1.0),
+    "us": ("us", 1.0),
+}
+
+#: Seconds in one unit of a clock.
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+def unit_fits(channel: CanonicalChannel, si_unit: str) -> bool:
+    """Say whether a quantity of `si_unit` can be the channel."""
+    return si_unit == channel.unit or channel.free_unit

@@ -1,0 +1,657 @@
+"""Channels of a DataFlash log."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from eivor.linalg.system import PASSED_ROWS, row_blocks
+from eivor.logs.common import SILENCE_S, UNITS, low_pass_delay_s, notch_delay_s
+from eivor.logs.dataflash.messages import Messages
+from eivor.logs.dataflash.sources import (
+    ATTITUDE,
+    ATTITUDE_MODES,
+    ATTITUDE_SETPOINTS,
+    CHANNEL_SOURCES,
+    LANDED_EVENTS,
+    OPEN_LOOP_MODES,
+    PILOT_MODES,
+    RATE_MODES,
+    RATE_SETPOINTS,
+    Reading,
+    Source,
+)
+from eivor.signals.channels import CurveSide, unit_of
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, clean_channel
+from eivor.tools import Bool, Float
+
+# -- Air --
+
+#: Gas constant of dry air [J/(kg K)], and zero degrees Celsius [K].
+DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
+
+
+def add_air_density(reading: Reading) -> None:
+    """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
+    table = reading.tables.get("BARO")
+    if table is None or not table.has("Press", "Temp") or not table.clock:
+        return
+    if "air_temperature" not in reading.channels:
+        return
+
+    def values() -> Float[np.ndarray, " n"]:
+        return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
+
+    reading.add_made("air_density", table, values, "BARO.Press and .Temp")
+
+
+# -- Declared --
+
+#: Labels of UNIT that are written otherwise here.
+LABELS = {"m/s/s": "m/s^2", "degheading": "deg"}
+#: Letters of multipliers that say nothing.
+UNTOLD = "?-"
+#: How far two factors may be apart, as a share: multipliers are logged in single precision.
+SAME = 1e-3
+
+
+def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
+    """Name the columns that the log declares to be in another unit than they are read in.
+
+    Parameters
+    ----------
+    tables : mapping of str to Messages
+        By name.
+    """
+    letters, units, multipliers = _letters(tables), _units(tables), _multipliers(tables)
+    doubts = {}
+    for source, unit in _columns_read():
+        table = tables.get(source.message)
+        if table is None or not unit or not table.has(source.column):
+            continue
+        of_unit, of_multiplier = letters.get(table.layout.number, {}).get(source.column, ("", ""))
+        declared = units.get(of_unit)
+        if declared is None:
+            continue
+        coded = table.layout.fields[source.column].factor
+        told = coded if coded != 1.0 else multipliers.get(of_multiplier)
+        read = abs(source.factor_in(table)) * coded
+        if declared[0] != unit:
+            doubts[source.label.removeprefix("-")] = f"in {declared[0] or 'no unit'}, read in {unit}"
+        elif told is not None and abs(told * declared[1] / read - 1.0) > SAME:
+            doubts[source.label.removeprefix("-")] = f"as {told * declared[1]:.4g} {unit}, read as {read:.4g}"
+    if not doubts:
+        return []
+    sentence = "; ".join(f"{column} {doubt}" for column, doubt in doubts.items())
+    return [
+        Finding("declared_units", f"The log declares other units than are read (one stored): {sentence}.")
+    ]
+
+
+def _columns_read() -> Iterator[tuple[Source, str]]:
+    """Columns that channels are made of, and the SI unit of those channels."""
+    for name, sources in CHANNEL_SOURCES.items():
+        for source in sources:
+            yield source, unit_of(name)
+    degree, turn = UNITS["deg"][1], UNITS["rpm"][1]
+    for column in ATTITUDE:
+        yield Source("ATT", column, degree), "rad"
+    for column in RATE_SETPOINTS.values():
+        yield Source("RATE", column, degree), "rad/s"
+    yield Source("ESC", "RPM", turn), "rad/s"
+
+
+def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, str]]]:
+    """Letters of unit and multiplier of each column, by number of the type."""
+    told = tables.get("FMTU")
+    if told is None or not told.has("FmtType", "UnitIds", "MultIds"):
+        return {}
+    columns = {table.layout.number: list(table.layout.fields) for table in tables.values()}
+    rows = zip(told.values("FmtType").tolist(), told.texts("UnitIds"), told.texts("MultIds"), strict=True)
+    return {
+        int(number): {
+            column: (unit, multiplier)
+            for column, unit, multiplier in zip(columns[int(number)], of_unit, of_multiplier, strict=False)
+        }
+        for number, of_unit, of_multiplier in rows
+        if int(number) in columns
+    }
+
+
+def _units(tables: Mapping[str, Messages]) -> dict[str, tuple[str, float]]:
+    """SI unit and factor by letter, of those that are known."""
+    told = tables.get("UNIT")
+    if told is None or not told.has("Id", "Label"):
+        return {}
+    labels = zip(told.values("Id").tolist(), told.texts("Label"), strict=True)
+    named = {int(letter): LABELS.get(label, label) for letter, label in labels}
+    return {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
+
+
+def _multipliers(tables: Mapping[str, Messages]) -> dict[str, float]:
+    """Multiplier by letter, of those that say something."""
+    told = tables.get("MULT")
+    if told is None or not told.has("Id", "Mult"):
+        return {}
+    rows = zip(told.values("Id").tolist(), told.values("Mult").tolist(), strict=True)
+    return {
+        chr(int(letter)): value
+        for letter, value in rows
+        if 0 < letter < 128 and chr(int(letter)) not in UNTOLD and np.isfinite(value) and value > 0.0
+    }
+
+
+# -- Delays --
+
+#: Parameter of the low-pass, by the beginning of a channel's name.
+LOW_PASSES = {"specific_force_body": "INS_ACCEL_FILTER", "angular_rate": "INS_GYRO_FILTER"}
+
+
+def delay_of(channel: str, parameters: Mapping[str, float]) -> float:
+    """Delay of a channel [s], zero where none is known.
+
+    Parameters
+    ----------
+    channel : str
+        Canonical name.
+    parameters : mapping of str to float
+        Of the log.
+    """
+    family = channel.rpartition("_")[0]
+    cutoff = parameters.get(LOW_PASSES.get(family, ""), 0.0)
+    delay = low_pass_delay_s(cutoff) if cutoff > 0.0 else 0.0
+    if family == "angular_rate" and parameters.get("INS_NOTCH_ENABLE", 0.0) > 0.0:
+        frequency, width = parameters.get("INS_NOTCH_FREQ", 0.0), parameters.get("INS_NOTCH_BW", 0.0)
+        delay += notch_delay_s(frequency, width) if frequency > 0.0 and width > 0.0 else 0.0
+    return delay
+
+
+def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float]) -> list[Finding]:
+    """Say what was taken off the stamps, and why."""
+    told = {}
+    for channel in channels:
+        if channel.delay_s > 0.0:
+            name = LOW_PASSES[channel.name.rpartition("_")[0]]
+            words = f"low-pass of {parameters[name]:g} Hz, {name}" if name in parameters else "notch"
+            told[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
+    if not told:
+        return []
+    sentence = "; ".join(f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in told.items())
+    return [Finding("sensor_delay", f"Taken off the stamps of {sentence}.")]
+
+
+# -- Motors --
+
+#: Numbers of SERVOn_FUNCTION: motors 1 to 8, and 9 to 12.
+MOTOR_FUNCTIONS = {**{33 + n: 1 + n for n in range(8)}, **{82 + n: 9 + n for n in range(4)}}
+#: Outputs that RCOU has.
+OUTPUTS = 14
+#: The autopilot's own values where a parameter is not logged.
+SPIN_MIN, SPIN_MAX, CURVE = 0.15, 0.95, 0.65
+#: How far a line through both thrusts may be from the diagonal: in slope, and in its height where the log is.
+SLOPE_WITHIN, OFFSET_WITHIN = 0.1, 0.05
+#: Throttles below are those of the ground; fewer messages, or less spread, say nothing.
+LEAST_THROTTLE, LEAST_COUNT, LEAST_SPREAD = 0.1, 50, 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class MotorRange:
+    """Range of the motors' pulse widths, and the curve of their thrust.
+
+    Parameters
+    ----------
+    low, high : float
+        Pulse widths [us].
+    names : str
+        The parameters that say so.
+    spin_min, spin_max : float
+        Shares of the range that are in use.
+    curve : float
+        Share of the square in the thrust.
+    """
+
+    low: float
+    high: float
+    names: str
+    spin_min: float
+    spin_max: float
+    curve: float
+
+    def share(self, widths: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Shares of the range in use, from zero to one."""
+        actuator = (widths - self.low) / (self.high - self.low)
+        return np.asarray(np.clip((actuator - self.spin_min) / (self.spin_max - self.spin_min), 0.0, 1.0))
+
+    def thrust(
+        self, share: Float[np.ndarray, "*shape"], voltage: Float[np.ndarray, "*shape"]
+    ) -> Float[np.ndarray, "*shape"]:
+        """Share of the full thrust at a share of the range and a ratio of the voltage."""
+        state = share * voltage
+        lift = (1.0 - self.curve) * voltage + self.curve * voltage**2
+        return np.asarray(((1.0 - self.curve) * state + self.curve * state**2) / lift)
+
+
+def motor_columns(parameters: Mapping[str, float]) -> dict[int, int]:
+    """Output of each motor, both from 1 on.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the log.
+    """
+    told = {
+        MOTOR_FUNCTIONS[function]: output
+        for output in range(1, OUTPUTS + 1)
+        if (function := int(parameters.get(f"SERVO{output}_FUNCTION", 0.0))) in MOTOR_FUNCTIONS
+    }
+    return dict(sorted(told.items())) or {motor: motor for motor in range(1, 5)}
+
+
+def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
+    """Range of the motors; None where no parameter tells it.
+
+    Parameters
+    ----------
+    parameters : mapping of str to float
+        Of the log.
+    """
+    for names in (("MOT_PWM_MIN", "MOT_PWM_MAX"), ("RC3_MIN", "RC3_MAX")):
+        low, high = (parameters.get(name, 0.0) for name in names)
+        if 0.0 < low < high:
+            break
+    else:
+        return None
+    spin_min = parameters.get("MOT_SPIN_MIN", SPIN_MIN)
+    spin_max = parameters.get("MOT_SPIN_MAX", SPIN_MAX)
+    curve = min(max(parameters.get("MOT_THST_EXPO", CURVE), -1.0), 1.0)
+    if not 0.0 <= spin_min < spin_max <= 1.0:
+        return None
+    return MotorRange(low, high, " and ".join(names), spin_min, spin_max, curve)
+
+
+def disagreement(
+    throttle: Float[np.ndarray, " n"], thrust: Float[np.ndarray, " n"], known: MotorRange
+) -> str:
+    """Sentence on pulse widths that do not fit the throttle; empty where they do, or nothing can be told.
+
+    Parameters
+    ----------
+    throttle : ndarray, shape (n,)
+        Share of the full thrust that is asked for, at each message of the outputs.
+    thrust : ndarray, shape (n,)
+        Mean thrust of the motors by their pulse widths.
+    known : MotorRange
+        With which it was computed.
+
+    Notes
+    -----
+    The slope is the median over pairs that are half of all sorted throttles apart: moments at which motors
+    are at their bounds, as in an upset, do not move it.
+    """
+    flown = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
+    asked, given = throttle[flown], thrust[flown]
+    if asked.size < LEAST_COUNT or asked.std() < LEAST_SPREAD:
+        return ""
+    order = np.argsort(asked, kind="stable")
+    asked, given = asked[order], given[order]
+    half = asked.size // 2
+    apart = asked[half:] - asked[: asked.size - half] > 0.5 * LEAST_SPREAD
+    if apart.sum() < LEAST_COUNT // 2:
+        return ""
+    rises = (given[half:] - given[: asked.size - half])[apart]
+    slope = float(np.median(rises / (asked[half:] - asked[: asked.size - half])[apart]))
+    offset = float(np.median(given - asked))
+    if abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN:
+        return ""
+    return (
+        f"The thrust by the motors' pulse widths is {slope:.2f} times the throttle's changes, and "
+        f"{offset:+.2f} off it: the range {known.low:g} to {known.high:g} us ({known.names}), MOT_SPIN_MIN, "
+        "MOT_SPIN_MAX or MOT_THST_EXPO are not those of the flight."
+    )
+
+
+# -- Outputs --
+
+MAX_ESCS = 32
+
+
+def add_outputs(reading: Reading) -> None:
+    """Add the motors' outputs; the thrust that they stand for is the input where no throttle is logged."""
+    table = reading.tables.get("RCOU")
+    if table is None or not table.clock:
+        return
+    columns = _used(table, reading)
+    widths = {motor: table.values(column) for motor, column in columns.items()}
+    widths = {motor: np.where(one > 0.0, one, np.nan) for motor, one in widths.items()}
+    if not widths:
+        return
+    known = motor_range(reading.parameters)
+    if known is None:
+        for motor, one in widths.items():
+            reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
+        sentence = (
+            "RCOU holds pulse widths in microseconds, and no parameter tells their range (MOT_PWM_MIN and "
+            "MOT_PWM_MAX, or RC3_MIN and RC3_MAX): they stay as they are, and no input map fits an offset."
+        )
+        reading.findings.append(Finding("pulse_range_unknown", sentence))
+        return
+    shares = {motor: known.share(one) for motor, one in widths.items()}
+    for motor, one in shares.items():
+        reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
+    sentence = (
+        f"RCOU holds pulse widths in microseconds: they are read as shares of the range {known.low:g} to "
+        f"{known.high:g} ({known.names}), of which {known.spin_min:g} to {known.spin_max:g} is in use."
+    )
+    reading.findings.append(Finding("pulse_widths", sentence))
+    voltage = _voltage(table, reading)
+    thrust = np.mean([known.thrust(one, voltage) for one in shares.values()], axis=0)
+    throttle = reading.channels.get("input")
+    if throttle is None:
+        reading.add("input", table, thrust, "RCOU through the thrust curve", CurveSide.BEFORE)
+        return
+    asked = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
+    free = np.all([(one > 0.0) & (one < 1.0) for one in shares.values()], axis=0)
+    doubt = disagreement(np.where(free, asked, np.nan), thrust, known)
+    if doubt:
+        reading.findings.append(Finding("motor_range", doubt))
+
+
+def _used(table: Messages, reading: Reading) -> dict[int, str]:
+    """Column of each motor; old firmware calls them Ch1, Ch2, ..."""
+    columns: dict[int, str] = {}
+    for motor, output in motor_columns(reading.parameters).items():
+        for column in (f"C{output}", f"Ch{output}", f"Chan{output}"):
+            if output <= OUTPUTS and table.has(column):
+                columns.setdefault(motor, column)
+    return columns
+
+
+def _voltage(table: Messages, reading: Reading) -> Float[np.ndarray, " n"]:
+    """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
+    told = reading.tables.get("MOTB")
+    column = next((name for name in ("BatVolt", "BV") if told is not None and told.has(name)), "")
+    if told is None or not column or not told.clock:
+        return np.ones(table.count)
+    ratio = told.values(column)
+    sound = np.isfinite(ratio) & (ratio > 0.1) & (ratio < 2.0)
+    if not sound.any():
+        return np.ones(table.count)
+    order = np.argsort(told.time_s()[sound], kind="stable")
+    return np.asarray(np.interp(table.time_s(), told.time_s()[sound][order], ratio[sound][order]))
+
+
+def add_rotor_speeds(reading: Reading) -> None:
+    """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
+    table = reading.tables.get("ESC")
+    column = next((name for name in ("Instance", "I") if table is not None and table.has(name)), "")
+    if table is None or not column or not table.has("RPM") or not table.clock:
+        return
+    instances = table.stored(column)
+    motors = {output - 1: motor for motor, output in motor_columns(reading.parameters).items()}
+    for instance in np.unique(instances).tolist()[:MAX_ESCS]:
+        one = table.where(instances == instance)
+        speeds = one.values("RPM") * UNITS["rpm"][1]
+        if np.any(np.nan_to_num(speeds)):
+            name = f"rotor_speed_{motors.get(instance, instance + 1)}"
+            reading.add(name, one, speeds, "ESC.RPM", CurveSide.BEHIND)
+
+
+# -- States --
+
+_BY_MODE = {
+    "pilot_in_control": PILOT_MODES,
+    "input_open_loop": OPEN_LOOP_MODES,
+    "pilot_sets_attitude": (*ATTITUDE_MODES, *RATE_MODES),
+}
+
+
+def add_states(reading: Reading) -> None:
+    """Add what modes, events and sticks say."""
+    modes = reading.tables.get("MODE")
+    column = next((name for name in ("ModeNum", "Mode") if modes is not None and modes.has(name)), "")
+    if modes is not None and column and modes.clock:
+        for name, known in _BY_MODE.items():
+            within = np.isin(modes.values(column), reading.with_sweeps(known)).astype(np.float64)
+            reading.add(name, modes, within, f"MODE.{column}")
+    _add_landed(reading)
+    _add_throttle(reading)
+
+
+def _add_landed(reading: Reading) -> None:
+    events, arming = reading.tables.get("EV"), reading.tables.get("ARM")
+    if events is not None and events.has("Id") and events.clock:
+        numbers = events.values("Id")
+        known = np.isin(numbers, list(LANDED_EVENTS))
+        if known.any():
+            values = np.array([LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
+            reading.add("landed", events.where(known), values, "EV.Id")
+    if "landed" not in reading.channels and arming is not None and arming.has("ArmState") and arming.clock:
+        reading.add("landed", arming, (arming.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
+
+
+def _add_throttle(reading: Reading) -> None:
+    """Add the pilot's throttle as a share of its range."""
+    sticks = reading.tables.get("RCIN")
+    number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
+    column = next(
+        (name for name in (f"C{number}", f"Ch{number}") if sticks is not None and sticks.has(name)), ""
+    )
+    if sticks is None or not column or not sticks.clock:
+        return
+    low, high = (
+        reading.parameters.get(f"RC{number}_{end}", default) for end, default in (("MIN", 1e3), ("MAX", 2e3))
+    )
+    if not low < high:
+        return
+    widths = sticks.values(column)
+    shares = np.where(widths > 0.0, np.clip((widths - low) / (high - low), 0.0, 1.0), np.nan)
+    reading.add("pilot_throttle", sticks, shares, f"RCIN.{column}")
+
+
+# -- Turning --
+
+_DEG = UNITS["deg"][1]
+#: Of which functions of half of roll, pitch and yaw the two products are that each part is the sum of, or the
+#: difference (x and z).
+_COS, _SIN = (np.cos, np.sin), (np.sin, np.cos)
+_FACTORS = {
+    "w": (_COS, _COS, _COS),
+    "x": (_SIN, _COS, _COS),
+    "y": (_COS, _SIN, _COS),
+    "z": (_COS, _COS, _SIN),
+}
+#: A heading in radians that counts its turns is below.
+LARGEST_ANGLE = 1e6
+_ANGLES = ("roll", "pitch", "yaw")
+#: What is swept, by SIDS.Ax, and what one of SIDD.Targ is in its unit.
+SWEPT = {
+    **{1 + n: (f"reference_{angle}", _DEG) for n, angle in enumerate(_ANGLES)},
+    **{4 + n: (f"reference_{angle}", _DEG) for n, angle in enumerate(_ANGLES)},
+    **{7 + n: (f"reference_angular_rate_{axis}", _DEG) for n, axis in enumerate("xyz")},
+    **{10 + n: (f"injected_torque_{axis}", 1.0) for n, axis in enumerate("xyz")},
+    13: ("injected_throttle", 1.0),
+}
+
+
+def add_attitude(reading: Reading) -> None:
+    """Add the attitude as a quaternion."""
+    table = reading.tables.get("ATT")
+    if table is None or not table.has(*ATTITUDE) or not table.clock:
+        return
+    for part in "wxyz":
+        reading.add_made(
+            f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw"
+        )
+
+
+def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
+    """Part w, x, y or z of the quaternion from body to world."""
+    made = _yaw(table)
+    others = [(table.stored(name), table.layout.fields[name].factor * _DEG) for name in ("Roll", "Pitch")]
+    for start, stop in row_blocks(0, table.count, PASSED_ROWS):
+        angles = [factor * stored[start:stop].astype(np.float64) for stored, factor in others]
+        halves = [0.5 * angle for angle in (*angles, made[start:stop])]
+        first, second = (
+            np.prod([of(half) for of, half in zip(functions, halves, strict=True)], axis=0)
+            for functions in zip(*_FACTORS[part], strict=True)
+        )
+        made[start:stop] = first + second if part in "wy" else first - second
+    return made
+
+
+def _yaw(table: Messages) -> Float[np.ndarray, " n"]:
+    """Yaw without jumps [rad], which makes a quaternion without jumps of sign."""
+    yaw = table.values("Yaw")
+    yaw *= _DEG
+    return _unwrapped(yaw)
+
+
+def add_setpoints(reading: Reading) -> None:
+    """Add the setpoints of attitude and of rates, told apart by who makes them."""
+    wanted: list[tuple[str, str, str, tuple[int, ...]]] = [
+        (f"reference_{angle}", "ATT", column, reading.with_sweeps(ATTITUDE_MODES))
+        for angle, column in ATTITUDE_SETPOINTS.items()
+    ]
+    wanted += [
+        (f"reference_angular_rate_{axis}", "RATE", column, RATE_MODES)
+        for axis, column in RATE_SETPOINTS.items()
+    ]
+    for name, message, column, modes in wanted:
+        table = reading.tables.get(message)
+        if table is None or not table.has(column) or not table.clock:
+            continue
+        by_sticks = reading.modes_at(table, modes)
+        for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
+            if where.any():
+                told = partial(_setpoint, table, column, None if where.all() else where)
+                reading.add_made(f"{kind}{name}", table, told, f"{message}.{column}")
+
+
+def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
+    """Setpoint [rad, rad/s], and no value where it is of another kind; None where it is not."""
+    values = table.values(column)
+    values *= _DEG
+    values = _unwrapped(values) if column == "DesYaw" else values
+    if where is not None:
+        values[~where] = np.nan
+    return values
+
+
+def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Take the jumps of whole turns out of an angle [rad], in place; zero where it cannot be one."""
+    angle[~((angle > -LARGEST_ANGLE) & (angle < LARGEST_ANGLE))] = 0.0
+    turns = np.diff(angle)
+    turns /= 2.0 * np.pi
+    np.round(turns, out=turns)
+    if np.any(turns):
+        np.cumsum(turns, out=turns)
+        turns *= 2.0 * np.pi
+        angle[1:] -= turns
+    return angle
+
+
+def add_sweeps(reading: Reading) -> None:
+    """Add the injected sweeps, each where it is."""
+    sweep, settings = reading.tables.get("SIDD"), reading.tables.get("SIDS")
+    if sweep is None or not sweep.has("Targ") or not sweep.clock:
+        return
+    axes = _axes(sweep, settings, reading.parameters.get("SID_AXIS", 0.0))
+    present = np.unique(axes).tolist()
+    for axis in present:
+        if axis not in SWEPT:
+            sentence = f"Sweeps of system identification on axis {axis:g} are not used."
+            reading.findings.append(Finding("sweep_unused", sentence))
+    for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
+        swept = np.isin(axes, [axis for axis, (of, _) in SWEPT.items() if of == name])
+        _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
+
+
+def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.ndarray, " n"]:
+    """Axis of each sample of a sweep: by the last settings before it, else by the parameter."""
+    if settings is None or not settings.has("Ax") or not settings.clock:
+        return np.full(sweep.count, told)
+    times = settings.time_s()
+    order = np.argsort(times, kind="stable")
+    place = np.searchsorted(times[order], sweep.time_s(), side="right")
+    return np.asarray(np.append(told, settings.values("Ax")[order])[place])
+
+
+def _add_sweep(reading: Reading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
+    """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
+    asked = reading.channels.get(name)
+    reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
+    channel = reading.channels.get(name)
+    if channel is None:
+        return
+    ends = np.append(channel.time_s[1:], np.inf)
+    last = np.flatnonzero(ends - channel.time_s > SILENCE_S)
+    step = float(np.median(np.diff(channel.time_s))) if channel.time_s.size > 1 else 0.01
+    time = np.insert(channel.time_s, last + 1, channel.time_s[last] + step)
+    injected = np.insert(channel.values, last + 1, 0.0)
+    if time[0] > 0.0:
+        time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
+    channel = replace(channel, time_s=time, values=injected)
+    reading.keep(channel if asked is None else _beside(asked, channel))
+
+
+def _beside(asked: Channel, sweep: Channel) -> Channel:
+    """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
+    place = np.searchsorted(sweep.time_s, asked.time_s, side="right") - 1
+    rests = (place < 0) | (sweep.values[np.maximum(place, 0)] == 0.0)
+    moves = np.flatnonzero(sweep.values != 0.0)
+    time = np.concatenate([asked.time_s[rests], sweep.time_s[moves]])
+    values = np.concatenate([np.nan_to_num(asked.values[rests]), sweep.values[moves]])
+    order = np.argsort(time, kind="stable")
+    return clean_channel(
+        sweep.name, time[order], values[order], sweep.unit, source=sweep.source, held=sweep.held
+    )
+
+
+# -- Vehicle --
+
+#: What the firmware calls itself, in small letters ("APM:Copter V3.4.4", "ArduPlane V4.5.7").
+FIRMWARES = {
+    "copter": ROTARY_WING,
+    "plane": "fixed wing",
+    "rover": "rover",
+    "sub": "submarine",
+    "blimp": "blimp",
+    "antennatracker": "tracking antenna",
+}
+#: VER.BU, the kind of firmware.
+BUILDS = {
+    1: "rover",
+    2: ROTARY_WING,
+    3: "fixed wing",
+    4: "tracking antenna",
+    7: "submarine",
+    12: "blimp",
+    13: ROTARY_WING,
+}
+_PREFIXES = ("ardu", "apm:", "")
+
+
+def vehicle_of(tables: Mapping[str, Messages]) -> str:
+    """Kind of vehicle in words, empty when the log does not say.
+
+    Parameters
+    ----------
+    tables : mapping of str to Messages
+        By name.
+    """
+    version = tables.get("VER")
+    if version is not None and version.has("BU"):
+        kinds = [BUILDS[kind] for kind in np.unique(version.values("BU")).tolist() if kind in BUILDS]
+        if kinds:
+            return kinds[0]
+    told = tables.get("MSG")
+    for text in told.texts("Message") if told is not None and told.has("Message") else []:
+        words = text.lower().split(" v", 1)
+        for prefix in _PREFIXES:
+            name = words[0].removeprefix(prefix).strip()
+            if len(words) == 2 and name in FIRMWARES:
+                return FIRMWARES[name]
+    return ""

@@ -1,0 +1,463 @@
+"""Channels of PX4 and mavros topics in a bag."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.errors import InputError
+from eivor.logs.common import silenced
+from eivor.logs.rosbag.messages import PACKAGE, Layout, UnsoundMessageError, message_layout, px4_releases
+from eivor.logs.rosbag.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns, with_derived
+from eivor.logs.ulog.channels import read_topics, unknown_filters
+from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
+from eivor.signals.channels import CurveSide, held_by_default, unit_of
+from eivor.signals.recording import Channel, Finding, clean_channel
+
+# -- PX4 --
+
+#: Place of the vehicle, direction, name, number of the instance, version of the message.
+_NAME = re.compile(
+    r"(?P<vehicle>.*?)(?:/fmu/(?P<way>in|out))?/(?P<topic>[a-z_]\w*?)(?P<instance>\d*)(?:_v\d+)?"
+)
+
+
+def is_px4(name: str, kind: str) -> bool:
+    """Say whether a topic is one of PX4's that channels are made of."""
+    match = _NAME.fullmatch(name)
+    return kind.startswith(f"{PACKAGE}/") and match is not None and match["topic"] in NEEDED_TOPICS
+
+
+def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
+    """Return the channels of PX4's topics, z down, and the kind of vehicle.
+
+    Parameters
+    ----------
+    raws : sequence of RawTopic
+        For which `is_px4` holds.
+    findings : list of Finding
+        Gets what is found.
+
+    Raises
+    ------
+    InputError
+        When they are of several vehicles.
+    """
+    places = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
+    if len(places) > 1:
+        raise InputError(
+            "a bag of one vehicle",
+            f"one with topics of {len(places)}: {', '.join(sorted(place or '/' for place in places)[:6])}",
+            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
+        )
+    layouts = _layouts(raws, findings)
+    columns = [as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
+    sound = of_one_clock([one for one in columns if one is not None], findings)
+    if not sound:
+        return {}, ""
+    topics = _chosen(sound, findings)
+    channels = read_topics(topics, np.uint64(start_ns(sound) // 1000), {}, findings)
+    findings += unknown_filters(channels.values(), "A bag holds")
+    return channels, vehicle_of(topics, {})
+
+
+def looked_for() -> Mapping[str, tuple[str, ...]]:
+    """What is looked for, by channel."""
+    return LOOKED_FOR
+
+
+def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Topic]:
+    """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
+    by_name: dict[str, dict[str, list[Topic]]] = {}
+    for one in sound:
+        match = _NAME.fullmatch(one.name)
+        if match is None:
+            continue
+        topic = Topic(match["topic"], int(match["instance"] or 0), one.fields)
+        by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
+    return {name: choose_instance(ways.get("out") or ways["in"], findings) for name, ways in by_name.items()}
+
+
+def _layouts(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Callable[[bytes], Layout]]:
+    """How the messages of each topic are read: by its definition, or by the releases that fit."""
+    layouts = {raw.name: raw.defined() for raw in raws if raw.text}
+    unsaid = [raw for raw in raws if not raw.text]
+    if not unsaid:
+        return layouts
+    releases = px4_releases()
+    fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
+    common = set(releases).intersection(*(found for found in fits.values() if found))
+    misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
+    if misfits:
+        known = ", ".join(releases)
+        sentence = (
+            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are "
+            f"known ({known}) "
+            f"and are left out: {', '.join(misfits)}."
+        )
+        findings.append(Finding("px4_release", sentence))
+    for raw in unsaid:
+        if fits[raw.name]:
+            layouts[raw.name] = _agreed(raw, sorted(fits[raw.name] & common or fits[raw.name]))
+    told = ", ".join(sorted(common)) or "several"
+    sentence = (
+        f"The bag has no definitions of messages: they are read as those of PX4 {told}, whose lengths fit."
+    )
+    findings.append(Finding("px4_release", sentence))
+    return layouts
+
+
+def _fitting(raw: RawTopic, numbers: Sequence[str]) -> set[str]:
+    """The releases whose type is as long as the first message."""
+    found = set()
+    for number in numbers:
+        try:
+            _agreed(raw, [number])(raw.payloads[0])
+        except UnsoundMessageError:
+            continue
+        found.add(number)
+    return found
+
+
+def _agreed(raw: RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Layout]:
+    """What gives the layout of a message as far as some releases agree on it."""
+    releases = px4_releases()
+    kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)
+
+    def layout_of(message: bytes) -> Layout:
+        layouts = [
+            message_layout(message, raw.kind, releases[number], ros1=raw.ros1)
+            for number in numbers[: 1 if len(kinds) == 1 else None]
+        ]
+        first = layouts[0]
+        fields = {
+            name: place
+            for name, place in first.fields.items()
+            if all(one.fields.get(name) == place for one in layouts)
+        }
+        return Layout(fields, first.lengths, first.size)
+
+    return layout_of
+
+
+# -- ROS sources --
+
+#: The folder of mavros' topics.
+MAVROS = "mavros/"
+#: Words in the name of a topic that is asked for, not measured.
+ASKED = re.compile(
+    r"set_?point|target|goal|reference|desired|command|cmd|(?:^|[/_])ref(?:[/_]|$)", re.IGNORECASE
+)
+MAX_ROTORS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class RosSource:
+    """One place where a channel may be.
+
+    Parameters
+    ----------
+    topic : str
+        What its name ends with, from the folder of mavros on; empty for the only topic of its type.
+    kind : str
+        Type of its messages.
+    field : str
+        Full name of the field.
+    sign : float
+        -1 where the channel is the negative of the field.
+    estimated : bool
+        True when an estimator makes the values.
+    is_setpoint : bool
+        True when the topic falls silent where the setpoint is not in force.
+    is_asked : bool
+        For the only topic of its type: whether its name must say that it is asked for, or must not.
+    """
+
+    topic: str
+    kind: str
+    field: str
+    sign: float = 1.0
+    estimated: bool = False
+    is_setpoint: bool = False
+    is_asked: bool = False
+
+    def serves(self, name: str, kind: str) -> bool:
+        """Say whether a topic is this one."""
+        if kind != self.kind:
+            return False
+        if self.topic:
+            return f"/{name.lstrip('/')}".endswith(f"/{MAVROS}{self.topic}")
+        return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
+
+
+_ODOMETRY, _POSE, _TWIST = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/TwistStamped"
+_IMU, _BATTERY = "sensor_msgs/Imu", "sensor_msgs/BatteryState"
+_POSITION, _ATTITUDE = "mavros_msgs/PositionTarget", "mavros_msgs/AttitudeTarget"
+_STATE, _ROTORS = "mavros_msgs/State", ("mav_msgs/Actuators", "actuator_msgs/Actuators")
+_SPEEDS = ("angular_velocities", "velocity")
+
+
+def _places(axis: str) -> tuple[RosSource, ...]:
+    return (
+        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
+        RosSource("local_position/pose", _POSE, f"pose.position.{axis}", estimated=True),
+        RosSource("", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
+        RosSource("", _POSE, f"pose.position.{axis}"),
+        RosSource("", "geometry_msgs/TransformStamped", f"transform.translation.{axis}"),
+    )
+
+
+def _velocities(axis: str) -> tuple[RosSource, ...]:
+    return (
+        RosSource("local_position/velocity_local", _TWIST, f"twist.linear.{axis}", estimated=True),
+        RosSource("local_position/odom", _ODOMETRY, f"twist.world.{axis}", estimated=True),
+        RosSource("", _ODOMETRY, f"twist.world.{axis}", estimated=True),
+        RosSource("", _TWIST, f"twist.linear.{axis}", estimated=True),
+    )
+
+
+def _turns(part: str) -> tuple[RosSource, ...]:
+    return (
+        RosSource("imu/data", _IMU, f"orientation.{part}", estimated=True),
+        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
+        RosSource("local_position/pose", _POSE, f"pose.orientation.{part}", estimated=True),
+        RosSource("", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
+        RosSource("", _POSE, f"pose.orientation.{part}"),
+        RosSource("", "geometry_msgs/TransformStamped", f"transform.rotation.{part}"),
+        RosSource("", _IMU, f"orientation.{part}", estimated=True),
+    )
+
+
+def _inertial(field: str) -> tuple[RosSource, ...]:
+    return tuple(RosSource(topic, _IMU, field) for topic in ("imu/data_raw", "imu/data", ""))
+
+
+def _asked(field: str) -> RosSource:
+    return RosSource("setpoint_raw/local", _POSITION, field, is_setpoint=True)
+
+
+def _flown(field: str) -> RosSource:
+    return RosSource("setpoint_raw/target_attitude", _ATTITUDE, field)
+
+
+def _reported(field: str) -> RosSource:
+    return RosSource("setpoint_raw/target_local", _POSITION, field, is_setpoint=True)
+
+
+#: Sources of each channel, the preferred one first.
+CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
+    **{f"position_{axis}": _places(axis) for axis in "xyz"},
+    **{f"velocity_{axis}": _velocities(axis) for axis in "xyz"},
+    **{f"specific_force_body_{axis}": _inertial(f"linear_acceleration.{axis}") for axis in "xyz"},
+    **{f"attitude_{part}": _turns(part) for part in "wxyz"},
+    **{f"angular_rate_{axis}": _inertial(f"angular_velocity.{axis}") for axis in "xyz"},
+    "input": (
+        _flown("thrust"),
+        RosSource("setpoint_raw/attitude", _ATTITUDE, "thrust"),
+        RosSource("target_actuator_control", "mavros_msgs/ActuatorControl", "controls[3]"),
+    ),
+    "reference_position_z": (
+        _asked("position.z"),
+        RosSource("setpoint_position/local", _POSE, "pose.position.z", is_setpoint=True),
+        _reported("position.z"),
+        RosSource("", _POSE, "pose.position.z", is_setpoint=True, is_asked=True),
+    ),
+    "reference_velocity_z": (_asked("velocity.z"),),
+    "reference_acceleration_z": (_asked("acceleration_or_force.z"),),
+    "feedback_reference_velocity_z": (_reported("velocity.z"),),
+    **{f"feedback_reference_{name}": (_flown(name),) for name in ("roll", "pitch", "yaw")},
+    **{f"feedback_reference_angular_rate_{axis}": (_flown(f"body_rate.{axis}"),) for axis in "xyz"},
+    **{
+        f"torque_setpoint_{axis}": (
+            RosSource(
+                "target_actuator_control", "mavros_msgs/ActuatorControl", f"controls[{place}]", sign=sign
+            ),
+        )
+        for place, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
+    },
+    **{
+        f"rotor_command_{number}": tuple(
+            RosSource("", kind, f"{field}[{number - 1}]", is_asked=True)
+            for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
+        )
+        for number in range(1, MAX_ROTORS + 1)
+    },
+    **{
+        f"rotor_speed_{number}": (
+            *(
+                RosSource("", kind, f"{field}[{number - 1}]")
+                for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
+            ),
+        )
+        for number in range(1, MAX_ROTORS + 1)
+    },
+    **{
+        f"actuator_output_{number}": (RosSource("rc/out", "mavros_msgs/RCOut", f"channels[{number - 1}]"),)
+        for number in range(1, MAX_ROTORS + 1)
+    },
+    "battery_voltage": (RosSource("battery", _BATTERY, "voltage"), RosSource("", _BATTERY, "voltage")),
+    "landed": (RosSource("extended_state", "mavros_msgs/ExtendedState", "landed"),),
+    **{
+        name: (RosSource("state", _STATE, name),)
+        for name in ("pilot_in_control", "input_open_loop", "pilot_sets_attitude")
+    },
+}
+
+
+def _source_text(source: RosSource) -> str:
+    return f"{MAVROS}{source.topic}.{source.field}" if source.topic else f"{source.kind} {source.field}"
+
+
+#: What was looked for, by channel, in the words of a message.
+ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
+    name: tuple(_source_text(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()
+}
+
+
+# -- ROS --
+
+#: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
+MUCH_BETTER, WAY_S = 2.0, 1.0
+#: Rotor outputs in microseconds: none can be told from a share without its range.
+PULSES = "rc/out"
+#: Sides of the autopilot's thrust curve, by channel or topic: setpoints of thrust, and what motors are sent.
+CURVE_SIDES = {"input": CurveSide.BEFORE, PULSES: CurveSide.BEHIND}
+
+
+def is_known(name: str, kind: str) -> bool:
+    """Say whether channels are made of a topic."""
+    return any(source.serves(name, kind) for sources in CHANNEL_SOURCES.values() for source in sources)
+
+
+def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Channel]:
+    """Return the channels of topics, z up.
+
+    Parameters
+    ----------
+    raws : sequence of RawTopic
+        For which `is_known` holds.
+    findings : list of Finding
+        Gets what is found.
+
+    Raises
+    ------
+    InputError
+        When they are of several vehicles.
+    """
+    _check_vehicles([raw.name for raw in raws])
+    columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
+    topics = of_one_clock([_complete(one, findings) for one in columns if one is not None], findings)
+    if not topics:
+        return {}
+    start = start_ns(topics)
+    end_s = max(float(one.seconds(start).max()) for one in topics)
+    channels: dict[str, Channel] = {}
+    unclear: dict[str, list[str]] = {}
+    silent = []
+    for name, sources in CHANNEL_SOURCES.items():
+        for source in sources:
+            serving = [
+                one for one in topics if source.serves(one.name, one.kind) and source.field in one.fields
+            ]
+            if len(serving) > 1:
+                unclear[source.kind] = sorted(one.name for one in serving)
+            if name in channels or len(serving) != 1:
+                continue
+            made = _channel(name, serving[0], source, start)
+            if made is None:
+                continue
+            if source.is_setpoint:
+                until = silenced(made, end_s)
+                silent += [name] if until.time_s.size > made.time_s.size else []
+                made = until
+            channels[name] = made
+    findings += _finding_list(unclear, silent, channels)
+    return channels
+
+
+def _check_vehicles(names: Sequence[str]) -> None:
+    places = {name.partition(MAVROS)[0] for name in names if f"/{MAVROS}" in f"/{name.lstrip('/')}"}
+    if len(places) > 1:
+        raise InputError(
+            "a bag of one vehicle",
+            f"one with mavros of {len(places)}: {', '.join(sorted(places)[:6])}",
+            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
+        )
+
+
+def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
+    """A topic with the columns that are worked out of its own."""
+    fields = with_derived(topic.kind, topic.fields)
+    if topic.kind == "nav_msgs/Odometry" and "twist.world.z" in fields and _is_in_the_world(topic, fields):
+        fields |= {f"twist.world.{axis}": fields[f"twist.twist.linear.{axis}"] for axis in "xyz"}
+        sentence = (
+            f"The velocity of {topic.name} is that of its place as it stands: it is taken as one in "
+            "the world, although odometry's is in the body's axes."
+        )
+        findings.append(Finding("odometry_frame", sentence))
+    return BagTopic(topic.name, topic.kind, fields, topic.stamp_ns, topic.record_ns)
+
+
+def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
+    """Whether the velocity of odometry as it stands is that of its place, over a second: places are noisy."""
+    time_s = topic.seconds(int(topic.stamp_ns.min()))
+    later = np.searchsorted(time_s, time_s + WAY_S)
+    begun = np.flatnonzero(later < time_s.size)
+    if begun.size < 20:
+        return False
+
+    def misfit(stem: str) -> float:
+        total = 0.0
+        for axis in "xyz":
+            place = fields[f"pose.pose.position.{axis}"].astype(np.float64)
+            moved = fields[f"{stem}.{axis}"].astype(np.float64)
+            way = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
+            gone = (place - way)[later[begun]] - (place - way)[begun]
+            total += float(np.nanmedian(np.abs(gone)))
+        return total
+
+    turned, standing = misfit("twist.world"), misfit("twist.twist.linear")
+    return bool(standing * MUCH_BETTER < turned)
+
+
+def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Channel | None:
+    """A channel of a field; None when it has no value, or an output never moves."""
+    values = source.sign * topic.fields[source.field].astype(np.float64)
+    finite = values[np.isfinite(values)]
+    if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
+        return None
+    return clean_channel(
+        name,
+        topic.seconds(start),
+        values,
+        unit_of(name),
+        source=f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
+        held=held_by_default(name),
+        estimated=source.estimated,
+        curve_side=CURVE_SIDES.get(source.topic if source.topic == PULSES else name, CurveSide.UNKNOWN),
+    )
+
+
+def _finding_list(
+    unclear: Mapping[str, Sequence[str]], silent: Sequence[str], channels: Mapping[str, Channel]
+) -> list[Finding]:
+    findings = []
+    if silent:
+        sentence = f"Not in force while its topic is silent: {', '.join(silent)}."
+        findings.append(Finding("setpoint_silent", sentence))
+    for kind, names in unclear.items():
+        sentence = (
+            f"Several topics of type {kind}, of which none says what it is of: {', '.join(names)}. None "
+            "is used; name the right one in a channel map (--map)."
+        )
+        findings.append(Finding("several_topics", sentence))
+    if "actuator_output_1" in channels:
+        sentence = (
+            "mavros/rc/out holds pulse widths in microseconds, and nothing in a bag tells their range: "
+            "they stay as they are, and no input map fits an offset."
+        )
+        findings.append(Finding("pulse_range_unknown", sentence))
+    return findings

@@ -1,0 +1,481 @@
+"""Containers of bags: files, compression and schemas."""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import struct
+import sys
+from bz2 import BZ2Decompressor
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from heapq import nsmallest
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from urllib.parse import quote
+
+from eivor.atomic_file import write_whole
+from eivor.errors import CorruptLogError, InputError, MissingReaderError
+from eivor.logs.common import FolderParts, file_names
+from eivor.logs.rosbag.messages import type_name
+
+# -- Decompression --
+
+#: What a bag may become by decompression: so many times its size, and so much more [bytes].
+TIMES, MORE = 64, 64 << 20
+
+
+class TooLargeError(ValueError):
+    """A bag that becomes too large by decompression."""
+
+
+@dataclass(slots=True)
+class Budget:
+    """How much may still be decompressed [bytes]."""
+
+    left: int
+
+    @classmethod
+    def of(cls, size: int) -> Budget:
+        """Return the budget of a bag of so many bytes."""
+        return cls(TIMES * size + MORE)
+
+    def spent(self, made: bytes) -> bytes:
+        """Return what was made, which is taken off."""
+        self.left -= len(made)
+        if self.left < 0:
+            raise TooLargeError("it repeats itself far more often than a flight does")
+        return made
+
+    def plain(self, data: bytes) -> bytes:
+        """Return what is not compressed."""
+        return self.spent(data)
+
+    def zstd(self, data: bytes) -> bytes:
+        """Decompress by zstd."""
+        return self._made(data, _zstd_decompressor())
+
+    def lz4(self, data: bytes) -> bytes:
+        """Decompress by lz4."""
+        from lz4.frame import LZ4FrameDecompressor
+
+        return self._made(data, LZ4FrameDecompressor)
+
+    def bz2(self, data: bytes) -> bytes:
+        """Decompress by bzip2."""
+        return self._made(data, BZ2Decompressor)
+
+    def _made(self, data: bytes, decompressor: Callable[[], Any]) -> bytes:
+        """All frames of compressed data."""
+        parts = []
+        while data:
+            one = decompressor()
+            parts.append(self.spent(one.decompress(data, max_length=self.left + 1)))
+            if not one.eof:
+                raise EOFError("compressed data that end within a frame, or go on for too long")
+            data = one.unused_data or b""
+        return b"".join(parts)
+
+
+def _zstd_decompressor() -> Callable[[], Any]:
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd.ZstdDecompressor
+
+
+@contextmanager
+def bounded_chunks(budget: Budget) -> Iterator[None]:
+    """Let rosbags decompress chunks of MCAP within a budget, while the context lasts."""
+    from rosbags.rosbag2 import storage_mcap
+
+    table: dict[str, Callable[[bytes, int], bytes]] = storage_mcap.DECOMPRESSORS
+    kept = dict(table)
+    table.update(
+        {
+            "": lambda data, _: budget.plain(data),
+            "lz4": lambda data, _: budget.lz4(data),
+            "zstd": lambda data, _: budget.zstd(data),
+        }
+    )
+    try:
+        yield
+    finally:
+        table.update(kept)
+
+
+def zstd_error() -> type[Exception]:
+    """Return what zstd raises for damaged data."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    error: type[Exception] = zstd.ZstdError
+    return error
+
+
+# -- Files --
+
+ROS1, SQLITE, MCAP = "ros1", "sqlite", "mcap"
+MAGICS = {b"#ROSBAG": ROS1, b"SQLite format 3\x00": SQLITE, b"\x89MCAP0\r\n": MCAP}
+#: How a file begins that is compressed as a whole.
+ZSTD = b"\x28\xb5\x2f\xfd"
+#: Ends of the names of a bag's files.
+ENDINGS = (".bag", ".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+#: The file that ROS 2 writes beside them.
+METADATA = "metadata.yaml"
+_PART = re.compile(r"(.*?)(?:_(\d+))?\.(bag|db3|mcap)(?:\.zstd)?")
+#: More parts than any bag has.
+MAX_PARTS = 10_000
+
+
+def is_bag_folder(folder: Path) -> bool:
+    """Say whether a folder holds files of a bag."""
+    return folder.is_dir() and bool(_candidates(folder))
+
+
+def bag_parts(folder: Path) -> FolderParts:
+    """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it.
+
+    Bags without either, which were put into one folder, may be of several flights.
+    """
+    found = _candidates(folder)
+    names = {match[1] for file in found if (match := _PART.fullmatch(file.name)) is not None}
+    has_metadata = (folder / METADATA).is_file()
+    if not found or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
+        return FolderParts()
+    return FolderParts(frozenset((*(file.name for file in found), *([METADATA] if has_metadata else ()))))
+
+
+def bag_files(path: Path) -> list[Path]:
+    """Return the files of a bag, in their order.
+
+    Parameters
+    ----------
+    path : Path
+        A file, or a folder of one bag: parts of one name and one kind, with numbers.
+
+    Raises
+    ------
+    InputError
+        When the folder holds several bags.
+    """
+    if not path.is_dir():
+        return [path]
+    found = _candidates(path)
+    parts = {file: _PART.fullmatch(file.name) for file in found}
+    names = {(match[1], match[3]) for match in parts.values() if match is not None}
+    if len(names) > 1:
+        shown = ", ".join(file.name for file in found[:4]) + (", ..." if len(found) > 4 else "")
+        raise InputError(
+            "a folder with the files of one bag",
+            f"'{path.name}' with those of {len(names)} ({shown})",
+            "Give the file or the folder of one bag.",
+        )
+    return sorted(found, key=lambda file: int((parts[file] or [0, 0, 0])[2] or 0))
+
+
+def _candidates(folder: Path) -> list[Path]:
+    names = (name for name in file_names(folder) if name.endswith(ENDINGS))
+    return [folder / name for name in nsmallest(MAX_PARTS, names)]
+
+
+# -- MCAP schemas --
+
+#: How messages are described that are read.
+ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "")
+_MAGIC_BYTES = 8
+_SCHEMA = 0x03
+#: Most of a summary that is looked at [bytes].
+MAX_BYTES = 1 << 24
+
+
+def check_schemas(file: Path) -> None:
+    """Raise for a file none of whose schemas is of ROS 2.
+
+    Raises
+    ------
+    MissingReaderError
+        With the schemas that it has.
+    """
+    found = _schemas(file)
+    if not found or any(encoding in ENCODINGS for _, encoding in found):
+        return
+    shown = ", ".join(f"{name} ({encoding})" for name, encoding in found[:8]) + (", ..." if found[8:] else "")
+    raise MissingReaderError(
+        "an MCAP file with messages of ROS 2",
+        f"'{file.name}' with {shown}",
+        "Convert its topics to CSV with canonical column names (`mcap cat --json` prints them), or give the "
+        "vehicle's own log.",
+    )
+
+
+def _schemas(file: Path) -> list[tuple[str, str]]:
+    """Names and encodings of the schemas in the summary at the file's end."""
+    size = file.stat().st_size
+    with file.open("rb") as stream:
+        stream.seek(max(size - _MAGIC_BYTES - 20, 0))
+        start = struct.unpack("<Q", stream.read(8).ljust(8, b"\0"))[0]
+        if not _MAGIC_BYTES < start < size:
+            return []
+        stream.seek(start)
+        summary = stream.read(min(size - start, MAX_BYTES))
+    found, place = [], 0
+    while place + 9 <= len(summary):
+        kind, length = summary[place], struct.unpack_from("<Q", summary, place + 1)[0]
+        record = summary[place + 9 : place + 9 + length]
+        place += 9 + length
+        if kind == _SCHEMA and len(record) > 2:
+            name, rest = _text(record[2:])
+            found.append((name, _text(rest)[0]))
+    return found
+
+
+def _text(data: bytes) -> tuple[str, bytes]:
+    """The text that data begin with, after its length, and what follows."""
+    length = int.from_bytes(data[:4], "little")
+    return data[4 : 4 + length].decode("utf-8", "replace")[:80], data[4 + length :]
+
+
+# -- Containers --
+
+#: What reading of a damaged bag may raise, beside the errors of rosbags and of its decompressors.
+_DAMAGE = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    AttributeError,
+    AssertionError,
+    OSError,
+    EOFError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    struct.error,
+    sqlite3.Error,
+)
+#: Expressions in the definition of a table, which a database would compute.
+_COMPUTED = re.compile(r"\bas\s*\(|generated|virtual", re.IGNORECASE)
+_REMEDIES = {
+    ROS1: "Mend it with `rosbag reindex`, or copy it again.",
+    SQLITE: "Copy it again, with the files beside it that end in -wal and -shm, or use `ros2 bag reindex`.",
+    MCAP: "Mend it with `mcap recover OLD -o NEW`, or copy it again.",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """One topic of a bag's file.
+
+    Parameters
+    ----------
+    topic : str
+        Its name.
+    kind : str
+        Type of its messages, "package/Type".
+    text : str
+        Definition of that type, empty where the bag has none.
+    is_idl : bool
+        Whether the definition is of the interface definition language, not of `.msg`.
+    count : int
+        Number of messages, as the bag says.
+    handle : Any
+        What rosbags calls it.
+    """
+
+    topic: str
+    kind: str
+    text: str
+    is_idl: bool
+    count: int
+    handle: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Container:
+    """One open file of a bag.
+
+    Parameters
+    ----------
+    connections : tuple of Connection
+        Its topics.
+    ros1 : bool
+        Whether messages are written as in ROS 1.
+    reader : Any
+        rosbags' own.
+    budget : Budget
+        For messages that are compressed one by one.
+    """
+
+    connections: tuple[Connection, ...]
+    ros1: bool
+    reader: Any
+    budget: Budget
+
+    def messages(self, wanted: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
+        """Give messages in the order of the record: topic, time of the record [ns], bytes."""
+        known = {one.handle.id: one for one in wanted}
+        if not known:
+            return
+        for handle, record_ns, data in self.reader.messages([one.handle for one in wanted]):
+            payload = bytes(data)
+            if payload.startswith(ZSTD):
+                payload = self.budget.zstd(payload)
+            yield known[handle.id], int(record_ns), payload
+
+
+def check_installed() -> None:
+    """Raise when rosbags is not there.
+
+    Raises
+    ------
+    MissingReaderError
+        With the command that installs it.
+    """
+    try:
+        import rosbags.rosbag1
+        import rosbags.rosbag2  # noqa: F401
+    except ImportError as error:
+        raise MissingReaderError(
+            "rosbags, which reads bags and MCAP",
+            f"an installation without it ({error})",
+            "Install it: pip install 'eivor[ros]'.",
+        ) from error
+
+
+@contextmanager
+def opened(file: Path, budget: Budget) -> Iterator[Container]:
+    """Open one file of a bag.
+
+    Parameters
+    ----------
+    file : Path
+        Of any of the kinds, told by its content; or one that is compressed as a whole.
+    budget : Budget
+        How much may be decompressed.
+
+    Raises
+    ------
+    CorruptLogError
+        When it cannot be read, also while the context lasts.
+    """
+    kind = ""
+    damage: tuple[type[Exception], ...] = (*_DAMAGE, *_errors_of_rosbags())
+    try:
+        with TemporaryDirectory(prefix="eivor-") as folder, bounded_chunks(budget):
+            plain = _unpacked(file, Path(folder), budget)
+            kind = _container_kind(plain)
+            reader = _reader(plain, kind, budget)
+            reader.open()
+            try:
+                yield Container(_connections(reader), kind == ROS1, reader, budget)
+            finally:
+                reader.close()
+    except damage as error:
+        raise _unreadable(file, kind, error) from error
+
+
+def _errors_of_rosbags() -> tuple[type[Exception], ...]:
+    import apsw
+    from rosbags.rosbag1 import ReaderError as BagError
+    from rosbags.rosbag2 import ReaderError
+
+    return apsw.Error, BagError, ReaderError, zstd_error()
+
+
+def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
+    said = str(error).replace(str(file.resolve()), file.name)[:200]
+    return CorruptLogError(
+        "a bag that can be read to its end",
+        f"'{file.name}', which cannot ({type(error).__name__}: {said})",
+        _REMEDIES.get(kind, "Copy it again."),
+    )
+
+
+def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
+    """The file itself, or what is in it where it is compressed as a whole."""
+    with file.open("rb") as stream:
+        if stream.read(len(ZSTD)) != ZSTD:
+            return file.resolve()
+    plain = folder / "unpacked"
+    write_whole(plain, budget.zstd(file.read_bytes()))
+    return plain
+
+
+def _container_kind(file: Path) -> str:
+    with file.open("rb") as stream:
+        head = stream.read(16)
+    for magic, kind in MAGICS.items():
+        if head.startswith(magic):
+            return kind
+    raise ValueError("it begins like no bag")
+
+
+def _reader(file: Path, kind: str, budget: Budget) -> Any:
+    if kind == ROS1:
+        return _bag_reader(file, budget)
+    if kind == MCAP:
+        from rosbags.rosbag2.storage_mcap import McapReader
+
+        check_schemas(file)
+        return McapReader(file)
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    _check_database(file)
+    # it goes into the address of a database, in which other characters mean something
+    return Sqlite3Reader(Path(quote(str(file))))
+
+
+def _bag_reader(file: Path, budget: Budget) -> Any:
+    """Reader of a ROS 1 bag whose chunks become so large and no larger."""
+    from bz2 import decompress
+
+    from lz4.frame import decompress as lz4_decompress
+    from rosbags.rosbag1 import Reader
+
+    bounded = {decompress: budget.bz2, lz4_decompress: budget.lz4}
+
+    class BoundedReader(Reader):
+        def read_chunk(self) -> Any:
+            chunk = super().read_chunk()
+            return chunk._replace(decompressor=bounded.get(chunk.decompressor, budget.plain))
+
+    return BoundedReader(file)
+
+
+def _check_database(file: Path) -> None:
+    """Raise for a database that would compute anything: a bag has tables of plain columns.
+
+    Raises
+    ------
+    ValueError
+        When it has views, triggers, or columns that are computed.
+    """
+    database = sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True)
+    try:
+        rows = database.execute("SELECT type, sql FROM sqlite_master").fetchall()
+    finally:
+        database.close()
+    for kind, text in rows:
+        if kind not in {"table", "index"} or _COMPUTED.search(text or ""):
+            raise ValueError("a database with more than plain tables")
+
+
+def _connections(reader: Any) -> tuple[Connection, ...]:
+    from rosbags.interfaces import MessageDefinitionFormat
+
+    return tuple(
+        Connection(
+            one.topic,
+            type_name(one.msgtype),
+            one.msgdef.data or "",
+            one.msgdef.format is MessageDefinitionFormat.IDL,
+            int(one.msgcount),
+            one,
+        )
+        for one in reader.connections
+    )

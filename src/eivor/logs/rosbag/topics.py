@@ -1,0 +1,508 @@
+"""Topics of a bag: contents, derived signals and channel maps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_you_mean
+from eivor.logs.channel_map import ChannelMap, ChannelRule
+from eivor.logs.common import MAX_SPAN_S, Columns
+from eivor.logs.mapping import delay_findings, fitted_rules, listed, mapped_channels
+from eivor.logs.rosbag.containers import Budget, Connection, opened
+from eivor.logs.rosbag.messages import (
+    Layout,
+    Types,
+    common_types,
+    decoded,
+    idl_types,
+    message_layout,
+    parsed_definition,
+)
+from eivor.signals.channels import roll_pitch_yaw
+from eivor.signals.recording import Channel, Finding
+from eivor.tools import Float, Int
+
+# -- Derived --
+
+Fields = Mapping[str, np.ndarray]
+
+#: Modes in which a pilot flies; the thrust is the stick's; sticks set the attitude or rates.
+PILOT_MODES = (
+    *("MANUAL", "STABILIZED", "ALTCTL", "POSCTL", "ACRO", "RATTITUDE"),
+    *("STABILIZE", "ALT_HOLD", "LOITER", "POSHOLD", "SPORT", "DRIFT", "CIRCLE"),
+)
+OPEN_LOOP_MODES = ("MANUAL", "STABILIZED", "RATTITUDE", "STABILIZE", "ACRO")
+ATTITUDE_MODES = (*OPEN_LOOP_MODES, "ALTCTL", "ALT_HOLD", "SPORT", "DRIFT")
+#: Bits of the masks of mavros that say what a setpoint leaves free.
+POSITION_BITS = {"position": 1, "velocity": 8, "acceleration_or_force": 64}
+RATE_BITS, NO_THRUST, NO_ATTITUDE = {"x": 1, "y": 2, "z": 4}, 64, 128
+#: The frame of setpoints in the world.
+LOCAL_FRAME = 1
+ON_GROUND, UNKNOWN_STATE = 1, 0
+#: Parts of a turn's quaternion in the order of `eivor.signals.channels`.
+_PARTS = "wxyz"
+
+
+def with_derived(kind: str, fields: Fields) -> dict[str, np.ndarray]:
+    """Return the columns of a topic with those that are worked out of them."""
+    added = _MAKERS[kind](fields) if kind in _MAKERS else {}
+    return {**fields, **added}
+
+
+def _masked(values: np.ndarray, out_of_force: np.ndarray) -> Float[np.ndarray, " n"]:
+    return np.where(out_of_force, np.nan, values.astype(np.float64))
+
+
+def _mask(fields: Fields) -> np.ndarray | None:
+    """What a setpoint leaves free, in bits; None where another definition has something else there."""
+    mask = fields.get("type_mask")
+    return mask if mask is not None and mask.dtype.kind in "iu" else None
+
+
+def _odometry(fields: Fields) -> Fields:
+    """The velocity of an odometry message, which is in the body's axes, in those of the world."""
+    names = [f"pose.pose.orientation.{part}" for part in _PARTS]
+    moved = [f"twist.twist.linear.{axis}" for axis in "xyz"]
+    if not all(name in fields for name in (*names, *moved)):
+        return {}
+    w, *turn = (fields[name].astype(np.float64) for name in names)
+    axis = np.stack(turn)
+    body = np.stack([fields[name].astype(np.float64) for name in moved])
+    norm = w**2 + np.sum(axis**2, axis=0)
+    with np.errstate(all="ignore"):
+        once = np.cross(axis, body, axis=0)
+        world = body + 2.0 * (w * once + np.cross(axis, once, axis=0)) / norm
+    return {f"twist.world.{letter}": values for letter, values in zip("xyz", world, strict=True)}
+
+
+def _imu(fields: Fields) -> Fields:
+    """Orientation, not a number where the driver says that it has none."""
+    covariance = fields.get("orientation_covariance[0]")
+    names = [f"orientation.{part}" for part in _PARTS]
+    if covariance is None or not all(name in fields for name in names):
+        return {}
+    absent = (covariance == -1.0) | (sum(np.abs(fields[name]) for name in names) == 0.0)
+    return {name: _masked(fields[name], absent) for name in names}
+
+
+def _position_target(fields: Fields) -> Fields:
+    mask, frame = _mask(fields), fields.get("coordinate_frame")
+    if mask is None or frame is None:
+        return {}
+    return {
+        f"{stem}.{axis}": _masked(
+            fields[f"{stem}.{axis}"], ((mask & (bit << place)) != 0) | (frame != LOCAL_FRAME)
+        )
+        for stem, bit in POSITION_BITS.items()
+        for place, axis in enumerate("xyz")
+        if f"{stem}.{axis}" in fields
+    }
+
+
+def _attitude_target(fields: Fields) -> Fields:
+    mask = _mask(fields)
+    names = [f"orientation.{part}" for part in _PARTS]
+    rates = [f"body_rate.{axis}" for axis in RATE_BITS]
+    if mask is None or not all(name in fields for name in (*names, *rates, "thrust")):
+        return {}
+    free = (mask & NO_ATTITUDE) != 0
+    turn = np.stack([_masked(fields[name], free) for name in names])
+    with np.errstate(all="ignore"):
+        length = np.linalg.norm(turn, axis=0)
+        angles = roll_pitch_yaw(np.where(length > 0.5, turn / length, np.nan))
+    made = {name: np.asarray(one) for name, one in zip(("roll", "pitch", "yaw"), angles, strict=True)}
+    made["thrust"] = _masked(fields["thrust"], (mask & NO_THRUST) != 0)
+    for axis, bit in RATE_BITS.items():
+        made[f"body_rate.{axis}"] = _masked(fields[f"body_rate.{axis}"], (mask & bit) != 0)
+    return made
+
+
+def _state(fields: Fields) -> Fields:
+    modes = fields.get("mode")
+    if modes is None or modes.dtype.kind != "S":
+        return {}
+    known = {
+        "pilot_in_control": PILOT_MODES,
+        "input_open_loop": OPEN_LOOP_MODES,
+        "pilot_sets_attitude": ATTITUDE_MODES,
+    }
+    return {
+        name: np.isin(modes, [mode.encode() for mode in which]).astype(np.float64)
+        for name, which in known.items()
+    }
+
+
+def _extended_state(fields: Fields) -> Fields:
+    state = fields.get("landed_state")
+    return {} if state is None else {"landed": _masked(state == ON_GROUND, state == UNKNOWN_STATE)}
+
+
+_MAKERS: Mapping[str, Callable[[Fields], Fields]] = {
+    "nav_msgs/Odometry": _odometry,
+    "sensor_msgs/Imu": _imu,
+    "mavros_msgs/PositionTarget": _position_target,
+    "mavros_msgs/AttitudeTarget": _attitude_target,
+    "mavros_msgs/State": _state,
+    "mavros_msgs/ExtendedState": _extended_state,
+}
+
+
+# -- Topics --
+
+#: Messages are recorded as they arrive, which may be late by so much; more is a jump of the clock [ns].
+OVERTAKEN_NS = 500_000_000
+#: Topics whose stamps are this much further from the time of the record than others' have another clock [s].
+SAME_CLOCK_S = 5.0
+#: Stamps beyond these are none: half of what 64 bits hold [ns].
+LAST_NS = 1 << 62
+#: Fields that are texts, by the type of their message; texts in the place of other fields are none.
+TEXTS = frozenset({("mavros_msgs/State", "mode")})
+
+
+@dataclass(slots=True)
+class RawTopic:
+    """Messages of a topic as a bag has them.
+
+    Parameters
+    ----------
+    name, kind : str
+        The topic, and the type of its messages.
+    text : str
+        Definition of that type; empty where the bag has none.
+    is_idl, ros1 : bool
+        How the definition and the messages are written.
+    payloads : list of bytes
+        The messages.
+    record_ns : list of int
+        When they were recorded [ns].
+    """
+
+    name: str
+    kind: str
+    text: str
+    is_idl: bool
+    ros1: bool
+    payloads: list[bytes] = field(default_factory=list)
+    record_ns: list[int] = field(default_factory=list)
+
+    def types(self) -> Types:
+        """Fields of its type and of those in it: of the bag's own definition where it has one."""
+        known = dict(common_types())
+        if self.text:
+            known |= idl_types(self.text) if self.is_idl else parsed_definition(self.text, self.kind)
+        return known
+
+    def defined(self) -> Callable[[bytes], Layout]:
+        """What gives the layout of a message, by the definition; `message_layout` says what it raises."""
+        types = self.types()
+        return lambda message: message_layout(message, self.kind, types, ros1=self.ros1)
+
+
+@dataclass(frozen=True, slots=True)
+class BagTopic:
+    """A topic as columns.
+
+    Parameters
+    ----------
+    name, kind : str
+        The topic, and the type of its messages.
+    fields : mapping of str to ndarray, shape (n,)
+        Numbers and texts by the full name of the field.
+    stamp_ns : ndarray, shape (n,)
+        What each message says of when it is from [ns].
+    record_ns : ndarray, shape (n,)
+        When it was recorded [ns].
+    """
+
+    name: str
+    kind: str
+    fields: Mapping[str, np.ndarray]
+    stamp_ns: Int[np.ndarray, " n"]
+    record_ns: Int[np.ndarray, " n"]
+
+    def numbers(self) -> list[str]:
+        """Names of the fields that hold numbers."""
+        return [name for name, values in self.fields.items() if values.dtype.kind in "iuf"]
+
+    def seconds(self, start_ns: int) -> Float[np.ndarray, " n"]:
+        """Stamps since some time [s]."""
+        return (self.stamp_ns - start_ns).astype(np.float64) * 1e-9
+
+
+@dataclass(slots=True)
+class Contents:
+    """What was read of a bag.
+
+    Parameters
+    ----------
+    topics : dict of str to RawTopic
+        Those that were wanted, with their messages.
+    listed : dict of str to str
+        Type of each topic that has messages.
+    """
+
+    topics: dict[str, RawTopic] = field(default_factory=dict)
+    listed: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number of messages."""
+        return sum(len(one.payloads) for one in self.topics.values())
+
+
+def read_contents(
+    files: Sequence[Path], wanted: Callable[[Connection], bool], findings: list[Finding]
+) -> Contents:
+    """Read the messages of some topics out of the files of a bag.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        In the order of the record.
+    wanted : callable
+        Says which topics are needed.
+    findings : list of Finding
+        Gets what was left out.
+
+    Raises
+    ------
+    CorruptLogError
+        When nothing can be read.
+    """
+    budget = Budget.of(sum(file.stat().st_size for file in files))
+    contents = Contents()
+    for file in files:
+        before = contents.size
+        try:
+            _add_file(file, wanted, budget, contents)
+        except CorruptLogError as error:
+            got = contents.size - before
+            if not got and len(files) == 1:
+                raise
+            told = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
+            findings.append(Finding("corrupt_parts", f"{told}: {error.received}."))
+    return contents
+
+
+def _add_file(file: Path, wanted: Callable[[Connection], bool], budget: Budget, contents: Contents) -> None:
+    with opened(file, budget) as container:
+        contents.listed |= {one.topic: one.kind for one in container.connections if one.count}
+        chosen = [one for one in container.connections if wanted(one)]
+        for one, record_ns, payload in container.messages(chosen):
+            raw = contents.topics.get(one.topic)
+            if raw is None:
+                raw = RawTopic(one.topic, one.kind, one.text, one.is_idl, container.ros1)
+                contents.topics[one.topic] = raw
+            if raw.kind == one.kind:
+                raw.payloads.append(budget.spent(payload))
+                raw.record_ns.append(record_ns)
+
+
+def as_columns(
+    raw: RawTopic, layout_of: Callable[[bytes], Layout], findings: list[Finding]
+) -> BagTopic | None:
+    """Return a topic as columns; None when it has no sound message, or none that says when it is from.
+
+    Parameters
+    ----------
+    raw : RawTopic
+        Its messages.
+    layout_of : callable
+        Gives the layout of one.
+    findings : list of Finding
+        Gets what was left out.
+    """
+    made = decoded(raw.payloads, layout_of)
+    lost = len(raw.payloads) - made.places.size
+    if lost:
+        sentence = f"Messages of {raw.name} ({raw.kind}) that were left out: {lost}, as {made.reason}."
+        findings.append(Finding("message_formats", sentence))
+    stamp_ns = _stamps(made.fields) if made.places.size else None
+    if stamp_ns is None:
+        if made.places.size:
+            sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
+            findings.append(Finding("time_stamps", sentence))
+        return None
+    said = (stamp_ns > 0) & (stamp_ns < LAST_NS)
+    if said.any():
+        middle = int(np.median(stamp_ns[said]))
+        said &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
+    if not said.all():
+        sentence = (
+            f"Messages of {raw.name} without a stamp that can be, which were left out: {int((~said).sum())}."
+        )
+        findings.append(Finding("time_stamps", sentence))
+    if not said.any():
+        return None
+    kept = _in_order(stamp_ns, np.flatnonzero(said))
+    fields = {
+        name: values[kept]
+        for name, values in made.fields.items()
+        if values.dtype.kind != "S" or (raw.kind, name) in TEXTS
+    }
+    record_ns = np.array(raw.record_ns, dtype=np.int64)[made.places][kept]
+    return BagTopic(raw.name, raw.kind, fields, stamp_ns[kept], record_ns)
+
+
+def _in_order(stamp_ns: Int[np.ndarray, " n"], kept: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """Which messages, in the order of their stamps where they overtook each other on their way only."""
+    stamps = stamp_ns[kept]
+    behind = np.maximum.accumulate(stamps) - stamps
+    return kept[np.argsort(stamps, kind="stable")] if behind.max() <= OVERTAKEN_NS else kept
+
+
+def _stamps(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, " n"] | None:
+    """What messages say of when they are from [ns]: PX4's stamp in microseconds, or the header's."""
+    microseconds = fields.get("timestamp")
+    if microseconds is not None and microseconds.dtype.kind == "u" and microseconds.dtype.itemsize == 8:
+        return np.where(microseconds < LAST_NS // 1000, microseconds, 0).astype(np.int64) * 1000
+    seconds, rest = fields.get("header.stamp.sec"), fields.get("header.stamp.nanosec")
+    if seconds is None or rest is None or {seconds.dtype.kind, rest.dtype.kind} - {"i", "u"}:
+        return None
+    return seconds.astype(np.int64) * 1_000_000_000 + rest.astype(np.int64)
+
+
+def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[BagTopic]:
+    """Return the topics whose stamps are of one clock: that of most messages.
+
+    Clocks are told apart by how far their stamps are from the time of the record, which serves nothing else.
+    """
+    if not topics:
+        return []
+    ahead = [float(np.median(one.stamp_ns - one.record_ns)) * 1e-9 for one in topics]
+
+    def company(place: int) -> int:
+        near = (abs(other - ahead[place]) <= SAME_CLOCK_S for other in ahead)
+        return sum(one.stamp_ns.size for one, is_near in zip(topics, near, strict=True) if is_near)
+
+    best = ahead[max(range(len(topics)), key=company)]
+    kept = [one for one, offset in zip(topics, ahead, strict=True) if abs(offset - best) <= SAME_CLOCK_S]
+    others = [one.name for one in topics if not any(one is other for other in kept)]
+    if others:
+        sentence = f"Stamps of another clock than the others', which are not used: {', '.join(others)}."
+        findings.append(Finding("clocks", sentence))
+    return kept
+
+
+def start_ns(topics: Sequence[BagTopic]) -> int:
+    """Earliest stamp [ns]."""
+    return min(int(one.stamp_ns.min()) for one in topics)
+
+
+# -- By map --
+
+#: Names of the clock.
+CLOCKS = ("stamp", "header.stamp", "timestamp")
+
+
+def topic_of(column: str) -> str:
+    """Return the topic that a column is of."""
+    return column.partition(".")[0]
+
+
+def mapped_topics(chosen: ChannelMap) -> set[str]:
+    """Return the topics that a map names."""
+    return {topic_of(column) for rule in chosen.rules for column in rule.expression.columns}
+
+
+def map_channels(
+    chosen: ChannelMap,
+    raws: Mapping[str, RawTopic],
+    available: Mapping[str, str],
+    name: str,
+    findings: list[Finding],
+) -> dict[str, Channel]:
+    """Return the channels that a map makes of a bag.
+
+    Parameters
+    ----------
+    chosen : ChannelMap
+        The map.
+    raws : mapping of str to RawTopic
+        The topics that it names, as far as they are there.
+    available : mapping of str to str
+        Types of all topics.
+    name : str
+        What to call the bag.
+    findings : list of Finding
+        Gets what is found.
+
+    Raises
+    ------
+    ChannelMapError
+        When the map does not fit.
+    EmptyLogError
+        When no channel has a value.
+    """
+    _check(chosen, available, name)
+    columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
+    topics = of_one_clock([one for one in columns if one is not None], findings)
+    tables = {one.name: with_derived(one.kind, one.fields) for one in topics}
+    names = [
+        f"{topic}.{field}"
+        for topic, fields in tables.items()
+        for field, values in fields.items()
+        if values.dtype.kind != "S"
+    ]
+    rules = fitted_rules(chosen, [*CLOCKS, *names], name)
+    start = start_ns(topics) if topics else 0
+    channels: dict[str, Channel] = {}
+    for one in topics:
+        served = [rule for rule in rules if topic_of(rule.expression.columns[0]) == one.name]
+        made, found = _made(chosen, served, one, tables[one.name], start, name) if served else ({}, [])
+        channels |= made
+        findings += found
+    if not channels:
+        raise EmptyLogError(
+            "a bag with values", f"'{name}', in which every mapped field is empty", "Check the map."
+        )
+    findings += delay_findings(channels, chosen.origin)
+    return channels
+
+
+def _made(
+    chosen: ChannelMap,
+    served: Sequence[ChannelRule],
+    topic: BagTopic,
+    fields: Mapping[str, object],
+    start: int,
+    name: str,
+) -> tuple[dict[str, Channel], list[Finding]]:
+    import numpy as np
+
+    needed = dict.fromkeys(column for rule in served for column in rule.expression.columns)
+    values = {
+        column: np.asarray(fields[column.partition(".")[2]]).astype(np.float64, copy=False)
+        for column in needed
+    }
+    values[chosen.time_column] = topic.seconds(start)
+    return mapped_channels(chosen, served, Columns(values, seconds=frozenset({chosen.time_column})), name)
+
+
+def _check(chosen: ChannelMap, available: Mapping[str, str], name: str) -> None:
+    """Raise for a map that names no clock of a bag, topics that are not there, or several for one channel."""
+    if chosen.time_column not in CLOCKS:
+        raise ChannelMapError(
+            f"the clock of a bag, '{CLOCKS[0]}' ({chosen.origin}, key time.column)",
+            f"'{chosen.time_column}'",
+            "Each topic has a clock of its own: the stamps of its messages.",
+        )
+    for rule in chosen.rules:
+        topics = {topic_of(column) for column in rule.expression.columns}
+        if len(topics) > 1:
+            raise ChannelMapError(
+                f"columns of one topic for channels.{rule.name} ({chosen.origin})",
+                f"{listed(sorted(topics))}, whose clocks differ",
+                "Take fields of one topic.",
+            )
+        missing = [topic for topic in topics if topic not in available]
+        if missing and not rule.optional:
+            raise ChannelMapError(
+                f"a topic '{missing[0]}' ({chosen.origin}, key channels.{rule.name})",
+                f"'{name}' with the topics {listed(sorted(available))}",
+                did_you_mean(missing[0], sorted(available), "Correct the map: TOPIC.FIELD.", most=3),
+            )

@@ -1,0 +1,823 @@
+"""Columnar tables: Parquet, HDF5 and MATLAB files, decoded in a child process first."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from datetime import datetime
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from eivor.atomic_file import whole_file
+from eivor.errors import (
+    ChannelMapError,
+    CorruptLogError,
+    EmptyLogError,
+    LogTooLargeError,
+    MissingReaderError,
+    UsageError,
+)
+from eivor.logs.channel_map import load_channel_map
+from eivor.logs.common import Columns, ReadOptions, element_of, with_elements
+from eivor.logs.mapping import fitted_rules, fitting_map, ignored_columns, mapped_recording
+from eivor.logs.table.delimited import MAX_COLUMNS, TableSource, corrupt_table
+from eivor.process_pool import SANDBOX
+from eivor.signals.channels import CurveSide, held_by_default
+from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
+from eivor.tools import Float
+
+if TYPE_CHECKING:
+    import polars as pl
+
+
+# -- Decoding in a child process --
+
+#: What a child leaves with that refuses a file, having printed why.
+REFUSED = 3
+#: What a child begins with: `asked` is what it is given, and it may use so many bytes.
+#: Where the system cannot limit memory, it is not limited.
+BEGINNING = """
+import json, sys
+asked = json.load(sys.stdin)
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_DATA, (asked["bytes"], asked["bytes"]))
+except (ImportError, ValueError, OSError):
+    pass
+"""
+
+
+def decode_in_child(
+    file: Path, code: str, asked: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
+) -> None:
+    """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish.
+
+    The program `code` begins with `BEGINNING` and leaves with `REFUSED` for a damaged file. Nothing is
+    decoded where no interpreter can be started (frozen or embedded programs), nor in a sandbox.
+    """
+    if SANDBOX in os.environ:
+        return
+    if not sys.executable or getattr(sys, "frozen", False):
+        return
+    told = {"path": str(file.resolve()), "bytes": max_bytes, **asked}
+    try:
+        child = subprocess.run(  # noqa: S603 - the program is this interpreter, the path goes to its stdin
+            [sys.executable, "-P", "-c", code],
+            input=json.dumps(told).encode(),
+            capture_output=True,
+            # each thread has a stack and arenas of its own, which count as memory
+            env=os.environ | {"POLARS_MAX_THREADS": "1"},
+            timeout=timeout_s,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise _damaged(file, f"{kind} that is not decoded within {timeout_s:.0f} s") from error
+    except OSError:
+        return
+    if child.returncode == REFUSED:
+        said = child.stdout.decode("utf-8", "replace").strip()
+        raise _damaged(file, f"{kind} that cannot be decoded: {said}")
+    if child.returncode != 0:
+        limit = f"exit code {child.returncode}; it may use {max_bytes >> 20} MiB"
+        raise _damaged(file, f"{kind} that makes the decoder fail ({limit})")
+
+
+def _damaged(file: Path, reason: str) -> CorruptLogError:
+    return corrupt_table(file.name, reason, "The file is damaged or incomplete; write it again.")
+
+
+# -- Parquet probe --
+
+#: Longest time that the child may take [s].
+PARQUET_TIMEOUT_S = 300.0
+
+#: Runs in the child; an import that fails there says nothing about the file, hence leaves with 0.
+_PARQUET_CODE = f"""{BEGINNING}
+try:
+    import polars as pl
+except ImportError:
+    sys.exit(0)
+try:
+    frame = pl.scan_parquet(asked["path"], glob=False, hive_partitioning=False)
+    for pattern in asked["patterns"]:
+        frame.select(pl.col(pattern)).collect()
+except BaseException as error:
+    print(type(error).__name__, str(error)[:500])
+    sys.exit({REFUSED})
+"""
+
+
+def exactly(column: str) -> str:
+    """Return the pattern of polars that means the column of this very name ("*" and "^a$" mean others)."""
+    letters = "".join(f"\\x{{{ord(letter):x}}}" for letter in column)
+    return f"^{letters}$"
+
+
+def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
+    """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+    columns : sequence of str
+        The columns that are needed.
+    max_bytes : int
+        Memory that the child may use [bytes].
+    """
+    asked = {"patterns": [*map(exactly, columns)]}
+    decode_in_child(
+        file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=PARQUET_TIMEOUT_S, kind="a Parquet file"
+    )
+
+
+# -- Parquet --
+
+#: Most rows that are read: a Parquet file may say much more than its size holds.
+MAX_ROWS = 50_000_000
+#: Most numbers that are converted, 0.8 GB of them.
+MAX_CELLS = 100_000_000
+#: Most numbers for each byte of a file, and those that are free: a flight does not repeat itself more often.
+MAX_CELLS_PER_BYTE = 25
+FREE_CELLS = 10_000_000
+#: Memory that the decoding of one column may take [bytes]: for the decoder itself, and for each row.
+PARQUET_DECODER_BYTES = 512 << 20
+ROW_BYTES = 64
+#: Key of the file's metadata under which `write_recording` keeps what is not a number.
+METADATA_KEY = "eivor"
+_PARQUET_DAMAGED = "The file is damaged or incomplete; write it again."
+_CUT = "Cut the log to the manoeuvre of interest."
+
+
+def open_parquet(file: Path) -> TableSource:
+    """Read the footer of a Parquet file.
+
+    Raises
+    ------
+    CorruptLogError
+        When the footer cannot be read.
+    EmptyLogError
+        When there are no rows.
+    LogTooLargeError
+        When the footer states more rows than `MAX_ROWS`.
+    """
+    import polars as pl
+
+    try:
+        frame = pl.scan_parquet(file.resolve(), glob=False, hive_partitioning=False)
+        schema = frame.collect_schema()
+        rows = int(frame.select(pl.len()).collect().item())
+        metadata = pl.read_parquet_metadata(file.resolve())
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
+        raise _unreadable_parquet(file, error) from error
+    if len(schema) > MAX_COLUMNS:
+        raise corrupt_table(
+            file.name, f"with {len(schema)} columns", f"At most {MAX_COLUMNS} are read; select some."
+        )
+    if rows == 0:
+        raise EmptyLogError("a table with rows", f"'{file.name}' without one", "Check the export.")
+    if rows > MAX_ROWS:
+        raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", _CUT)
+
+    def read(columns: Sequence[str]) -> Columns:
+        return _read(file, frame, schema, columns, rows)
+
+    return TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
+
+
+def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
+    return corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _PARQUET_DAMAGED)
+
+
+def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, columns: Sequence[str], rows: int) -> Columns:
+    """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
+    import polars as pl
+
+    elements = {name: found for name in columns if (found := element_of(name, list(schema))) is not None}
+    base = {name: elements[name][0] if name in elements else name for name in columns}
+    held = [
+        name
+        for name in columns
+        if (_holds_lists(schema[base[name]]) if name in elements else _holds_numbers(schema[name]))
+    ]
+    _check_parquet_size(file, rows, len(columns))
+    values, unreadable, seconds, lists = {}, {}, set(), {}
+    if not _comes_with_eivor(file):
+        probe_parquet(
+            file, [*dict.fromkeys(base[name] for name in held)], PARQUET_DECODER_BYTES + ROW_BYTES * rows
+        )
+    for name in columns:
+        if name not in held:
+            values[name], unreadable[name] = np.full(rows, np.nan), rows
+            if _holds_lists(schema[base[name]]):
+                lists[name] = f"{schema[base[name]]}"
+            continue
+        try:
+            # under a name of our own, as an operation on a series may take its name as a pattern too
+            series = frame.select(pl.col(exactly(base[name])).alias("c")).head(rows).collect().to_series()
+            if name in elements:
+                series = _element(series, elements[name][1])
+            values[name], bad = _parquet_numbers(series)
+        except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
+            raise _unreadable_parquet(file, error) from error
+        if values[name].size != rows:
+            raise _unreadable_parquet(
+                file, ValueError(f"{values[name].size} values of '{name}' in {rows} rows")
+            )
+        unreadable |= {name: bad} if bad else {}
+        seconds |= {name} if schema[base[name]] in (pl.Datetime, pl.Duration) else set()
+    return Columns(values, unreadable, frozenset(seconds), lists)
+
+
+def _element(series: pl.Series, index: int) -> pl.Series:
+    """One number of each list."""
+    import polars as pl
+
+    if series.dtype == pl.Array:
+        series = series.arr.to_list()
+    return series.list.get(index, null_on_oob=True)
+
+
+def _holds_lists(kind: pl.DataType) -> bool:
+    """Whether it is a type of lists of numbers."""
+    import polars as pl
+
+    inner = getattr(kind, "inner", None)
+    return kind in (pl.List, pl.Array) and inner is not None and inner.is_numeric()
+
+
+def _comes_with_eivor(file: Path) -> bool:
+    """Whether a file is the package's own: it is known to be whole, and a probe takes a process."""
+    return file.resolve().parent == Path(str(resources.files("eivor.data"))).resolve()
+
+
+def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
+    """Refuse what the numbers of a file would take, before one is decoded."""
+    cells = rows * columns
+    counted = f"'{file.name}' with {rows} rows of {columns} needed columns"
+    if cells > MAX_CELLS:
+        raise LogTooLargeError(f"at most {MAX_CELLS} numbers", counted, _CUT)
+    size = file.stat().st_size
+    if cells > max(FREE_CELLS, MAX_CELLS_PER_BYTE * size):
+        raise LogTooLargeError(
+            f"at most {MAX_CELLS_PER_BYTE} numbers for each byte of a Parquet file",
+            f"{counted} in {size} bytes",
+            "Such a file repeats itself, which no flight does; check what wrote it.",
+        )
+
+
+def _holds_numbers(kind: pl.DataType) -> bool:
+    import polars as pl
+
+    return kind.is_numeric() or kind in (pl.Boolean, pl.Null, pl.String, pl.Datetime, pl.Duration)
+
+
+def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
+    """Numbers of a column, points in time in seconds, and the count of cells that are none."""
+    import polars as pl
+
+    missing = series.null_count()
+    if series.dtype in (pl.Datetime, pl.Duration):
+        unit = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}[str(getattr(series.dtype, "time_unit", "us"))]
+        series = series.to_physical().cast(pl.Float64) * unit
+    elif series.dtype == pl.String:
+        series = series.str.strip_chars().cast(pl.Float64, strict=False)
+    else:
+        series = series.cast(pl.Float64)
+    bad = series.null_count() - missing
+    return series.fill_null(np.nan).to_numpy().copy(), bad
+
+
+# -- Variables --
+
+
+def variables_source(
+    name: str,
+    shapes: Mapping[str, tuple[int, ...]],
+    values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
+) -> TableSource:
+    """Return the table of a file's variables.
+
+    Parameters
+    ----------
+    name : str
+        What to call the file.
+    shapes : mapping of str to tuple of int
+        Of the variables that hold numbers.
+    values : callable
+        Gives some, by their names.
+
+    Raises
+    ------
+    EmptyLogError
+        When there are none.
+    CorruptLogError
+        When there are too many.
+    """
+    if not shapes:
+        raise EmptyLogError(
+            "a file with vectors or matrices of numbers",
+            f"'{name}' without any",
+            "Save each signal as a vector of its own; objects (timeseries, tables) are not read.",
+        )
+    if len(shapes) > MAX_COLUMNS:
+        raise corrupt_table(name, f"with {len(shapes)} variables", f"At most {MAX_COLUMNS} are read.")
+
+    def read(columns: Sequence[str]) -> Columns:
+        return _variable_columns(name, shapes, values, columns)
+
+    return TableSource(tuple(shapes), read)
+
+
+def _variable_columns(
+    name: str,
+    shapes: Mapping[str, tuple[int, ...]],
+    values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
+    columns: Sequence[str],
+) -> Columns:
+    found: dict[str, np.ndarray] = {}
+    unreadable: dict[str, int] = {}
+    lists: dict[str, str] = {}
+    elements = {column: element_of(column, list(shapes)) for column in columns}
+    whole = {column: element[0] if element else column for column, element in elements.items()}
+    arrays = values(list(dict.fromkeys(whole.values())))
+    for column, element in elements.items():
+        array = np.squeeze(np.asarray(arrays[whole[column]], dtype=np.float64))
+        if array.ndim == 2:
+            # one row of a matrix for each instant, whichever way it was saved
+            array = array if array.shape[0] >= array.shape[1] else array.T
+            if element is None:
+                lists[column], unreadable[column] = f"a matrix of {shapes[column]}", array.shape[0]
+                array = np.full(array.shape[0], np.nan)
+            else:
+                missing = np.full(array.shape[0], np.nan)
+                array = array[:, element[1]] if element[1] < array.shape[1] else missing
+        found[column] = np.atleast_1d(array)
+    lengths = {column: array.size for column, array in found.items()}
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
+        raise ChannelMapError(
+            "variables of one length, with one clock",
+            f"'{name}' with {told}",
+            "Name those of one clock in a channel map (--map).",
+        )
+    return Columns(found, unreadable, lists=lists)
+
+
+# -- HDF5 --
+
+#: Memory that the decoder may take [bytes]: for itself, and for each number of the largest variable.
+HDF5_DECODER_BYTES, BYTES_PER_CELL = 1 << 30, 16
+HDF5_TIMEOUT_S = 120.0
+#: Kinds of MATLAB's variables that are no numbers, although they are stored as such.
+_NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
+_HDF5_ERRORS = (
+    ValueError,
+    TypeError,
+    KeyError,
+    OSError,
+    RuntimeError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+)
+_HDF5_CODE = f"""{BEGINNING}
+import h5py
+def visit(name, one):
+    if isinstance(one, h5py.Dataset) and one.dtype.kind in "iufb" and not (one.is_virtual or one.external):
+        if (one.size or 0) <= asked["most"]:
+            one[()]
+try:
+    with h5py.File(asked["path"], "r") as file:
+        file.visititems(visit)
+except BaseException as error:
+    print(type(error).__name__, str(error)[:500])
+    sys.exit({REFUSED})
+"""
+
+
+def open_hdf5(file: Path) -> TableSource:
+    """Name the variables of an HDF5 file.
+
+    Raises
+    ------
+    MissingReaderError
+        When h5py is not installed.
+    CorruptLogError
+        When it cannot be read.
+    EmptyLogError
+        When it holds no vectors of numbers.
+    """
+    try:
+        import h5py
+    except ImportError as error:
+        raise MissingReaderError(
+            "h5py, which reads HDF5 and MATLAB 7.3",
+            f"an installation without it ({error})",
+            "Install it: pip install 'eivor[hdf5]'. Or save with '-v7' in MATLAB.",
+        ) from error
+    size = file.stat().st_size
+    most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
+    limit = HDF5_DECODER_BYTES + BYTES_PER_CELL * most
+    asked = {"most": most}
+    decode_in_child(file, _HDF5_CODE, asked, max_bytes=limit, timeout_s=HDF5_TIMEOUT_S, kind="an HDF5 file")
+    try:
+        with h5py.File(file, "r") as content:
+            found = _datasets(h5py, content)
+    except _HDF5_ERRORS as error:
+        raise corrupt_table(
+            file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
+        ) from error
+    places = {path.replace("/", "."): path for path in found}
+
+    def values(names: Sequence[str]) -> dict[str, np.ndarray]:
+        for name in names:
+            _check_hdf5_size(file, found[places[name]], most)
+        with h5py.File(file, "r") as content:
+            return {name: np.asarray(content[places[name]][()]) for name in names}
+
+    return variables_source(file.name, {name: found[path] for name, path in places.items()}, values)
+
+
+def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
+    """Shapes of the vectors and matrices of numbers in the file itself, by their path."""
+    found: dict[str, tuple[int, ...]] = {}
+
+    def visit(path: str, one: Any) -> None:
+        if not isinstance(one, h5py.Dataset) or path.startswith("#") or len(found) > MAX_COLUMNS:
+            return
+        # other files are none of this one's business
+        if one.is_virtual or one.external or one.attrs.get("MATLAB_class") in _NO_NUMBERS:
+            return
+        # one without a space has no shape
+        if one.dtype.kind in "iufb" and one.size and len(one.shape) in (1, 2):
+            found[path] = tuple(int(size) for size in one.shape)
+
+    content.visititems(visit)
+    return found
+
+
+def _check_hdf5_size(file: Path, shape: tuple[int, ...], most: int) -> None:
+    cells = math.prod(shape)
+    if cells > most:
+        raise LogTooLargeError(
+            f"at most {most} numbers in a variable of this file",
+            f"'{file.name}' with {cells}",
+            "Such a file repeats itself, which no flight does; check what wrote it.",
+        )
+
+
+# -- MATLAB --
+
+#: Memory that the decoder may take [bytes]: for itself, and for each byte of the file.
+MATLAB_DECODER_BYTES, BYTES_PER_BYTE = 1 << 30, 32
+MATLAB_TIMEOUT_S = 120.0
+#: How deep structures may stand in each other.
+MAX_NESTING = 4
+_MATLAB_ERRORS = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    NotImplementedError,
+    OSError,
+    EOFError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
+    struct.error,
+    zlib.error,
+)
+_MATLAB_CODE = f"""{BEGINNING}
+from scipy.io import loadmat
+try:
+    loadmat(asked["path"], squeeze_me=True)
+except BaseException as error:
+    print(type(error).__name__, str(error)[:500])
+    sys.exit({REFUSED})
+"""
+
+
+def open_matlab(file: Path) -> TableSource:
+    """Read the variables of a MATLAB file.
+
+    Raises
+    ------
+    CorruptLogError
+        When it cannot be read.
+    EmptyLogError
+        When it holds no vectors of numbers.
+    """
+    from scipy.io import loadmat
+
+    limit = MATLAB_DECODER_BYTES + BYTES_PER_BYTE * file.stat().st_size
+    decode_in_child(file, _MATLAB_CODE, {}, max_bytes=limit, timeout_s=MATLAB_TIMEOUT_S, kind="a MATLAB file")
+    try:
+        content = loadmat(file, squeeze_me=True)
+    except _MATLAB_ERRORS as error:
+        raise _unreadable_matlab(file, error) from error
+    found = {
+        name: array
+        for key, value in content.items()
+        if not key.startswith("__")
+        for name, array in _matlab_numbers(key, value, MAX_NESTING)
+    }
+    shapes = {name: one.shape for name, one in found.items()}
+    return variables_source(file.name, shapes, lambda names: {name: found[name] for name in names})
+
+
+def _unreadable_matlab(file: Path, error: Exception) -> CorruptLogError:
+    return corrupt_table(
+        file.name, f"a MATLAB file that cannot be decoded: {error}", "The file is damaged; save it again."
+    )
+
+
+def _matlab_numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    """The arrays of numbers of a variable, and of the fields of a structure."""
+    array = np.asarray(value)
+    if array.dtype.names and array.ndim == 0 and depth:
+        for field in array.dtype.names:
+            yield from _matlab_numbers(f"{name}.{field}", array[field].item(), depth - 1)
+    elif array.dtype.kind in "iufb" and array.ndim in (1, 2) and array.size:
+        yield name, array
+
+
+# -- Written recordings --
+
+_VERSION = 1
+
+
+def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
+    """Write a recording as one table with canonical column names.
+
+    Parameters
+    ----------
+    recording : Recording
+        Channels with stamps of their own, other than those of most, have a value at each.
+    path : str or path
+        Ends in ".parquet" or ".csv".
+
+    Raises
+    ------
+    UsageError
+        When there are no channels, when one that has a clock of its own has NaN, when the ending is another
+        one, or when a CSV cannot keep what the recording says (z down, an input map, several clocks, unusual
+        held channels).
+    OSError
+        When the system refuses; an earlier file is as it was.
+    """
+    import polars as pl
+
+    place = Path(path)
+    if place.suffix not in (".parquet", ".csv"):
+        raise UsageError(
+            "a path that ends in .parquet or .csv",
+            f"'{place.name}'",
+            "Parquet keeps everything; CSV the numbers.",
+        )
+    frame = pl.DataFrame(_recording_columns(recording))
+    if place.suffix == ".csv":
+        _check_csv(recording)
+    with whole_file(place) as file:
+        if place.suffix == ".csv":
+            frame.write_csv(file)
+        else:
+            frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording)})
+
+
+def _recording_columns(recording: Recording) -> dict[str, np.ndarray]:
+    """Every stamp, and each channel's values, NaN where it has no stamp."""
+    channels = list(recording.channels.values())
+    if not channels:
+        raise UsageError("a recording with channels", "one without", "Nothing can be written.")
+    time = _all_stamps(recording)
+    return {"time": time, **{channel.name: _on_stamps(channel, time) for channel in channels}}
+
+
+def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
+    """The stamps of every channel, once each."""
+    clocks: list[np.ndarray] = []
+    for channel in recording.channels.values():
+        if not any(np.array_equal(channel.time_s, clock) for clock in clocks):
+            clocks.append(channel.time_s)
+    return clocks[0] if len(clocks) == 1 else np.unique(np.concatenate(clocks))
+
+
+def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    if channel.time_s.size == time.size:
+        return channel.values
+    if np.isnan(channel.values).any():
+        raise UsageError(
+            f"values at all stamps of '{channel.name}', which has a clock of its own",
+            "NaN among them, which would read back as no stamp",
+            "Leave these samples out first, or write the channel by itself.",
+        )
+    values = np.full(time.size, np.nan)
+    values[np.searchsorted(time, channel.time_s)] = channel.values
+    return values
+
+
+def _check_csv(recording: Recording) -> None:
+    lost = []
+    rows = _all_stamps(recording).size
+    own = [c.name for c in recording.channels.values() if c.time_s.size != rows]
+    lost += [f"the stamps of {own[0]}" + (" and others" if len(own) > 1 else "")] if own else []
+    if recording.frame is not Frame.Z_UP:
+        lost.append("its frame (z down)")
+    if recording.input_map:
+        lost.append(f"its input map '{recording.input_map}'")
+    lost += [
+        f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
+    ]
+    lost += [f"the delay of {c.name}" for c in recording.channels.values() if c.delay_s]
+    lost += [f"the curve_side of {c.name}" for c in recording.channels.values() if c.curve_side.value]
+    lost += [f"that an estimator made {c.name}" for c in recording.channels.values() if c.estimated]
+    if lost:
+        raise UsageError(
+            "a recording that a CSV can keep",
+            f"one that would lose {', '.join(lost)}",
+            "Write .parquet instead.",
+        )
+
+
+def _metadata(recording: Recording) -> str:
+    rows = _all_stamps(recording).size
+    origin = recording.origin
+    return json.dumps(
+        {
+            "version": _VERSION,
+            "frame": recording.frame.name,
+            "input_map": recording.input_map,
+            "parameters": dict(recording.parameters),
+            "origin": {
+                "board": origin.board,
+                "airframe": origin.airframe,
+                "firmware": origin.firmware,
+                "start": None if origin.start is None else origin.start.isoformat(),
+            },
+            "channels": {
+                c.name: {
+                    "source": c.source,
+                    "held": c.held,
+                    "estimated": c.estimated,
+                    "delay_s": c.delay_s,
+                    "curve_side": c.curve_side.value,
+                    "own_clock": c.time_s.size != rows,
+                    "overflowed": c.quality.overflowed,
+                    "saturated": c.quality.saturated,
+                }
+                for c in recording.channels.values()
+            },
+        }
+    )
+
+
+def restore(recording: Recording, metadata: str) -> Recording:
+    """Return the recording with what `write_recording` left in the file's metadata.
+
+    Parameters
+    ----------
+    recording : Recording
+        As read from the table alone.
+    metadata : str
+        JSON, empty when there is none. What is not understood is left out, with a finding.
+    """
+    if not metadata:
+        return recording
+    try:
+        content = json.loads(metadata)
+        frame = Frame[content["frame"]]
+        input_map = _text(content["input_map"])
+        parameters = {_text(key): _finite(value) for key, value in content["parameters"].items()}
+        origin = _origin(content["origin"]) if "origin" in content else recording.origin
+        channels = {
+            name: _restored(channel, content["channels"].get(name, {}))
+            for name, channel in recording.channels.items()
+        }
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+        finding = Finding(
+            "metadata", "The file's metadata are not understood; the table is read without them."
+        )
+        return replace(recording, findings=(*recording.findings, finding))
+    return replace(
+        recording,
+        frame=frame,
+        input_map=input_map,
+        parameters=parameters,
+        channels=channels,
+        origin=origin,
+    )
+
+
+def _origin(content: Mapping[str, object]) -> LogOrigin:
+    start = content["start"]
+    board, airframe, firmware = (_text(content[name]) for name in ("board", "airframe", "firmware"))
+    return LogOrigin(
+        board, airframe, firmware, None if start is None else datetime.fromisoformat(_text(start))
+    )
+
+
+def _restored(channel: Channel, content: object) -> Channel:
+    if not isinstance(content, dict):
+        raise TypeError("channel")
+    quality = replace(
+        channel.quality,
+        overflowed=_count(content.get("overflowed", 0)),
+        saturated=_count(content.get("saturated", 0)),
+    )
+    time, values = channel.time_s, channel.values
+    if _flag(content.get("own_clock", False)):
+        own = ~np.isnan(values)
+        time, values, quality = time[own], values[own], replace(quality, missing_values=0)
+    return replace(
+        channel,
+        time_s=time,
+        values=values,
+        source=_text(content.get("source", channel.source)),
+        held=_flag(content.get("held", channel.held)),
+        quality=quality,
+        estimated=_flag(content.get("estimated", channel.estimated)),
+        delay_s=_finite(content.get("delay_s", channel.delay_s)),
+        curve_side=CurveSide(content.get("curve_side", channel.curve_side.value)),
+    )
+
+
+def _flag(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError("flag")
+    return value
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError("text")
+    return value
+
+
+def _count(value: object) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise TypeError("count")
+    return value
+
+
+def _finite(value: object) -> float:
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        raise TypeError("number")
+    return float(value)
+
+
+# -- Read --
+
+
+def read_table(file: Path, source: TableSource, log_format: str, options: ReadOptions) -> Recording:
+    """Read a table.
+
+    Parameters
+    ----------
+    file : Path
+        The file; `read_log` has checked its size and its first bytes.
+    source : TableSource
+        Its columns.
+    log_format : str
+        Name of its format.
+    options : ReadOptions
+        A channel map, and the hash of the file's bytes.
+
+    Raises
+    ------
+    ChannelMapError
+        When no map fits, or the map is wrong.
+    CorruptLogError, EmptyLogError, LogTooLargeError, UnknownFormatError
+        When the table cannot be read.
+    """
+    findings = list(source.findings)
+    if options.channel_map is None:
+        chosen, finding = fitting_map(source.names, file.name)
+        findings += [finding] if finding is not None else []
+    else:
+        chosen = load_channel_map(options.channel_map)
+    asked = [column for rule in chosen.rules for column in rule.expression.columns]
+    rules = fitted_rules(chosen, with_elements(asked, source.names), file.name)
+    needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
+    if options.channel_map is None and chosen.origin == file.name:
+        findings += ignored_columns([name for name in source.names if name not in needed])
+    recording = mapped_recording(
+        chosen,
+        rules,
+        source.read(list(needed)),
+        name=file.name,
+        log_format=log_format,
+        sha256=options.sha256,
+        findings=findings,
+    )
+    return restore(recording, source.metadata) if options.channel_map is None else recording

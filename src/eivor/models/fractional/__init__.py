@@ -1,1 +1,0 @@
-"""Fractional difference equations: their columns, what noise these share, regressions, simulation."""

@@ -1,0 +1,519 @@
+"""Prediction of the rigid body's state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from eivor.flights.grid import on_grid
+from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.motion import UNCHANGED, Ahead, AheadError, Starts, all_ahead, starts_of, trim
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import SimpleModel
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
+from eivor.models.separable import Values
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
+from eivor.motions.rigid_body.regression import (
+    ALL_DRAG_MOMENTS,
+    RotorStates,
+    RotorSums,
+    drag_moments,
+    dragged_by,
+    lift_moments,
+    spin_moment,
+    usual_state,
+)
+from eivor.motions.rigid_body.vehicle import (
+    COUPLING,
+    DAMPING,
+    DRAG,
+    DRAG_MOMENT,
+    GAIN,
+    LIFT,
+    LIFT_MOMENT,
+    OFFSET,
+    QUADRATIC_DRAG,
+    REACTION,
+    SPIN_MOMENT,
+    THRUST,
+    TURNING,
+    YAW_EQUATION,
+    RotorLayout,
+)
+from eivor.motions.rigid_body.verdict import with_spin_moments
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.filters import time_derivative
+from eivor.tools import Float, Int
+
+# -- Logged state --
+
+_ATTITUDE = tuple(f"attitude_{part}" for part in "wxyz")
+_VELOCITY = tuple(f"velocity_{axis}" for axis in "xyz")
+_POSITION = tuple(f"position_{axis}" for axis in "xyz")
+
+
+@dataclass(frozen=True)
+class LoggedState:
+    """Position, velocity, attitude and rates on a flight's grid.
+
+    Parameters
+    ----------
+    flight : PreparedFlight
+        Of which log.
+    """
+
+    flight: PreparedFlight
+
+    @property
+    def turns(self) -> bool:
+        """Whether the attitude is logged."""
+        return self._has(_ATTITUDE)
+
+    @property
+    def moves(self) -> bool:
+        """Whether velocity and attitude are."""
+        return self.turns and self._has(_VELOCITY)
+
+    @property
+    def placed(self) -> tuple[int, ...]:
+        """Axes along which the position is logged, from 0."""
+        return tuple(axis for axis, name in enumerate(_POSITION) if self._has((name,)))
+
+    @cached_property
+    def body(self) -> Float[np.ndarray, "13 n"]:
+        """The state at every sample.
+
+        What is not logged at all is at rest, and level; what was not logged at a sample is NaN, but for the
+        rates and for what the equations rest on: samples without these are not usable.
+        """
+        body = np.zeros((BODY, self.flight.signals.sample_count))
+        body[6] = 1.0
+        for axis in self.placed:
+            body[axis] = self._channel(_POSITION[axis])
+        if self.moves:
+            body[3:6] = [self._channel(name) for name in _VELOCITY]
+        if self.turns:
+            body[6:10] = [self._channel(name) for name in _ATTITUDE]
+            length = np.sqrt((body[6:10] ** 2).sum(axis=0))
+            body[6:10] /= np.where(length > 0.0, length, 1.0)
+        body[10:13] = [self.flight.signals.channel(axis.rate) for axis in AXES]
+        return body
+
+    def _has(self, names: tuple[str, ...]) -> bool:
+        known = self.flight.recording.channels
+        return all(name in known and np.isfinite(known[name].values).any() for name in names)
+
+    def _channel(self, name: str) -> Float[np.ndarray, " n"]:
+        """Values on the grid; those that the motion did not select are NaN where they stand on nothing."""
+        signals = self.flight.signals
+        if name in signals.channels:
+            return signals.channel(name)
+        values, good = on_grid(self.flight.recording.channel(name), self.flight.grid)
+        return np.where(good, values, np.nan)
+
+
+# -- State propagation --
+
+
+@dataclass(frozen=True)
+class CarriedBody:
+    """Rates of change of a body's state at the samples of a flight.
+
+    Parameters
+    ----------
+    flight : PreparedFlight
+        With the rotors' commands, or their speeds.
+    layout : RotorLayout
+        Of the rotors.
+    values : mapping of str to float
+        Parameters and nuisances; what is missing is zero. Drag and damping are told for the mean state of
+        the flights that they come from, and count here for that of this flight: one vehicle hovers in both.
+    logged : LoggedState
+        What is known of the flight's state.
+    starts : Starts
+        Where predictions start.
+    turns : tuple of bool
+        Axes that the rotors turn; the rate of others stays.
+    lifts : bool
+        Whether thrust is known; else the velocity stays.
+    """
+
+    flight: PreparedFlight
+    layout: RotorLayout
+    values: Values
+    logged: LoggedState
+    starts: Starts
+    turns: tuple[bool, ...]
+    lifts: bool
+
+    def __call__(
+        self, body: Float[np.ndarray, "13 starts"], now: Int[np.ndarray, " starts"]
+    ) -> Float[np.ndarray, "13 starts"]:
+        """Rate of change of states side by side at samples, driven by what the rotors do there."""
+        w, x, y, z, p, q, r = body[6:BODY]
+        rows = rotation(w, x, y, z)
+        turning, force = self._of_axes(body, rows, self._states[:, now])
+        driven = self._forces[:, now]
+        change = np.zeros_like(body)
+        change[0:3] = body[3:6]
+        if self.lifts and self.logged.moves:
+            fx, fy, fz = (one + driven[3 + along] for along, one in enumerate(force))
+            for row, (a, b, c) in enumerate(rows):
+                change[3 + row] = a * fx + b * fy + c * fz
+            change[5] -= GRAVITY
+        change[6] = -0.5 * (x * p + y * q + z * r)
+        change[7] = 0.5 * (w * p + y * r - z * q)
+        change[8] = 0.5 * (w * q + z * p - x * r)
+        change[9] = 0.5 * (w * r + x * q - y * p)
+        for axis, turned in enumerate(self.turns):
+            if turned:
+                change[10 + axis] = turning[axis] + driven[axis]
+        return change
+
+    def _of_axes(
+        self,
+        body: Float[np.ndarray, "13 starts"],
+        rows: tuple[Triple, Triple, Triple],
+        sums: Float[np.ndarray, "7 starts"],
+    ) -> tuple[Triple, Triple]:
+        """What coupling and damping do to the rates, drag and lift to the velocity.
+
+        Sums over the rotors of n, or of n times an arm, times the velocity at the hub, which is linear in
+        the velocity of the body and in its rates: by the moments of n.
+        """
+        p, q, r = body[10:13]
+        velocity = np.zeros_like(body[3:6])
+        if self.logged.moves:
+            velocity[:] = into_body(rows, body[3], body[4], body[5])
+        dragged = [
+            -share * dragged_by(axis, sums, velocity, body[10:13])
+            for axis, share in enumerate(self._dragging)
+        ]
+        products = (q * r, p * r, p * q)
+        beside = self._beside(velocity, body[10:13], sums[6])
+        turning = [
+            beta * product + drag + moment
+            for beta, product, drag, moment in zip(self._coupling, products, dragged[:3], beside, strict=True)
+        ]
+        u, v, _ = velocity
+        x, y = -self.layout.pitch, self.layout.roll
+        around = r * r * float(np.mean(x * x + y * y)) + 2.0 * r * (v * float(x.mean()) - u * float(y.mean()))
+        lift = self._value(LIFT.name) * (u * u + v * v + around)
+        swiftness = np.sqrt((velocity * velocity).sum(axis=0))
+        fx, fy, fz = (
+            drag - self._value(one.name) * swiftness * along
+            for drag, one, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
+        )
+        return (turning[0], turning[1], turning[2]), (fx, fy, fz + lift)
+
+    def _beside(
+        self,
+        velocity: Float[np.ndarray, "3 starts"],
+        rates: Float[np.ndarray, "3 starts"],
+        spin: Float[np.ndarray, " starts"],
+    ) -> list[Float[np.ndarray, " starts"]]:
+        """What drag beside the centre of mass, lift and rotors that spin do to the rates."""
+        found = [
+            sum(self._value(one.name) * part for one, part in zip(pair, parts, strict=True))
+            for pair, parts in zip(
+                DRAG_MOMENT, (drag_moments(axis, velocity) for axis in range(3)), strict=True
+            )
+        ]
+        lifted = lift_moments(self.layout, velocity, rates[YAW_EQUATION])
+        for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, SPIN_MOMENT, strict=True)):
+            found[axis] = (
+                found[axis]
+                + self._value(lift.name) * lifted[axis]
+                + self._value(spinning.name) * spin_moment(axis, rates, spin)
+            )
+        return found
+
+    @cached_property
+    def _coupling(self) -> tuple[float, ...]:
+        return tuple(self._value(one.name) for one in COUPLING)
+
+    @cached_property
+    def _dragging(self) -> tuple[float, ...]:
+        """Damping and drag for rotors whose state is 1."""
+        count, _, _, xx, _, yy, _ = self.layout.sums.sum(axis=1).tolist()
+        squares = (yy, xx, xx + yy, count, count, count)
+        return tuple(
+            self._value(one.name) / (self._usual * square)
+            for one, square in zip((*DAMPING, *DRAG), squares, strict=True)
+        )
+
+    def _value(self, name: str) -> float:
+        return self.values.get(name, 0.0)
+
+    @cached_property
+    def _usual(self) -> float:
+        return usual_state((self.flight,))
+
+    @cached_property
+    def _rotors(self) -> RotorSums:
+        """Sums over the rotors."""
+        lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
+        return RotorStates(self.flight, self.layout).at(lag_s, delay_s)
+
+    @cached_property
+    def _states(self) -> Float[np.ndarray, "7 n"]:
+        """Sums of the rotors' states over each step."""
+        return self.starts.over_step(self._rotors.state)
+
+    @cached_property
+    def _forces(self) -> Float[np.ndarray, "6 n"]:
+        """What the rotors do to each axis over each step."""
+        return self.starts.over_step(self._driven)
+
+    @cached_property
+    def _driven(self) -> Float[np.ndarray, "6 n"]:
+        """What the rotors do to each axis, with the trims of the runs."""
+        step_s = self.flight.signals.step_s
+        state, thrust = self._rotors.state, self._rotors.thrust
+        driven = np.zeros((6, state.shape[1]))
+        for axis, arms in enumerate((thrust[2], -thrust[1], thrust[6])):
+            driven[axis] = self._value(GAIN[axis].name) * arms
+        for axis, offset in enumerate(OFFSET):
+            driven[axis] += self._value(offset.name) * thrust[0]
+        driven[2] += self._value(REACTION.name) * time_derivative(state[6], step_s)
+        driven[5] = self._value(THRUST.name) * thrust[0]
+        body = self.logged.body
+        rows = rotation(body[6], body[7], body[8], body[9])
+        turning, force = self._of_axes(body, rows, state)
+        for axis, one in enumerate(AXES):
+            slope = time_derivative(self.flight.signals.channel(one.rate), step_s)
+            driven[axis] += trim(self.flight, slope - turning[axis] - driven[axis])
+        if self.logged.moves:
+            world = np.stack([time_derivative(one, step_s) for one in body[3:6]])
+            felt = into_body(rows, world[0], world[1], world[2] + GRAVITY)
+            for along in range(3):
+                driven[3 + along] += trim(self.flight, felt[along] - force[along] - driven[3 + along])
+        return driven
+
+
+# -- Multi-step prediction --
+
+#: What it is that everything stays as it is.
+STAYS = "stays as it is"
+#: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
+SMALL = (
+    *COUPLING,
+    *DAMPING,
+    *DRAG,
+    *QUADRATIC_DRAG,
+    LIFT,
+    *LIFT_MOMENT,
+    *OFFSET,
+    *SPIN_MOMENT,
+    *ALL_DRAG_MOMENTS,
+)
+#: Drag by whose verdict the quadratic one of its axis goes: the two are told well together or not at all.
+WITH_DRAG = {one.name: drag.name for one, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
+
+
+@dataclass(frozen=True)
+class Predictable:
+    """What of a body's state can be predicted.
+
+    Parameters
+    ----------
+    known, told : frozenset of str
+        Quantities of the fit, and those that are not refused.
+    logged : tuple of LoggedState
+        Of every flight.
+    """
+
+    known: frozenset[str]
+    told: frozenset[str]
+    logged: tuple[LoggedState, ...]
+
+    @property
+    def turns(self) -> tuple[bool, ...]:
+        """Axes whose gain is told."""
+        return tuple(one.name in self.told for one in GAIN)
+
+    @property
+    def lifts(self) -> bool:
+        """Whether the thrust gain is told."""
+        return THRUST.name in self.told
+
+    @cached_property
+    def left_out(self) -> dict[str, str]:
+        """Why each quantity that cannot be predicted is left out."""
+        if EFFECTIVE_LAG not in self.told:
+            return dict.fromkeys((*_RATES, *_BEYOND), "the fit does not tell the lag")
+        found = {
+            rate: f"the fit does not tell the {axis} gain"
+            for rate, axis, told in zip(_RATES, TURNING, self.turns, strict=True)
+            if not told
+        }
+        moves = all(one.moves for one in self.logged), "velocity or attitude is not logged"
+        needs: dict[str, tuple[tuple[bool, str], ...]] = {
+            "attitude": ((all(one.turns for one in self.logged), "no attitude is logged"),),
+            "velocity": (moves,),
+            "position": (moves, (bool(self.placed), "no position is logged")),
+        }
+        for quantity in _BEYOND:
+            why = [words for known, words in needs[quantity] if not known]
+            # where only yaw stays, the force still points very nearly where it does
+            rates = _RATES if quantity == "attitude" else _RATES[:2]
+            why += [found[rate] for rate in rates if rate in found]
+            if quantity != "attitude" and not self.lifts:
+                why.append("the fit does not tell the thrust gain")
+            if why:
+                found[quantity] = why[0]
+        return found
+
+    @cached_property
+    def placed(self) -> tuple[int, ...]:
+        """Axes along which every flight has a position."""
+        return tuple(axis for axis in range(3) if all(axis in one.placed for one in self.logged))
+
+    def sentences(self, refused: frozenset[str]) -> tuple[str, ...]:
+        """What is left out, and what counts as zero."""
+        by_reason: dict[str, list[str]] = {}
+        for quantity, why in self.left_out.items():
+            by_reason.setdefault(why, []).append(quantity)
+        said = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
+        zero = [name.replace("_", " ") for name in zeros(refused) if name in self.known]
+        if zero and len(self.left_out) < len(_RATES) + len(_BEYOND):
+            said.append(f"Counted as zero, since the fit does not tell it: {', '.join(zero)}.")
+        return tuple(said)
+
+
+def zeros(refused: frozenset[str]) -> list[str]:
+    """Small terms that count as zero."""
+    return [one.name for one in SMALL if WITH_DRAG.get(one.name, one.name) in refused]
+
+
+_RATES = tuple(f"{axis} rate" for axis in TURNING)
+_BEYOND = ("attitude", "velocity", "position")
+
+
+def rigid_body_ahead(
+    flights: tuple[PreparedFlight, ...],
+    layout: RotorLayout,
+    models: Mapping[str, SimpleModel],
+    refused: frozenset[str],
+) -> Ahead:
+    """The state after each horizon, by each model and by rates and velocity at the start.
+
+    Parameters
+    ----------
+    flights : tuple of PreparedFlight
+        With runs.
+    layout : RotorLayout
+        Of their rotors.
+    models : mapping of str to SimpleModel
+        The fit first.
+    refused : frozenset of str
+        Quantities of the fit that are not told. What rests on a gain among them is left out; couplings,
+        damping, drag and lift among them count as zero in the fit.
+    """
+    first, *_ = models
+    models = with_spin_moments(models, first)
+    own = models[first].values
+    told = frozenset({*own, EFFECTIVE_LAG}) - refused
+    logged = tuple(LoggedState(flight) for flight in flights)
+    what = Predictable(frozenset(own), told, logged)
+    kept = {name: value for name, value in own.items() if name not in zeros(refused)}
+    by_model = {**models, first: SimpleModel(models[first].words, kept)}
+    found, times = [], []
+    for one in logged:
+        starts = starts_of(one.flight)
+        found.append(_of_flight(one, starts, layout, by_model, what))
+        times.append(one.flight.grid.time_s[starts.samples])
+    return all_ahead(found, times, what.sentences(refused))
+
+
+def _of_flight(
+    logged: LoggedState,
+    starts: Starts,
+    layout: RotorLayout,
+    models: Mapping[str, SimpleModel],
+    what: Predictable,
+) -> tuple[AheadError, ...]:
+    if len(what.left_out) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
+        return ()
+    begun = logged.body[:, starts.samples]
+    states = {
+        name: (model.words, starts.carried(begun, _body(logged, layout, model.values, starts, what)))
+        for name, model in models.items()
+    }
+    states[UNCHANGED] = (STAYS, _unchanged(begun, starts))
+    measured = logged.body[:, starts.ends].transpose(1, 0, 2)
+    return tuple(
+        _error(name, words, quantity, predicted, measured, what.placed)
+        for quantity in (*_RATES, *_BEYOND)
+        if quantity not in what.left_out
+        for name, (words, predicted) in states.items()
+    )
+
+
+def _body(
+    logged: LoggedState, layout: RotorLayout, values: Values, starts: Starts, what: Predictable
+) -> CarriedBody:
+    return CarriedBody(logged.flight, layout, values, logged, starts, what.turns, what.lifts)
+
+
+def _unchanged(
+    begun: Float[np.ndarray, "13 starts"], starts: Starts
+) -> Float[np.ndarray, "horizons 13 starts"]:
+    """States of a body whose velocity and rates are those at the start."""
+    found = np.repeat(begun[None], len(starts.steps), axis=0)
+    w, x, y, z = begun[6:10]
+    speed = np.sqrt((begun[10:13] ** 2).sum(axis=0))
+    axis = begun[10:13] / np.where(speed > 0.0, speed, 1.0)
+    for number, step in enumerate(starts.steps):
+        ahead_s = step * starts.step_s
+        found[number, :3] += ahead_s * begun[3:6]
+        c, (a, b, d) = np.cos(0.5 * speed * ahead_s), axis * np.sin(0.5 * speed * ahead_s)
+        found[number, 6:10] = (
+            w * c - x * a - y * b - z * d,
+            x * c + w * a + y * d - z * b,
+            y * c + w * b + z * a - x * d,
+            z * c + w * d + x * b - y * a,
+        )
+    return found
+
+
+def _error(
+    model: str,
+    words: str,
+    quantity: str,
+    predicted: Float[np.ndarray, "horizons 13 starts"],
+    measured: Float[np.ndarray, "horizons 13 starts"],
+    placed: tuple[int, ...],
+) -> AheadError:
+    """What is left of one quantity: of position along the axes on which it is logged."""
+    series = None
+    if quantity in _RATES:
+        part, unit = 10 + _RATES.index(quantity), "rad/s"
+        left = np.abs(predicted[:, part] - measured[:, part])
+        series = np.column_stack([measured[-1, part], predicted[-1, part]])
+    elif quantity == "attitude":
+        unit = "rad"
+        left = _angle(predicted[:, 6:10], measured[:, 6:10])
+    else:
+        parts = (3, 4, 5) if quantity == "velocity" else placed
+        unit = "m/s" if quantity == "velocity" else "m"
+        difference = predicted[:, parts] - measured[:, parts]
+        left = np.sqrt((difference**2).sum(axis=1))
+        if placed == (2,) and quantity == "position":
+            quantity = "height"
+    return AheadError(model, words, quantity, unit, left.T, series)
+
+
+def _angle(
+    first: Float[np.ndarray, "horizons 4 starts"], second: Float[np.ndarray, "horizons 4 starts"]
+) -> Float[np.ndarray, "horizons starts"]:
+    """Angle of the turn from one attitude to another; the first of any length."""
+    first = first / np.sqrt((first**2).sum(axis=1, keepdims=True))
+    apart, beside = (np.sqrt((one**2).sum(axis=1)) for one in (first - second, first + second))
+    between = np.minimum(apart, beside)  # an attitude and its negative are one
+    angle: Float[np.ndarray, "horizons starts"] = 4.0 * np.arcsin(np.minimum(0.5 * between, 1.0))
+    return angle

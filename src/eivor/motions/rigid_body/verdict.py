@@ -1,0 +1,943 @@
+"""Allowances and verdict of the rigid body."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from itertools import combinations, permutations
+from math import inf
+
+import numpy as np
+
+from eivor.errors import DataError, EstimationError
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.methods import by_name, identify
+from eivor.flights.lag_prior import EFFECTIVE_LAG
+from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Allowance, Counts, SimpleModel, Unjudged, clock_allowance
+from eivor.flights.verdict import (
+    disagreement_reasons,
+    given_lag_reasons,
+    instrument_reasons,
+    moved,
+    short_flight_reasons,
+    told_of,
+    untold,
+    wide_lag_reasons,
+)
+from eivor.inference.diagnostics.record import BEYOND_DOUBT
+from eivor.inference.distributions import chi_square_tail
+from eivor.inference.verdict import Reason, Status
+from eivor.logs.common import low_pass_delay_s
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
+from eivor.models.regression import Parameter
+from eivor.models.separable import Begun, NoInstruments, Values
+from eivor.models.spectral import SpectralRun
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body.inertia import Combinations, Formula
+from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
+from eivor.motions.rigid_body.vehicle import (
+    COUPLING,
+    DAMPING,
+    DRAG,
+    FORCE_X_EQUATION,
+    FORCE_Z_EQUATION,
+    FRICTION,
+    GAIN,
+    LIFT,
+    PITCH_EQUATION,
+    QUADRATIC_DRAG,
+    REACTION,
+    ROLL_EQUATION,
+    SPIN_MOMENT,
+    TELLING,
+    THRUST,
+    YAW_EQUATION,
+    InertiaRatios,
+    KnownVehicle,
+    RotorLayout,
+    by_pitch_coupling,
+    by_roll_coupling,
+)
+from eivor.signals.filters import time_derivative
+from eivor.signals.thrust_map import input_map
+from eivor.tools import Complex, Float
+
+# -- Allowances --
+
+#: Root of 1 - x + x log x = .05, see above.
+POINT_WITHIN = 0.701
+#: An onboard filter runs at its logged rate or so many times its cutoff, whichever is more.
+STEPS_OF_FILTER = 4.0
+
+
+def all_allowances(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], vehicle: KnownVehicle
+) -> dict[str, tuple[Allowance, ...]]:
+    """Systematic parts of the gains of turning and of the lag."""
+    found = _unlogged_commands(flights, quantities)
+    early_s = max(filter_early_s(vehicle.gyro_cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
+    lag = quantities.get(EFFECTIVE_LAG)
+    if not early_s or lag is None or not lag.value > early_s:
+        return found
+    why = "How often the gyroscope's filter runs is not known: "
+    told = f"{why}the lag may be {1e3 * early_s:.2g} ms longer."
+    parts = {name: Allowance(Counts.ADDED, 0.0, early_s, told) for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG)}
+    share = early_s / lag.value
+    for parameter in GAIN:
+        if parameter.name in quantities:
+            part = share * abs(quantities[parameter.name].value)
+            told = f"{why}the gain may be {100.0 * share:.2g} % smaller."
+            parts[parameter.name] = Allowance(Counts.ADDED, part, 0.0, told)
+    return found | {name: (*found.get(name, ()), part) for name, part in parts.items()}
+
+
+def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
+    """By what a digital filter that runs as slowly as it may is less late than a continuous one [s]."""
+    if cutoff_hz is None:
+        return 0.0
+    x = math.pi * cutoff_hz / max(logged_hz, STEPS_OF_FILTER * cutoff_hz)
+    return low_pass_delay_s(cutoff_hz) * (1.0 - x / math.tan(x))
+
+
+def _unlogged_commands(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged]
+) -> dict[str, tuple[Allowance, ...]]:
+    """What commands between those that the log holds leave open."""
+    by_stamps = tuple(
+        replace(one, counts=Counts.INDEPENDENT)
+        for one in clock_allowance(max(flight.command_slack_s for flight in flights))
+    )
+    found = {name: by_stamps for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if by_stamps}
+    half_s = max(_point_s(flight) for flight in flights)
+    lag = quantities.get(EFFECTIVE_LAG)
+    if not half_s or lag is None or not lag.value > half_s:
+        return found
+    share = half_s / lag.value
+    why = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
+    for parameter in GAIN:
+        if parameter.name in quantities:
+            part = share * abs(quantities[parameter.name].value)
+            sentence = f"{why}the gain may be {100.0 * share:.2g} % larger or smaller."
+            found[parameter.name] = (Allowance(Counts.INDEPENDENT, part, part, sentence),)
+    sentence = f"{why}the lag may be {1e3 * half_s:.2g} ms longer or shorter."
+    late = Allowance(Counts.INDEPENDENT, half_s, half_s, sentence)
+    for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG):
+        found[name] = (*found.get(name, ()), late)
+    return found
+
+
+def _point_s(flight: PreparedFlight) -> float:
+    """How far from the middle of a tooth a log's commands may lie throughout [s]."""
+    step_s = flight.unlogged_step_s
+    return POINT_WITHIN * step_s if flight.command_slack_s else 0.5 * step_s
+
+
+# -- Common rotor inertia --
+
+#: The ratio of inertias is told when the half-width of its interval, by each coupling, is at most this share.
+TOLD_SHARE, LEVEL = 0.1, 0.95
+#: Level of the intervals of what the three columns and one inertia differ by.
+APART_LEVEL = 0.995
+
+_SPINS = (*(one.name for one in SPIN_MOMENT), REACTION.name)
+
+
+def settled_spin(
+    problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate]
+) -> tuple[LaggedRuns, Estimate]:
+    """The problem with one inertia of the rotors where the flights tell that there is one, and its estimate.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        Of the flights.
+    estimated : callable
+        From a problem to its estimate.
+    """
+    free = estimated(problem)
+    ratios = ratios_told(free)
+    if ratios is None:
+        return problem, free
+    linked = with_one_spin(problem, ratios, free.best)
+    return linked, estimated(linked)
+
+
+def ratios_told(estimate: Estimate) -> InertiaRatios | None:
+    """Ratios of the inertias; None where they are not told, or the three columns are not of one inertia.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With a parameter for each column.
+    """
+    found = Combinations.of_estimate(estimate).finite()
+    if not found.has(*TELLING, *_SPINS):
+        return None
+    values = dict(zip(found.names, found.candidates[0].values.tolist(), strict=True))
+    if not min(values[one.name] for one in GAIN[:YAW_EQUATION]) > 0.0:
+        return None
+    for ratio in (by_roll_coupling, by_pitch_coupling):
+        low, high = found.function(ratio, TELLING, {}, LEVEL, math.inf).interval
+        if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * ratio(values)):
+            return None
+    for axis in (ROLL_EQUATION, PITCH_EQUATION):
+        low, high = found.function(_apart(axis), (*TELLING, *_SPINS), {}, APART_LEVEL, math.inf).interval
+        if not low <= 0.0 <= high:
+            return None
+    return InertiaRatios.of_values(values)
+
+
+def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None) -> LaggedRuns:
+    """The same problem whose columns of rotors that spin go with J / Izz alone.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        With a parameter for each column.
+    ratios : InertiaRatios
+        By which J / Ixx and J / Iyy are multiples of it.
+    free : Candidate, optional
+        An estimate of it, where that of the new one begins.
+    """
+    moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
+    kept = tuple(one for one in moving if one not in SPIN_MOMENT)
+    combination = np.array([[float(one == other) for other in kept] for one in moving])
+    for axis, one in enumerate(SPIN_MOMENT):
+        combination[moving.index(one), kept.index(REACTION)] = ratios.of_axis(axis)
+    columns = tuple(_of_one_spin(one, kept, ratios) for one in problem.columns)
+    noisier = None if problem.noisier is None else with_one_spin(problem.noisier, ratios)
+    begun = None
+    if free is not None:
+        stays = [place for place, one in enumerate(problem.parameters) if one not in SPIN_MOMENT]
+        begun = Begun(free.theta[stays], free.at)
+    return problem.combined(columns, kept, combination, noisier=noisier, begun=begun)
+
+
+def spin_of(problem: LaggedRuns) -> InertiaRatios | None:
+    """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
+    moving = problem.columns[0].moving
+    return moving.one_spin if isinstance(moving, RotorColumns) else None
+
+
+def spin_moments(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Unjudged]:
+    """J / Ixx and J / Iyy, by J / Izz, of a problem in which they are one with it; else nothing."""
+    ratios, of_all = spin_of(problem), joint.get(REACTION.name)
+    if ratios is None or of_all is None:
+        return {}
+    return {one.name: of_all.times(ratios.of_axis(axis)) for axis, one in enumerate(SPIN_MOMENT)}
+
+
+def with_spin_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
+    """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them.
+
+    Parameters
+    ----------
+    models : mapping of str to SimpleModel
+        All of the same columns. Where these were three they are returned as they are.
+    fit : str
+        Name of the one whose gains and couplings count.
+    """
+    values = models[fit].values
+    if not {REACTION.name, *TELLING} <= set(values) or SPIN_MOMENT[ROLL_EQUATION].name in values:
+        return dict(models)
+    ratios = InertiaRatios.of_values(values)
+    return {name: replace(one, values=_with_moments(one.values, ratios)) for name, one in models.items()}
+
+
+def _with_moments(values: Mapping[str, float], ratios: InertiaRatios) -> dict[str, float]:
+    of_all = values.get(REACTION.name, 0.0)
+    return {**values, **{one.name: ratios.of_axis(axis) * of_all for axis, one in enumerate(SPIN_MOMENT)}}
+
+
+def _of_one_spin(one: AxisColumns, kept: tuple[Parameter, ...], ratios: InertiaRatios) -> AxisColumns:
+    if not isinstance(one.moving, RotorColumns):
+        return one
+    moving = replace(one.moving, moving=kept, one_spin=ratios)
+    return replace(one, moving=moving, moved=moving.places)
+
+
+def _apart(axis: int) -> Formula:
+    """What the column of ROLL or PITCH says beside one inertia."""
+
+    def apart(values: Mapping[str, float]) -> float:
+        one = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
+        return values[SPIN_MOMENT[axis].name] - one
+
+    return apart
+
+
+# -- Onboard filters --
+
+#: Filters that a vehicle file may name, and what they are of.
+GYRO, ACCELEROMETER = "gyro_cutoff_hz", "accelerometer_cutoff_hz"
+FILTERS = {GYRO: "the gyroscope's", ACCELEROMETER: "the accelerometer's"}
+#: References that agree by this p-value need no explanation.
+DISAGREE = 0.001
+#: Their J must fall to this share of itself without a filter that the log has not passed.
+FAR_BETTER = 0.5
+
+_WITH, _WITHOUT = "filters_j", "_left_out_j"
+
+
+@dataclass(frozen=True, slots=True)
+class FiltersNotPassed:
+    """Filters of the vehicle file without which the references agree far better.
+
+    Parameters
+    ----------
+    with_all : float
+        J of the references with the filters of the vehicle file.
+    without : dict of str to float
+        By the key of the vehicle file, J without that filter.
+    """
+
+    with_all: float
+    without: Mapping[str, float]
+
+    @classmethod
+    def of_numbers(cls, numbers: Mapping[str, float]) -> FiltersNotPassed | None:
+        """Those of the numbers of a result; None where there are none in them."""
+        without = {key: numbers[key + _WITHOUT] for key in FILTERS if key + _WITHOUT in numbers}
+        return cls(numbers[_WITH], without) if without else None
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same as numbers of a result."""
+        return {_WITH: self.with_all, **{key + _WITHOUT: J for key, J in self.without.items()}}
+
+    @property
+    def sentence(self) -> str:
+        """What it says of the vehicle file."""
+        which = " and ".join(FILTERS[key] for key in self.without)
+        many = len(self.without) > 1
+        fall = ", ".join(f"{J:.3g}" for J in self.without.values())
+        return (
+            f"The log does not look as if it had passed {which} filter{'s' * many} of the vehicle file: "
+            f"without {'each' if many else 'it'} the references disagree far less (J {fall} instead of "
+            f"{self.with_all:.3g})."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return f"Take {' and '.join(self.without)} out of the vehicle file where the log is not filtered."
+
+
+def filters_not_passed(
+    problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], layout: RotorLayout
+) -> FiltersNotPassed | None:
+    """Filters of the vehicle file that flights have not passed; None where nothing says so.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        Of the flights, with the filters of the vehicle file.
+    estimate : Estimate
+        Its solution.
+    flights : sequence of PreparedFlight
+        The flights; of several the longest is asked.
+    layout : RotorLayout
+        Of their vehicle.
+    """
+    named = [key for key in FILTERS if getattr(layout.vehicle, key) is not None]
+    if not named or not estimate.best.solved.assembler.needs_instruments:
+        return None
+    with_all, p_value = estimate.best.inference.over_identification
+    if not p_value <= DISAGREE:
+        return None
+    number = max(range(len(flights)), key=lambda place: flights[place].used_s)
+    own = replace(problem, columns=tuple(one for one in problem.columns if one.flight == number))
+    if len(flights) > 1:
+        with_all = _disagreement(own, estimate.method)
+    if not math.isfinite(with_all):
+        return None
+    others = {key: _without_filter(own, flights[number], layout, key) for key in named}
+    found = {key: _disagreement(other, estimate.method) for key, other in others.items()}
+    without = {key: J for key, J in found.items() if FAR_BETTER * with_all > J}
+    return FiltersNotPassed(with_all, without) if without else None
+
+
+def _disagreement(problem: LaggedRuns, method: str) -> float:
+    """J of the references; infinite where nothing can be identified."""
+    try:
+        J, _ = identify(problem, by_name(method)).best.inference.over_identification
+    except EstimationError:
+        return math.inf
+    return J
+
+
+def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLayout, key: str) -> LaggedRuns:
+    """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
+    known = layout.vehicle
+    unfiltered = (
+        replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
+    )
+    made, spin = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments()), spin_of(problem)
+    if spin is not None:
+        made = with_one_spin(made, spin)
+    columns = tuple(
+        replace(new, instruments=old.instruments)
+        for new, old in zip(made.columns, problem.columns, strict=True)
+    )
+    return replace(problem, columns=columns)
+
+
+# -- Consistency of lags --
+
+#: Axes that rotors drive, and what they are called.
+DRIVEN = {ROLL_EQUATION: "roll", PITCH_EQUATION: "pitch", YAW_EQUATION: "yaw", FORCE_Z_EQUATION: "thrust"}
+#: A step is no longer small, and its size says little, beyond this share of the lag.
+FAR = 0.5
+
+_P_VALUE, _COMMON, _CHANGE = "lag_agreement_p", "lag_of_all_s", "_lag_change_s"
+
+
+@dataclass(frozen=True, slots=True)
+class LagsApart:
+    """Axes that do not agree about the lag.
+
+    Parameters
+    ----------
+    lag_s : float
+        Of all axes together [s].
+    changes_s : mapping of str to float
+        By the axis, what it would change it by [s].
+    p_value : float
+        Of as large a disagreement by chance.
+    """
+
+    lag_s: float
+    changes_s: Mapping[str, float]
+    p_value: float
+
+    @classmethod
+    def of_numbers(cls, numbers: Mapping[str, float]) -> LagsApart | None:
+        """Those of the numbers of a result; None where there are none in them."""
+        if _P_VALUE not in numbers:
+            return None
+        names = (name for name in DRIVEN.values() if name + _CHANGE in numbers)
+        return cls(numbers[_COMMON], {name: numbers[name + _CHANGE] for name in names}, numbers[_P_VALUE])
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same as numbers of a result."""
+        changes = {name + _CHANGE: change for name, change in self.changes_s.items()}
+        return {_P_VALUE: self.p_value, _COMMON: self.lag_s, **changes}
+
+    @property
+    def sentence(self) -> str:
+        """What each axis says."""
+        each = ", ".join(f"{name} {self._asked(change)}" for name, change in self.changes_s.items())
+        return (
+            f"The axes disagree about the lag (p-value {self.p_value:.1g}). For all of them it is "
+            f"{1e3 * self.lag_s:.0f} ms; by itself {each}."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return (
+            "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
+            "which the two are told apart, and fly in calm air. A delay that was given wrong shows alike."
+        )
+
+    def _asked(self, change: float) -> str:
+        if abs(change) <= FAR * self.lag_s:
+            return f"asks for {1e3 * (self.lag_s + change):.0f} ms"
+        return f"for a much {'longer' if change > 0.0 else 'shorter'} one"
+
+
+def lags_apart(estimate: Estimate) -> LagsApart | None:
+    """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of whitened rows.
+    """
+    if estimate.best.solved.assembler.needs_instruments:
+        return None
+    found = {name: (change, variance) for name, change, variance in _changes(estimate)}
+    if len(found) < 2:
+        return None
+    changes, variances = np.array(list(found.values())).T
+    mean = float(np.average(changes, weights=1.0 / variances))
+    p_value = chi_square_tail(float(np.sum((changes - mean) ** 2 / variances)), len(found) - 1)
+    if not p_value < BEYOND_DOUBT:
+        return None
+    lag_s = sum(estimate.best.at.get(one, 0.0) for one in (ACTUATOR_LAG.name, DELAY.name))
+    return LagsApart(lag_s, dict(zip(found, changes.tolist(), strict=True)), p_value)
+
+
+def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
+    """Of each axis that rotors drive, what it would change the lag by, and the variance of that."""
+    best = estimate.best
+    sought = [profile.nuisance.name for profile in best.profiles]
+    if ACTUATOR_LAG.name not in sought:
+        return
+    rows, moves = best.rows, best.solved.nuisance_columns[:, sought.index(ACTUATOR_LAG.name)]
+    residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
+    for axis, name in DRIVEN.items():
+        own = axes == axis
+        beside = _beside(moves[own], rows.regressors[own])
+        squares = float(beside @ beside)
+        if squares > 0.0:
+            change = float(beside @ residual[own]) / squares
+            yield name, change, float(np.mean(residual[own] ** 2)) / squares
+
+
+def _beside(
+    column: Float[np.ndarray, " rows"], others: Float[np.ndarray, "rows k"]
+) -> Float[np.ndarray, " rows"]:
+    """What of a column other columns do not explain."""
+    sizes = np.linalg.norm(others, axis=0)
+    basis, _ = np.linalg.qr(others[:, sizes > 0.0] / sizes[sizes > 0.0])
+    left: Float[np.ndarray, " rows"] = column - basis @ (basis.T @ column)
+    return left
+
+
+# -- Rotor order --
+
+#: Band that is looked at [Hz], and lags [s].
+BAND_HZ = (0.5, 8.0)
+LAGS_S = np.geomspace(0.01, 0.16, 9)
+#: All orders of up to so many rotors; of more, those with two of them exchanged.
+MOST_ORDERED = 4
+#: Another order must leave so much less, in logarithms of the residual summed over axes (that of simulated
+#: flights never left more than .05 less than theirs), and explain this share of the axis that it improves.
+CLEARLY = 0.3
+EXPLAINED = 0.25
+#: Of orders that differ by less the one with the fewest changes is told.
+ALIKE = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """As which rotors of the vehicle file the commands act.
+
+    Parameters
+    ----------
+    acts_as : tuple of int
+        For each command the number of the rotor at whose place it acts, from 1; below zero where its spin is
+        not that rotor's.
+    axis : int
+        Number of the axis that this explains so much better.
+    explained, before : float
+        Share of that axis that the rotors explain so, and by the vehicle file.
+    """
+
+    acts_as: tuple[int, ...]
+    axis: int
+    explained: float
+    before: float
+
+    @classmethod
+    def of_numbers(cls, numbers: Mapping[str, float]) -> Order | None:
+        """That of the numbers of a result; None where there is none in them."""
+        acts_as = [int(value) for name, value in numbers.items() if name.endswith(_ACTS_AS)]
+        if not acts_as:
+            return None
+        return cls(tuple(acts_as), int(numbers[_AXIS]), numbers[_EXPLAINED], numbers[_BEFORE])
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same as numbers of a result."""
+        rotors = {f"rotor_{rotor}{_ACTS_AS}": float(one) for rotor, one in enumerate(self.acts_as, start=1)}
+        return {**rotors, _AXIS: float(self.axis), _EXPLAINED: self.explained, _BEFORE: self.before}
+
+    @property
+    def sentence(self) -> str:
+        """What it says of the vehicle file."""
+        return (
+            f"{self._which}: so the rotors explain {self.explained:.0%} of {AXES[self.axis].name}, and "
+            f"{self.before:.0%} by the vehicle file."
+        )
+
+    @property
+    def _which(self) -> str:
+        moved = [rotor for rotor, one in enumerate(self.acts_as, start=1) if abs(one) != rotor]
+        turned = [abs(one) for one in self.acts_as if one < 0]
+        if not moved:
+            return f"{_rotors(turned)} the other way than the vehicle file says"
+        if len(moved) == 2 and not turned:
+            return f"Rotors {moved[0]} and {moved[1]} look exchanged"
+        commands, places = (
+            ", ".join(map(str, x)) for x in (range(1, len(self.acts_as) + 1), map(abs, self.acts_as))
+        )
+        order = f"The commands {commands} look to act as the rotors {places} of the vehicle file"
+        return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
+
+
+#: Names of the numbers.
+_ACTS_AS, _AXIS, _EXPLAINED, _BEFORE = "_acts_as", "order_axis", "order_explained", "order_explained_by_file"
+
+
+def _rotors(numbers: Sequence[int]) -> str:
+    *others, last = map(str, sorted(numbers))
+    return f"Rotors {', '.join(others)} and {last} look to spin" if others else f"Rotor {last} looks to spin"
+
+
+def order_shown(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
+    """Order that flights show where it is clearly another than that of the vehicle file; else None.
+
+    Parameters
+    ----------
+    flights : sequence of PreparedFlight
+        Of one vehicle, with runs.
+    layout : RotorLayout
+        By the vehicle file.
+    """
+    sums = reduce(operator.add, (_Sums.of_flight(flight, layout.count) for flight in flights))
+    given = _candidate(layout, tuple(range(layout.count)), np.asarray(layout.yaw))
+    found = [given, *_others(layout)]
+    left, gain = sums.left([one.arms for one in found])
+    score = np.log(left).sum(axis=2)
+    lag = int(np.argmin(score.min(axis=1)))
+    score, left, gain = score[lag], left[lag], gain[lag]
+    best = float(score.min())
+    if score[0] - best < CLEARLY:
+        return None
+    alike = [number for number in range(len(found)) if score[number] < best + ALIKE]
+    chosen = min(alike, key=lambda number: (int((gain[number] < 0.0).sum()), *found[number].changes))
+    axis = int(np.argmax(left[0] - left[chosen]))
+    explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
+    return Order(found[chosen].acts_as, axis, explained, before) if explained > EXPLAINED else None
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """Rows of arms about each axis of one order."""
+
+    acts_as: tuple[int, ...]
+    arms: Float[np.ndarray, "3 rotors"]
+
+    @property
+    def changes(self) -> tuple[int, int]:
+        """How many spins and how many places are not as in the vehicle file."""
+        places = sum(abs(number) != place for place, number in enumerate(self.acts_as, start=1))
+        return sum(number < 0 for number in self.acts_as), places
+
+
+def _candidate(
+    layout: RotorLayout, order: tuple[int, ...], spins: Float[np.ndarray, " rotors"]
+) -> _Candidate:
+    at = list(order)
+    own = spins * layout.yaw[at] > 0.0
+    acts_as = tuple(place + 1 if same else -(place + 1) for place, same in zip(order, own, strict=True))
+    return _Candidate(acts_as, np.stack([layout.roll[at], layout.pitch[at], spins]))
+
+
+def _others(layout: RotorLayout) -> Iterator[_Candidate]:
+    for order in _orders(layout.count):
+        moving = layout.yaw[list(order)]
+        one_turned = moving * (1.0 - 2.0 * np.eye(layout.count))
+        for one in (moving, layout.yaw, *one_turned):
+            yield _candidate(layout, order, one)
+
+
+def _orders(count: int) -> Iterator[tuple[int, ...]]:
+    if count <= MOST_ORDERED:
+        yield from permutations(range(count))
+        return
+    yield tuple(range(count))
+    for one, other in combinations(range(count), 2):
+        order = list(range(count))
+        order[one], order[other] = other, one
+        yield tuple(order)
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Sums of products over the bins, for each lag and axis, what stays being taken out of both sides.
+
+    Parameters
+    ----------
+    rotors : ndarray, shape (lags, 3, rotors, rotors)
+        Of the rotors among each other.
+    across : ndarray, shape (lags, 3, rotors)
+        Of the rotors with the angular acceleration.
+    turning : ndarray, shape (lags, 3)
+        Of the angular acceleration with itself.
+    """
+
+    rotors: Float[np.ndarray, "lags 3 rotors rotors"]
+    across: Float[np.ndarray, "lags 3 rotors"]
+    turning: Float[np.ndarray, "lags 3"]
+
+    def __add__(self, other: _Sums) -> _Sums:
+        return _Sums(self.rotors + other.rotors, self.across + other.across, self.turning + other.turning)
+
+    @classmethod
+    def of_flight(cls, flight: PreparedFlight, count: int) -> _Sums:
+        """Those of one flight."""
+        parts = [_bins(flight, run) for run in flight.runs]
+        bins = np.concatenate([part for part, _ in parts])
+        frequency = np.concatenate([hz for _, hz in parts])
+        shape = (LAGS_S.size, 3)
+        rotors, across, turning = np.zeros((*shape, count, count)), np.zeros((*shape, count)), np.zeros(shape)
+        for number, lag_s in enumerate(LAGS_S):
+            lagged = bins[:, 9:] / (1.0 + 2j * np.pi * frequency * lag_s)[:, None]
+            for axis in range(3):
+                stays = np.column_stack([bins[:, 3 + axis], bins[:, 6 + axis], lagged.sum(axis=1)])
+                moves = _without(stays, np.column_stack([lagged, bins[:, axis]]))
+                products = np.real(moves.conj().T @ moves)
+                rotors[number, axis] = products[:-1, :-1]
+                across[number, axis], turning[number, axis] = products[:-1, -1], products[-1, -1]
+        return cls(rotors, across, turning)
+
+    def left(
+        self, arms: Sequence[Float[np.ndarray, "3 rotors"]]
+    ) -> tuple[Float[np.ndarray, "lags orders 3"], Float[np.ndarray, "lags orders 3"]]:
+        """Share of each axis that each order leaves at each lag, and its gain."""
+        rows = np.stack(arms)
+        own = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
+        with_turning = np.einsum("oai,lai->loa", rows, self.across)
+        whole = self.turning[:, None, :]
+        gain = with_turning / np.where(own > 0.0, own, np.inf)
+        return np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6), gain
+
+
+def _bins(
+    flight: PreparedFlight, run: slice
+) -> tuple[Complex[np.ndarray, "bins columns"], Float[np.ndarray, " bins"]]:
+    """Of a run angular accelerations, rates, couplings and mapped commands, and frequencies of bins [Hz]."""
+    signals = flight.signals
+    rates = np.column_stack([signals.channel(axis.rate) for axis in AXES])
+    change = np.column_stack([time_derivative(rate, signals.step_s) for rate in rates.T])
+    coupling = np.roll(rates, -1, axis=1) * np.roll(rates, -2, axis=1)
+    mapped = input_map(flight.input_map)(signals.family(flight.input.name))
+    band = SpectralRun(0, run.stop - run.start, signals.step_s, BAND_HZ, counted=flight.usable[run])
+    return band.spectrum(np.column_stack([change, rates, coupling, mapped])[run]), band.frequency_hz
+
+
+def _without(
+    stays: Complex[np.ndarray, "bins s"], moves: Complex[np.ndarray, "bins m"]
+) -> Complex[np.ndarray, "bins m"]:
+    """Columns without what real multiples of others explain of them."""
+    split = np.concatenate([stays.real, stays.imag])
+    told, *_ = np.linalg.lstsq(split, np.concatenate([moves.real, moves.imag]), rcond=1e-10)
+    return moves - stays @ told
+
+
+# -- Wind --
+
+#: Level of the interval that has to exclude that no wind blew, and the least speed that is told [m/s].
+SURE, LEAST_SPEED = 0.999, 0.5
+#: What it makes wrong: the drags across.
+ACROSS = (*DRAG[:2], *QUADRATIC_DRAG[:2])
+
+_WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyWind:
+    """A wind that blew in a flight, over its mean and along the axes of the logged velocity.
+
+    Parameters
+    ----------
+    x, y : float
+        Of the air over the ground [m/s].
+    """
+
+    x: float
+    y: float
+
+    @classmethod
+    def of_numbers(cls, numbers: Mapping[str, float]) -> SteadyWind | None:
+        """That of the numbers of a result; None where there is none in them."""
+        if "steady_wind_x" not in numbers:
+            return None
+        return cls(numbers["steady_wind_x"], numbers["steady_wind_y"])
+
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The same as numbers of a result."""
+        return {"steady_wind_x": self.x, "steady_wind_y": self.y}
+
+    @property
+    def speed(self) -> float:
+        """Its speed [m/s]."""
+        return math.hypot(self.x, self.y)
+
+    @property
+    def sentence(self) -> str:
+        """What it says of the drags across."""
+        return (
+            f"A steady wind of about {self.speed:.2g} m/s seems to have blown, which the drags along x and y "
+            "suffer from: velocities count over the ground. Gains, couplings and the lag do not."
+        )
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return "Fly in calm air for these drags, or log the velocity through the air."
+
+
+def steady_wind(problem: LaggedRuns, at: Values, flights: Sequence[PreparedFlight]) -> SteadyWind | None:
+    """The strongest wind that a flight shows; None where none does, or no drag across is told.
+
+    Parameters
+    ----------
+    problem : LaggedRuns
+        Of the flights.
+    at : mapping of str to float
+        Lag and delay that were found.
+    flights : sequence of PreparedFlight
+        The flights.
+    """
+    if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
+        return None
+    found = [_of_flight(problem, at, number, flight) for number, flight in enumerate(flights)]
+    return max((one for one in found if one is not None), key=lambda one: one.speed, default=None)
+
+
+def _of_flight(problem: LaggedRuns, at: Values, number: int, flight: PreparedFlight) -> SteadyWind | None:
+    signals = flight.signals
+    one, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
+    along_x = on_body_axes(signals, one, nothing, nothing)
+    along_y = on_body_axes(signals, nothing, one, nothing)
+    places = [problem.parameters.index(one) for one in QUADRATIC_DRAG[:2]]
+    columns = tuple(
+        replace(
+            own,
+            fixed=np.column_stack([along_x[:, along], along_y[:, along], own.fixed[:, places]]),
+            instruments=np.empty((own.fixed.shape[0], 0)),
+            moved=(along,),
+        )
+        for own in problem.columns
+        if own.flight == number and (along := own.axis - FORCE_X_EQUATION) in (0, 1)
+    )
+    known = tuple(one.known_at(at[one.name]) for one in problem.nuisances)
+    try:
+        told = identify(
+            LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known),
+            by_name("whitened_least_squares"),
+        )
+    except (DataError, EstimationError):  # too short, or a heading that stays
+        return None
+    drag = 0.5 * sum(told.parameters[one.name] for one in DRAG[:2])
+    sure = any(low > 0.0 or high < 0.0 for low, high in (told.interval(one.name, SURE) for one in _WIND))
+    if not sure or not drag > 0.0:
+        return None
+    wind = SteadyWind(*(told.parameters[one.name] / drag for one in _WIND))
+    return wind if wind.speed >= LEAST_SPEED else None
+
+
+# -- Rule --
+
+GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
+SHORT_FLIGHT_S = 10.0
+COMMAND_RATE_HZ = 45.0
+FLY = (
+    "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
+    "calm air."
+)
+CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
+LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
+LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
+
+_GAINS = {one.name for one in (*GAIN, THRUST)}
+_SLOW = {one.name for one in (*DAMPING, *DRAG, FRICTION, LIFT)}
+_COUPLINGS = {one.name for one in COUPLING}
+_ACROSS = {one.name for one in ACROSS}
+
+
+def all_grounds(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> dict[str, tuple[Reason, ...]]:
+    """Grounds against every quantity that there is."""
+    lag = (*_shared(told_of(strength), at), *_lag_reasons(quantities))
+    found = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    wind = SteadyWind.of_numbers(at.numbers)
+    for name, quantity in quantities.items():
+        if name in found:
+            continue
+        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is told together
+        reasons = [*_shared(told_of(strength, moved_by), at), *_lag_reasons(quantities)]
+        if not untold(name, strength):
+            reasons += _interval_reasons(name, quantity, at)
+        if wind is not None and name in _ACROSS:
+            reasons.append(Reason(Status.WEAK, wind.sentence, wind.remedy))
+        found[name] = tuple(reasons)
+    return found
+
+
+def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
+    reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
+    remedy = "Fly in calm air and away from the ground, and keep the motors from their limits."
+    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The rotors are logged at {at.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz are needed.",
+                "Log them at 100 Hz or more.",
+            )
+        )
+    reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
+    reasons.extend(given_lag_reasons(at))
+    order = Order.of_numbers(at.numbers)
+    if order is not None:
+        reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
+    lags = LagsApart.of_numbers(at.numbers)
+    if lags is not None:
+        reasons.append(Reason(Status.WEAK, lags.sentence, lags.remedy))
+    filters = FiltersNotPassed.of_numbers(at.numbers)
+    if filters is not None:
+        reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))
+    return reasons
+
+
+def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[Reason]:
+    words = name.replace("_", " ")
+    low, high = quantity.interval
+    if name in _GAINS:
+        if high < 0.0:
+            return [
+                Reason(
+                    Status.REFUSED,
+                    f"The {words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}.",
+                    CORRECT_ROTORS,
+                )
+            ]
+        if low <= 0.0:
+            return [Reason(Status.REFUSED, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+    if name in _SLOW and low <= 0.0:
+        return [Reason(Status.WEAK, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+    share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
+    allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
+    if inf > quantity.half_width > allowed:
+        return [
+            Reason(
+                Status.WEAK,
+                f"The {words} is known to +-{quantity.half_width:.2g} only; identified asks for "
+                f"+-{allowed:.2g}.",
+                "Fly larger and quicker steps, or longer.",
+            )
+        ]
+    return []
+
+
+def _what_is_wrong(name: str) -> str:
+    if name == THRUST.name:
+        return "the rotor commands, or the accelerometer along z, have the wrong sign"
+    if name == GAIN[2].name:
+        return (
+            "the rotors spin the other way than the vehicle file says, or the rate of yaw has the wrong sign"
+        )
+    axis = name.removesuffix("_gain")
+    return (
+        f"the rotors' order about {axis} is another than that of the vehicle file, or the rate of {axis} has "
+        "the wrong sign"
+    )
+
+
+def _lag_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+    half_width = quantities["effective_lag"].half_width
+    remedy = "Fly quicker steps, and log rotors and rates faster."
+    return wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=remedy)

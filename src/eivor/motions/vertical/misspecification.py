@@ -1,0 +1,498 @@
+"""Tests for omitted terms and for sensors that disagree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
+from eivor.estimation.estimate import Estimate
+from eivor.flights.grid import on_grid
+from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
+from eivor.flights.quantity import Allowance, Counts, Unjudged
+from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
+from eivor.models.regression import Parameter
+from eivor.models.separable import Values
+from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.regression import (
+    DRAG,
+    GROUND,
+    SUPPLY,
+    VerticalFlights,
+    explained,
+    height_over_ground,
+    voltage,
+    voltage_change,
+)
+from eivor.signals.filters import first_order_lag
+from eivor.tools import Float
+
+# -- Omitted-variable tests --
+
+#: What their numbers are called.
+PREFIX = "left_out_"
+#: A term is missed below this p-value.
+MISSED = 0.005
+#: Name of the test of the thrust curve's bend.
+CURVATURE = "thrust_curvature"
+#: Terms whose coefficients are told as shares of the gain.
+SHARES = (CURVATURE, SUPPLY)
+#: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
+LEAST_TERM = {SUPPLY: 0.02}
+#: What the voltage changed by over the time used, in the mean over the flights, as a share: the supply's
+#: coefficient is then the power of the voltage that thrust goes with, and else what thrust changes by.
+VOLTAGE_CHANGE = f"{PREFIX}{SUPPLY}_voltage_change"
+#: Heights below this count as this [m].
+LEAST_HEIGHT = 0.05
+
+Column = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class _Flight:
+    """What the terms are made of in one flight, as measured, and as far as the references explain it."""
+
+    velocity: Column
+    mapped: Column
+    mean: float
+    height: Column | None
+    voltage: Column | None
+    time: Column
+
+
+#: From a flight to a term's column; None where the log lacks what it needs.
+_TERMS: dict[str, Callable[[_Flight], Column | None]] = {
+    DRAG: lambda of: -of.velocity * np.abs(of.velocity),
+    GROUND: lambda of: None if of.height is None else np.maximum(of.height, LEAST_HEIGHT) ** -2.0,
+    CURVATURE: lambda of: of.mean * (of.mapped / of.mean - 1.0) ** 2 if of.mean else None,
+    SUPPLY: lambda of: of.mapped * (of.time if of.voltage is None else of.voltage),
+}
+
+
+def left_out(
+    problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
+) -> dict[str, Difference]:
+    """Coefficient of each term as if it alone were added; none without instruments.
+
+    Terms that the problem has are not tested.
+
+    Parameters
+    ----------
+    problem : VerticalFlights
+        The flights' own problem.
+    estimate : Estimate
+        Of it.
+    flights : sequence of PreparedFlight
+        The same flights, on the same samples.
+
+    Returns
+    -------
+    dict of str to Difference
+        In 1/m, in m^3/s^2, and as shares of the gain: of the curve's bend, and of the supply for the
+        voltage's own share, or over the flight where not all flights have a voltage.
+    """
+    own = problem.runs.columns
+    if not all(one.instruments.shape[1] for one in own):
+        return {}
+    at = estimate.best.at
+    measured = [_measured(problem, place, flight, at) for place, flight in enumerate(flights)]
+    if any(of.voltage is None for of in measured):  # one coefficient has one meaning
+        measured = [replace(of, voltage=None) for of in measured]
+    explained = [_explained(one, of) for one, of in zip(own, measured, strict=True)]
+    base = [_linear(problem, one, estimate) for one in own]
+    found: dict[str, Difference] = {}
+    added = {term.left_out for term in problem.terms}
+    for name, term in _TERMS.items():
+        if name in added:
+            continue
+        columns, instruments = [term(of) for of in measured], [term(of) for of in explained]
+        known = [(x, z) for x, z in zip(columns, instruments, strict=True) if x is not None and z is not None]
+        if len(known) < len(own):
+            continue
+        with_term = [_with(one, linear, x, z) for one, linear, (x, z) in zip(own, base, known, strict=True)]
+        coefficient = _coefficient(tuple(with_term), name)
+        if coefficient is not None:
+            found[name] = coefficient
+    gain = abs(estimate.parameters["input_gain"]) or math.nan
+    return found | {
+        name: replace(one, value=one.value / gain, std_error=one.std_error / gain)
+        for name, one in found.items()
+        if name in SHARES
+    }
+
+
+def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: Values) -> _Flight:
+    mapped = problem.runs.columns[place].moving(at)[:, 0]
+    used = np.flatnonzero(flight.used)
+    time = flight.grid.time_s
+    span = time[used[-1]] - time[used[0]]
+    share = (time - time[used[0]]) / span - 0.5
+    volts = voltage(flight)
+    away = None if volts is None else volts / float(volts[flight.used].mean()) - 1.0
+    mean = float(mapped[flight.used].mean())
+    return _Flight(problem.flights[place].velocity, mapped, mean, height_over_ground(flight), away, share)
+
+
+def _explained(own: AxisColumns, of: _Flight) -> _Flight:
+    """The same as far as the instruments of a flight explain it; voltage and time as they are."""
+    known = {"velocity": of.velocity, "mapped": of.mapped} | (
+        {} if of.height is None else {"height": of.height}
+    )
+    fitted = explained(own.instruments, own.runs, np.column_stack(list(known.values())))
+    return replace(of, **dict(zip(known, fitted.T, strict=True)))
+
+
+def _linear(problem: VerticalFlights, own: AxisColumns, estimate: Estimate) -> Float[np.ndarray, "n k"]:
+    """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
+    at = estimate.best.at
+    moving = own.moving(at)
+    theta = estimate.best.theta[own.fixed.shape[1] :]
+    slopes = [one.derivative(own.moving, at) @ theta for one in problem.nuisances if one.refined]
+    return np.column_stack([own.fixed, moving, *slopes])
+
+
+def _with(own: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
+    """Columns of a flight with a term and its instrument."""
+    return replace(
+        own,
+        fixed=np.column_stack([x, linear]),
+        moving=nothing_moves(x.size),
+        instruments=np.column_stack([own.instruments, z]),
+    )
+
+
+def _coefficient(columns: tuple[AxisColumns, ...], name: str) -> Difference | None:
+    """Coefficient of the first column; None where nothing tells it."""
+    others = (Parameter(f"of the model {place}", "") for place in range(1, columns[0].fixed.shape[1]))
+    try:
+        return estimated(LaggedRuns(columns, (Parameter(name, ""), *others), ()), {}).differences[name]
+    except (EstimationError, InstrumentError, TooFewSamplesError):
+        return None
+
+
+def voltage_numbers(flights: Sequence[PreparedFlight]) -> dict[str, float]:
+    """`VOLTAGE_CHANGE`; nothing unless all flights have a voltage."""
+    changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
+    return {VOLTAGE_CHANGE: float(np.mean(changes))} if 0 < len(changes) == len(flights) else {}
+
+
+# -- told ---------------------------------------------------------------------------------------------------
+
+
+def left_out_numbers(found: Mapping[str, Difference]) -> dict[str, float]:
+    """Coefficients, half-widths and p-values by name."""
+    numbers: dict[str, float] = {}
+    for name, one in found.items():
+        numbers |= {
+            f"{PREFIX}{name}": one.value,
+            f"{PREFIX}{name}_half_width": one.half_width,
+            f"{PREFIX}{name}_p_value": one.p_value,
+        }
+    return numbers
+
+
+def missed(numbers: Mapping[str, float], name: str) -> bool:
+    """Whether the test of a term says that it is missed, by so much that it matters."""
+    if not numbers.get(f"{PREFIX}{name}_p_value", 1.0) < MISSED:
+        return False
+    changed = numbers.get(VOLTAGE_CHANGE, 1.0) if name == SUPPLY else 1.0
+    return abs(numbers[f"{PREFIX}{name}"] * changed) >= LEAST_TERM.get(name, 0.0)
+
+
+def left_out_told(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+    """Terms that are missed, and the tests of the others."""
+    tested = [name for name in _TERMS if f"{PREFIX}{name}" in numbers]
+    said = [left_out_sentence(numbers, name) for name in tested if missed(numbers, name)]
+    quiet = [
+        f"{name.replace('_', ' ')} (p {numbers[f'{PREFIX}{name}_p_value']:.2g})"
+        for name in tested
+        if not missed(numbers, name)
+    ]
+    if quiet:
+        said.append(f"not missed: {', '.join(quiet)}")
+    return (("left out", "; ".join(said)),) if said else ()
+
+
+def left_out_sentence(numbers: Mapping[str, float], name: str) -> str:
+    """What is missed, with number and unit."""
+    value, half = numbers[f"{PREFIX}{name}"], numbers[f"{PREFIX}{name}_half_width"]
+    if name == DRAG:
+        drag = f"a drag of {value:.2g} ± {half:.2g} 1/m times the squared speed"
+        return f"{drag} is missed: K is that of these speeds"
+    if name == GROUND:
+        grows = "grows" if value > 0.0 else "falls"
+        return f"thrust {grows} towards the ground, as if the ground were near"
+    if name == CURVATURE:
+        bends = "more" if value > 0.0 else "less"
+        by = f"{value:+.2g} ± {half:.2g} times the squared share of the input beyond its mean"
+        return f"thrust bends {bends} than the input map: {by}"
+    if VOLTAGE_CHANGE in numbers:
+        changed = numbers[VOLTAGE_CHANGE]
+        return (
+            f"the thrust of one command went as the battery's voltage to the power {value:.2g} ± {half:.2g}: "
+            f"the voltage changed by {changed:.0%}, and the thrust by {abs(value * changed):.0%} "
+            f"(± {half * changed:.0%})"
+        )
+    moved = "rose" if value > 0.0 else "fell"
+    return f"the thrust of one command {moved} by {abs(value):.0%} (± {half:.0%}) with the supply or the time"
+
+
+# -- Sensors --
+
+OFFSET = Parameter("offset", "s")
+SCALE = Parameter("scale", "")
+TILTS = {name: Parameter(f"tilt_{name}", "rad") for name in ("forward", "left", "x", "y")}
+#: Smaller differences matter to no result.
+LEAST_SENSOR_DIFFERENCE = {OFFSET.name: 0.001, SCALE.name: 0.005} | {
+    tilt.name: float(np.deg2rad(0.3)) for tilt in TILTS.values()
+}
+#: One sensor that reads so many times what the other does is in another unit.
+OTHER_UNIT_TIMES = 2.0
+#: No sensor is mounted so far off [degrees].
+LARGEST_TILT_DEG = 20.0
+#: The vehicle moved sideways when its horizontal speed varied by so much [m/s].
+SIDEWAYS_SPEED = 0.3
+#: Lags of the horizontal velocities that serve as instruments, one behind the other [s].
+SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
+
+
+def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
+    """Regression of D - A on what each kind of disagreement would leave of it.
+
+    Parameters
+    ----------
+    problem : VerticalFlights
+        The flights' own problem, with instruments.
+    flights : sequence of PreparedFlight
+        The same flights, on the same samples.
+
+    Returns
+    -------
+    LaggedRuns or None
+        None without instruments, or where a flight has no accelerometer.
+    """
+    own = problem.runs.columns
+    if any(one.responses.shape[1] < 2 or not one.instruments.shape[1] for one in own):
+        return None
+    sideways = [_sideways(flight) for flight in flights]
+    names = tuple(sideways[0]) if all(one.keys() == sideways[0].keys() for one in sideways) else ()
+    columns = tuple(
+        _columns(one, [found[name] for name in names]) for one, found in zip(own, sideways, strict=True)
+    )
+    return LaggedRuns(columns, (OFFSET, SCALE, *(TILTS[name] for name in names)), ())
+
+
+def _columns(own: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
+    """Columns of one flight, with its horizontal velocities."""
+    A, D = own.responses.T
+    a = 0.5 * (A + D)
+    return replace(
+        own,
+        responses=(D - A)[:, None],
+        fixed=np.column_stack(
+            [np.gradient(a, own.step_s), a, *(-np.gradient(v, own.step_s) for v in sideways)]
+        ),
+        moving=nothing_moves(A.size),
+        instruments=np.column_stack([own.instruments, *(_lags(v, own.step_s) for v in sideways)]),
+    )
+
+
+def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
+    """Root mean square of the horizontal speed, of the fastest flight; NaN where none is logged [m/s]."""
+    found = [float("nan")]
+    for flight in flights:
+        channels = [flight.recording.channels.get(f"velocity_{axis}") for axis in "xy"]
+        parts = [on_grid(one, flight.grid)[0][flight.used] for one in channels if one is not None]
+        if len(parts) == 2:
+            found.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
+    return float(np.nanmax(found)) if len(found) > 1 else found[0]
+
+
+def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
+    """A horizontal velocity and lags of it."""
+    found = [velocity]
+    for lag_s in SIDEWAYS_LAGS_S:
+        found.append(first_order_lag(found[-1], step_s=step_s, lag_s=lag_s))
+    return np.column_stack(found)
+
+
+def _sideways(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
+    """Horizontal velocities along the vehicle's axes, or the world's, in which it moved."""
+    log, used = flight.recording, flight.used
+    if not {"velocity_x", "velocity_y"} <= log.channels.keys():
+        return {}
+    (east, known_x), (north, known_y) = (
+        on_grid(log.channels[f"velocity_{axis}"], flight.grid) for axis in "xy"
+    )
+    if not (known_x & known_y)[used].all():
+        return {}
+    found = {"x": east, "y": north}
+    heading = _heading(flight)
+    if heading is not None:
+        cosine, sine = heading
+        found = {"forward": cosine * east + sine * north, "left": cosine * north - sine * east}
+    return {name: v - v[used].mean() for name, v in found.items() if v[used].std() > SIDEWAYS_SPEED}
+
+
+def _heading(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
+    """Cosine and sine of the yaw on the flight's grid; None without an attitude."""
+    parts = [flight.recording.channels.get(f"attitude_{axis}") for axis in "wxyz"]
+    known = [channel for channel in parts if channel is not None and channel.time_s.size]
+    if len(known) != 4 or any(not np.array_equal(one.time_s, known[0].time_s) for one in known):
+        return None
+    w, x, y, z = (channel.values for channel in known)
+    ahead = w**2 + x**2 - y**2 - z**2, 2.0 * (w * z + x * y)
+    cosine, sine = (on_grid(replace(known[0], values=part), flight.grid)[0] for part in ahead)
+    length = np.hypot(cosine, sine)
+    if not length[flight.used].all():
+        return None
+    length = np.where(length > 0.0, length, 1.0)
+    return cosine / length, sine / length
+
+
+# -- in words -----------------------------------------------------------------------------------------------
+
+
+def sentence(name: str, found: Difference) -> str:
+    """What a difference is, with number and unit."""
+    value, half = found.value, found.half_width
+    if name == OFFSET.name:
+        late, early = ("accelerometer", "velocity") if value > 0.0 else ("velocity", "accelerometer")
+        return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
+    if name == SCALE.name:
+        return _scale_sentence(value, half)
+    along = {
+        "tilt_forward": ("forward", "backward"),
+        "tilt_left": ("to the left", "to the right"),
+        "tilt_x": ("along x", "against x"),
+        "tilt_y": ("along y", "against y"),
+    }[name][int(value < 0.0)]
+    degrees, width = np.rad2deg([abs(value), half])
+    if degrees > LARGEST_TILT_DEG:
+        return (
+            f"Attitude and accelerometer do not go together: it would take a tilt of {degrees:.0f} ± "
+            f"{width:.0f} degrees {along}. Check their axes and signs."
+        )
+    return f"Attitude and accelerometer differ by {degrees:.1f} ± {width:.1f} degrees {along}."
+
+
+def velocity_over_accelerometer(scale: float) -> float:
+    """What the velocity reads over what the accelerometer does, of their difference over both's mean."""
+    return (1.0 + scale / 2.0) / (1.0 - scale / 2.0) if scale != 2.0 else np.inf
+
+
+def _scale_sentence(scale: float, half: float) -> str:
+    times = velocity_over_accelerometer(scale)
+    if times < 0.0:
+        return "The velocity goes down where the accelerometer goes up."
+    if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        return f"The velocity reads {times:.3g} times what the accelerometer does."
+    more = "more" if scale > 0.0 else "less"
+    width = half / (1.0 - scale / 2.0) ** 2
+    return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
+
+
+def either_sentence(agreement: SensorAgreement) -> str:
+    """What the differences are of which the flight does not tell which is there."""
+    said = " Or: ".join(sentence(name, one) for name, one in agreement.either.items())
+    return f"{said} This flight does not tell which." if len(agreement.either) > 1 else said
+
+
+def told(agreement: SensorAgreement) -> str:
+    """What is told of both sensors, in a line."""
+    said = [sentence(name, one) for name, one in agreement.told.items()]
+    if agreement.either:
+        said.append(either_sentence(agreement))
+    if agreement.otherwise:
+        said.append("Velocity and accelerometer disagree in another way than these.")
+    if said:
+        return " ".join(said)
+    known = agreement.differences
+    offset, scale = known[OFFSET.name], known[SCALE.name]
+    tilts = [one for name, one in known.items() if name not in (OFFSET.name, SCALE.name)]
+    leaning = "".join(
+        f", tilt {np.rad2deg(one.value):+.1f} ± {np.rad2deg(one.half_width):.1f} degrees" for one in tilts
+    )
+    return (
+        f"velocity and accelerometer agree: offset {1e3 * offset.value:+.1f} ± "
+        f"{1e3 * offset.half_width:.1f} ms, scale {100 * scale.value:+.1f} ± "
+        f"{100 * scale.half_width:.1f} %{leaning}"
+    )
+
+
+# -- in intervals -------------------------------------------------------------------------------------------
+
+
+def sensor_allowances(
+    agreement: SensorAgreement | None, quantities: Mapping[str, Unjudged], *, aligned: bool
+) -> dict[str, list[Allowance]]:
+    """What disagreeing sensors add to intervals; of aligned ones, what is not known of the alignment.
+
+    A sensor may be late, and cannot be early: the lag was sought between the clocks of both, and may be
+    shorter by all of the offset. A velocity that reads more lets K come out too small, as does an
+    accelerometer that reads less.
+    """
+    found: dict[str, list[Allowance]] = {}
+    if agreement is None:
+        return found
+    differences = agreement.told
+    if OFFSET.name in differences:
+        offset = differences[OFFSET.name]
+        below, above = (offset.half_width,) * 2 if aligned else (abs(offset.value), 0.0)
+        why = f"{sentence(OFFSET.name, offset)} {_moved(aligned=aligned)}"
+        for name in ("actuator_lag", "effective_lag"):
+            found[name] = [Allowance(Counts.ADDED, below, above, why)]
+    if SCALE.name in differences:
+        scale = differences[SCALE.name]
+        why = f"{sentence(SCALE.name, scale)} {_moved(aligned=aligned)}"
+        size = scale.half_width if aligned else abs(scale.value)
+        for name in ("viscous_friction", "input_gain"):
+            part = size * abs(quantities[name].value)
+            below = above = part
+            if name == "viscous_friction" and not aligned:
+                below, above = (0.0, part) if scale.value > 0.0 else (part, 0.0)
+            found[name] = [Allowance(Counts.ADDED, below, above, why)]
+    return found
+
+
+def _moved(*, aligned: bool) -> str:
+    return "It was aligned, as well as that is known." if aligned else "Which of them is right is not known."
+
+
+# -- aligned ------------------------------------------------------------------------------------------------
+
+
+def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> tuple[PreparedFlight, ...]:
+    """Flights with offset and scale taken out of the sensor that is wrong."""
+    known = agreement.told
+    offset_s = known[OFFSET.name].value if OFFSET.name in known else 0.0
+    scale = known[SCALE.name].value if SCALE.name in known else 0.0
+    return tuple(_aligned(flight, offset_s, scale) for flight in flights)
+
+
+def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedFlight:
+    channels = dict(flight.signals.channels)
+    late = "specific_force_z" if offset_s > 0.0 else "velocity_z"
+    channels[late] = _earlier(channels[late], flight, abs(offset_s))
+    force, velocity = channels["specific_force_z"], channels["velocity_z"]
+    if flight.runs and scale:
+        resting = force - np.gradient(velocity, flight.signals.step_s)
+        gravity = float(resting[flight.used].mean())
+        # a mean that is off by more than half of the scale is that of a wrong accelerometer
+        if abs(gravity * (1.0 + scale) - GRAVITY) < abs(gravity - GRAVITY):
+            channels["specific_force_z"] = (1.0 + scale) * force
+        else:
+            channels["velocity_z"] = velocity / (1.0 + scale)
+    return replace(flight, signals=replace(flight.signals, channels=channels))
+
+
+def _earlier(
+    values: Float[np.ndarray, " n"], flight: PreparedFlight, offset_s: float
+) -> Float[np.ndarray, " n"]:
+    """Values of a sensor that is late by `offset_s`, as they would have been logged in time."""
+    time = flight.grid.time_s
+    moved: Float[np.ndarray, " n"] = np.interp(time + offset_s, time, values)
+    return moved

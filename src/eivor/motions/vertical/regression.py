@@ -1,0 +1,830 @@
+"""Regression problem of the vertical motion: terms, row noise and force balance."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import ClassVar, final
+
+import numpy as np
+
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.estimation.estimate import Candidate
+from eivor.flights.grid import on_grid
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepared import PreparedFlight
+from eivor.inference.covariance import long_run_mean_variance
+from eivor.models.lagged_runs import (
+    ACTUATOR_LAG,
+    BAND_HZ,
+    DELAY,
+    AxisColumns,
+    LaggedRuns,
+    RowNoise,
+    lag_and_delay,
+    measured_state,
+)
+from eivor.models.regression import Parameter, Regression
+from eivor.models.separable import (
+    DrivenSignals,
+    InstrumentRule,
+    LaggedInputs,
+    NoInstruments,
+    Nuisance,
+    SampledState,
+    SeparableProblem,
+    Values,
+)
+from eivor.models.spectral import SpectralRegression
+from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
+from eivor.motions.vertical.select import FittedCurve
+from eivor.signals.channels import family_members
+from eivor.signals.filters import actuator_state, shifted_by
+from eivor.signals.noise import WhiteNoise
+from eivor.signals.signals import Signals
+from eivor.signals.thrust_map import InputMap
+from eivor.tools import Float
+
+# -- Row noise --
+
+#: Share of the largest state over which the slope of an input map is taken.
+SLOPE_STEP = 1e-5
+#: Samples that an actuator's response is followed over: 25 of the longest lags on a grid of 5 ms.
+RESPONSE_SAMPLES = 1_500
+#: Samples before the impulse, so that a state may be early.
+BEFORE = 50
+
+
+def row_noise(problem: VerticalFlights, at: Values) -> RowNoise:
+    """Variances of the errors in z', U, the terms and z'', and what past inputs share with U.
+
+    Each is averaged over the samples that flights use. A commanded input is exact unless something is
+    declared of it, references are, and terms are taken to be. Noise of the input goes through the map's slope
+    and the actuator. Without an accelerometer z'' is the central difference of z', whose white noise of
+    variance s^2 it turns into one of variance s^2 / (2 h^2); with z' itself it shares nothing.
+    """
+    n, weights, own, shared = len(problem.parameters), [], [], []
+    for flight in problem.flights:
+        noise = {name: one.std**2 for name, one in flight.signals.noise.items()}
+        if "velocity_z" in noise and flight.acceleration is None:
+            noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
+        variance = input_variance(flight, problem.motion.input_map)
+        response = _response(flight, at) if variance else np.zeros(1)
+        variances = np.full(n + 1, np.nan)
+        variances[0], variances[-1] = noise.get("velocity_z", np.nan), noise.get("specific_force_z", np.nan)
+        variances[1], variances[2:-1] = variance * float(response @ response), 0.0
+        own.append(variances)
+        shared.append(_shared(problem, response * variance))
+        weights.append(float(sum(one.shape[0] for one in flight.cut(flight.velocity[:, None]))))
+    mean = np.average(own, axis=0, weights=weights)
+    regressors = None if np.isnan(mean).any() else np.diag(mean)
+    return RowNoise(regressors, np.average(shared, axis=0, weights=weights))
+
+
+def input_variance(flight: VerticalFlight, level: InputMap) -> float:
+    """Variance of the mapped input's error, the actuators' response left aside."""
+    names, noise = family_members(flight.input, flight.signals.channels), flight.signals.noise
+    variances = np.array([noise[name].std ** 2 if name in noise else 0.0 for name in names])
+    if not variances.any():
+        return 0.0
+    state = flight.signals.family(flight.input)
+    step = SLOPE_STEP * max(float(np.abs(state).max()), SLOPE_STEP)
+    slopes = (level(state + step) - level(state - step)) / (2.0 * step)
+    tilt = flight.signals.channel("cos_tilt")[:, None]
+    each = np.concatenate(flight.cut((tilt * slopes / len(names)) ** 2))
+    return float(each.mean(axis=0) @ variances)
+
+
+def noise_powers(flight: VerticalFlight, level: InputMap) -> tuple[float, float, float]:
+    """Powers per Hz of the errors in z', U and z'' at low frequencies; NaN for what nothing is declared of.
+
+    There the actuators' response is one. An input that nothing is declared of is exact.
+    """
+    noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
+    driving = input_variance(replace(flight, signals=replace(flight.signals, noise=noise)), level)
+    velocity, response = (flight.densities.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
+    return velocity**2, driving, response**2
+
+
+def _response(flight: VerticalFlight, at: Values) -> Float[np.ndarray, " lags"]:
+    """Samples after an impulse of the input, of the state that enters the equation."""
+    impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
+    impulse[BEFORE] = 1.0
+    step_s, delay_s = flight.signals.step_s, at[DELAY.name]
+    if flight.measured:
+        state = shifted_by(impulse, step_s=step_s, delay_s=delay_s)
+    else:
+        state = actuator_state(impulse, step_s=step_s, lag_s=at[ACTUATOR_LAG.name], delay_s=delay_s)
+    after: Float[np.ndarray, " lags"] = state[BEFORE:, 0]
+    return after
+
+
+def _shared(
+    problem: VerticalFlights, response: Float[np.ndarray, " lags"]
+) -> Float[np.ndarray, "p n_plus_1"]:
+    """Covariance of the instruments' noises with those of [Phi y]."""
+    count = problem.instrument_count
+    shared = np.zeros((count, len(problem.parameters) + 1))
+    if isinstance(problem.rule, LaggedInputs) and response.any():
+        first, last = problem.rule.first, problem.rule.last
+        shared[: last - first + 1, 1] = response[first : last + 1]
+    return shared
+
+
+# -- Terms --
+
+#: Names of what the model leaves out, in tests that it is missed.
+DRAG, GROUND, SUPPLY = "quadratic_drag", "ground_effect", "supply"
+#: Heights below this count as this, in rotor radii.
+LEAST_RADII = 0.5
+#: Power of the polynomial of time that is an instrument for the voltage.
+TREND = 3
+
+TermColumn = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class TermIngredients:
+    """What optional terms of one flight are made of, arrays of shape (n,).
+
+    Parameters
+    ----------
+    velocity : ndarray
+        z' [m/s].
+    lift : ndarray
+        The mapped input over its mean, times g [m/s^2].
+    radii : ndarray, optional
+        Height over the ground in rotor radii.
+    voltage : ndarray, optional
+        Voltage over that which the gain belongs to, less one.
+    """
+
+    velocity: TermColumn
+    lift: TermColumn
+    radii: TermColumn | None = None
+    voltage: TermColumn | None = None
+
+
+class OptionalTerm(ABC):
+    """A term that a user may add to the equation."""
+
+    word: ClassVar[str]
+    """As it is asked for."""
+    meaning: ClassVar[str]
+    """What it is."""
+    parameter: ClassVar[Parameter]
+    """Its coefficient."""
+    written: ClassVar[str]
+    """As it stands in the equation, with its sign."""
+    symbols: ClassVar[str]
+    """What its symbols are; empty when the equation tells."""
+    left_out: ClassVar[str]
+    """Name of the test that it is missed."""
+
+    @abstractmethod
+    def column(self, of: TermIngredients) -> TermColumn:
+        """Column of the parameter; performs no checks."""
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class QuadraticDrag(OptionalTerm):
+    """- K_2 z' |z'|."""
+
+    word = "quadratic-drag"
+    meaning = "drag that grows with the square of the speed"
+    parameter = Parameter("quadratic_drag", "1/m")
+    written = "- K_2 z'|z'|"
+    symbols = ""
+    left_out = DRAG
+
+    def column(self, of: TermIngredients) -> TermColumn:
+        """-z'|z'|."""
+        return -of.velocity * np.abs(of.velocity)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class GroundEffect(OptionalTerm):
+    """+ k (U / mean U) g (R / h)^2."""
+
+    word = "ground-effect"
+    meaning = "thrust that grows as one over the squared height over the ground"
+    parameter = Parameter("ground_effect", "")
+    written = "+ k g (U/mean U) (R/h)²"
+    symbols = "h the height over the ground, R a rotor's radius"
+    left_out = GROUND
+
+    def column(self, of: TermIngredients) -> TermColumn:
+        """Lift over the squared height in radii."""
+        radii = np.zeros(0) if of.radii is None else of.radii
+        return of.lift * np.maximum(radii, LEAST_RADII) ** -2.0
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class VoltageTerm(OptionalTerm):
+    """+ n (U / mean U) g (V / V_0 - 1)."""
+
+    word = "voltage"
+    meaning = "thrust that follows the battery's voltage"
+    parameter = Parameter("voltage_exponent", "")
+    written = "+ n g (U/mean U) (V/V_0 - 1)"
+    symbols = "V the battery's voltage, V_0 its mean"
+    left_out = SUPPLY
+
+    def column(self, of: TermIngredients) -> TermColumn:
+        """Lift times the voltage's share beyond the mean."""
+        return of.lift * (np.zeros(0) if of.voltage is None else of.voltage)
+
+
+#: By the words of the command line.
+TERMS: dict[str, OptionalTerm] = {
+    term.word: term for term in (QuadraticDrag(), GroundEffect(), VoltageTerm())
+}
+
+
+def term_instruments(
+    terms: Sequence[OptionalTerm],
+    of: TermIngredients,
+    references: Float[np.ndarray, "n p"],
+    runs: Sequence[slice],
+) -> Float[np.ndarray, "n terms"]:
+    """An instrument for each term; performs no checks.
+
+    Parameters
+    ----------
+    terms : sequence of OptionalTerm
+        The terms.
+    of : TermIngredients
+        As measured.
+    references : ndarray, shape (n, p)
+        Instruments of the equation without them.
+    runs : sequence of slice
+        Stretches used.
+    """
+    parts = [of.velocity, of.lift, *([] if of.radii is None else [of.radii])]
+    velocity, lift, *radii = explained(references, runs, np.column_stack(parts)).T
+    voltage = None
+    if of.voltage is not None:
+        time = np.linspace(-1.0, 1.0, of.voltage.size)
+        trend = np.column_stack([time**power for power in range(1, TREND + 1)])
+        voltage = explained(np.column_stack([references, trend]), runs, of.voltage[:, None])[:, 0]
+    made = TermIngredients(velocity, lift, radii[0] if radii else None, voltage)
+    return np.column_stack([term.column(made) for term in terms])
+
+
+def explained(
+    by: Float[np.ndarray, "n p"], runs: Sequence[slice], columns: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "n k"]:
+    """Columns as far as others explain them by least squares over the runs, a constant among them."""
+    B = np.column_stack([by, np.ones(len(by))])
+    used = np.concatenate([np.arange(run.start, run.stop) for run in runs])
+    fitted: Float[np.ndarray, "n k"] = B @ np.linalg.lstsq(B[used], columns[used], rcond=None)[0]
+    return fitted
+
+
+# -- Flights --
+
+
+@dataclass(frozen=True)
+class VerticalFlight:
+    """One flight on its grid, and the runs of it that count.
+
+    Parameters
+    ----------
+    signals : Signals
+        z up, with `velocity_z`, `cos_tilt`, the input's family, the references, and `specific_force_z`
+        unless only the velocity was logged.
+    input : str
+        Family of channels that drive the vehicle ("rotor_command").
+    measured : bool
+        True when that family is the actuators' measured state, which does not lag, and may be late or early.
+    runs : tuple of slice
+        Stretches to use; of their samples those count that are valid.
+    band_hz : tuple of float
+        Band of spectral rows [Hz].
+    radii, voltage : ndarray, shape (n,), optional
+        Height over the ground in rotor radii, and the supply's voltage over that which the gain belongs to,
+        less one: for terms that need them.
+    densities : mapping of str to float
+        Amplitude densities of declared noises by channel, in the channel's unit per root of Hz.
+    """
+
+    signals: Signals
+    input: str
+    measured: bool
+    runs: tuple[slice, ...]
+    band_hz: tuple[float, float] = BAND_HZ
+    radii: Float[np.ndarray, " n"] | None = None
+    voltage: Float[np.ndarray, " n"] | None = None
+    densities: Mapping[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def velocity(self) -> Float[np.ndarray, " n"]:
+        """Z' [m/s]."""
+        return self.signals.channel("velocity_z")
+
+    @cached_property
+    def velocity_derivative(self) -> Float[np.ndarray, " n"]:
+        """Central difference of z' [m/s^2]."""
+        derivative: Float[np.ndarray, " n"] = np.gradient(self.velocity, self.signals.step_s)
+        return derivative
+
+    @cached_property
+    def acceleration(self) -> Float[np.ndarray, " n"] | None:
+        """Z'' from the accelerometer [m/s^2]; None when it was not logged."""
+        if "specific_force_z" not in self.signals.channels:
+            return None
+        return self.signals.channel("specific_force_z") - GRAVITY
+
+    def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
+        """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
+        logged, step_s = self.signals.family(self.input), self.signals.step_s
+        if self.measured:
+            state = shifted_by(logged, step_s=step_s, delay_s=delay_s)
+        else:
+            state = actuator_state(logged, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
+        mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
+        return mapped * self.signals.channel("cos_tilt")
+
+    def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
+        """Rows of each run that count."""
+        valid = self.signals.valid
+        return [columns[run] if valid is None else columns[run][valid[run]] for run in self.runs]
+
+
+@dataclass(frozen=True)
+class MovingColumns:
+    """The mapped input, which moves with lag and delay, and the optional terms.
+
+    Parameters
+    ----------
+    flight : VerticalFlight
+        Whose input.
+    motion : VerticalMotion
+        With the input map.
+    terms : tuple of OptionalTerm
+        Terms beside the model's.
+    """
+
+    flight: VerticalFlight
+    motion: VerticalMotion
+    terms: tuple[OptionalTerm, ...] = ()
+
+    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
+        """U at a lag and a delay, and a column for each term."""
+        mapped = self.flight.mapped_input(self.motion, at[ACTUATOR_LAG.name], at[DELAY.name])
+        if not self.terms:
+            return mapped[:, None]
+        of = self._ingredients(mapped)
+        return np.column_stack([mapped, *(term.column(of) for term in self.terms)])
+
+    def instruments(self, references: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n q"]:
+        """References, and where there are any an instrument for each term."""
+        if not (self.terms and references.shape[1]):
+            return references
+        own = term_instruments(self.terms, self._ingredients(self._unlagged), references, self.flight.runs)
+        return np.column_stack([references, own])
+
+    def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
+        lift = GRAVITY / self._mean * mapped
+        return TermIngredients(self.flight.velocity, lift, self.flight.radii, self.flight.voltage)
+
+    @cached_property
+    def _unlagged(self) -> Float[np.ndarray, " n"]:
+        return self.flight.mapped_input(self.motion, 0.0, 0.0)
+
+    @cached_property
+    def _mean(self) -> float:
+        """Mean of the mapped input over the runs, of either sign; one where it is zero."""
+        return float(np.concatenate(self.flight.cut(self._unlagged[:, None])).mean()) or 1.0
+
+
+@dataclass(frozen=True)
+class VerticalFlights(SeparableProblem):
+    """Regressions of vertical motion for each actuator lag and delay.
+
+    Parameters
+    ----------
+    flights : tuple of VerticalFlight
+        One or more, of one vehicle.
+    motion : VerticalMotion
+        The model.
+    rule : InstrumentRule
+        What serves as instruments.
+    nuisances : tuple of Nuisance
+        Lag and delay of the actuators. Default: what is searched for commands, and for a state that is
+        measured no lag and a delay of either sign.
+    curve : FittedCurve, optional
+        How the model's input map was found out; None for one that was chosen.
+    terms : tuple of OptionalTerm
+        Terms beside the model's; their parameters follow its own.
+
+    Raises
+    ------
+    TooFewSamplesError
+        When no flight has a run.
+    InstrumentError
+        When the rule gives different columns for different flights.
+    """
+
+    flights: tuple[VerticalFlight, ...]
+    motion: VerticalMotion
+    rule: InstrumentRule = field(default_factory=NoInstruments)
+    nuisances: tuple[Nuisance, ...] = ()
+    curve: FittedCurve | None = None
+    terms: tuple[OptionalTerm, ...] = ()
+    runs: LaggedRuns = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.nuisances:
+            measured = all(flight.measured for flight in self.flights)
+            step_s = max((flight.signals.step_s for flight in self.flights), default=0.0)
+            nuisances = measured_state() if measured else lag_and_delay(step_s=step_s)
+            object.__setattr__(self, "nuisances", nuisances)
+        columns = tuple(self._columns(number, flight) for number, flight in enumerate(self.flights))
+        runs = LaggedRuns(
+            columns, self.parameters, self.nuisances, self.motion.intercept, partial(row_noise, self)
+        )
+        object.__setattr__(self, "runs", runs)
+
+    @property
+    def few_rows(self) -> bool:
+        """Whether there are terms: voltage and height change slowly."""
+        return bool(self.terms)
+
+    @property
+    def lag(self) -> Nuisance:
+        """The actuators' lag."""
+        return self._nuisance(ACTUATOR_LAG)
+
+    @property
+    def delay(self) -> Nuisance:
+        """The actuators' delay."""
+        return self._nuisance(DELAY)
+
+    def _nuisance(self, parameter: Parameter) -> Nuisance:
+        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == parameter)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Linear parameters."""
+        return (*self.motion.parameters, *(term.parameter for term in self.terms))
+
+    @property
+    def instrument_count(self) -> int:
+        """Number of instruments."""
+        return self.runs.columns[0].instruments.shape[1]
+
+    def moving(self, flight: VerticalFlight) -> MovingColumns:
+        """Columns of one of the flights that are the input's and the terms'."""
+        return MovingColumns(flight, self.motion, self.terms)
+
+    def _columns(self, number: int, flight: VerticalFlight) -> AxisColumns:
+        """Columns of one flight: z'' measured and from the velocity, -z', the mapped input, terms."""
+        moving = self.moving(flight)
+        responses = [flight.velocity_derivative]
+        if flight.acceleration is not None:
+            responses.insert(0, flight.acceleration)
+        return AxisColumns(
+            flight.signals.step_s,
+            flight.runs,
+            np.column_stack(responses),
+            -flight.velocity[:, None],
+            moving,
+            moving.instruments(
+                self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0)))
+            ),
+            number,
+            band_hz=flight.band_hz,
+            valid=flight.signals.valid,
+        )
+
+    def rows(self, at: Values) -> Regression:
+        """Rows (-z', U) and z'' in time, means of each run removed when there is an intercept."""
+        return self.runs.rows(at)
+
+    def bins(self, at: Values) -> SpectralRegression:
+        """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
+        return self.runs.bins(at)
+
+    def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
+        """Rows in frequency at many lags and delays."""
+        return self.runs.many_bins(points)
+
+    def sampled_state(self, _at: Values) -> SampledState | None:
+        """The vertical velocity, where every flight has an accelerometer."""
+        if any(flight.acceleration is None for flight in self.flights):
+            return None
+        lengths = [
+            sum(one.shape[0] for one in flight.cut(flight.velocity[:, None])) for flight in self.flights
+        ]
+        each = [noise_powers(flight, self.motion.input_map) for flight in self.flights]
+        velocity, driving, response = np.sqrt(np.average(each, axis=0, weights=lengths)).tolist()
+        driven = np.zeros(len(self.parameters))
+        driven[1] = driving
+        return SampledState(0, velocity, response, driven)
+
+
+# -- Balance --
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Means over the runs of every term of the equation of motion, at one candidate.
+
+    Parameters
+    ----------
+    derivative, velocity, mapped : float
+        Means of z'' (from the velocity) [m/s^2], z' [m/s] and U.
+    mapped_slope : float
+        Derivative of the mean of U by the lag that was searched for, or by the delay of measured actuators.
+    terms : ndarray, shape (terms,)
+        Means of the columns of optional terms [m/s^2 per unit of their parameters].
+    residual_variance : float
+        Autocorrelation-robust variance of the mean residual [m^2/s^4].
+    by_run : ndarray, shape (runs, 3 + terms)
+        Means of z'', z', U and the columns of terms in each run.
+    """
+
+    derivative: float
+    velocity: float
+    mapped: float
+    mapped_slope: float
+    terms: Float[np.ndarray, " terms"]
+    residual_variance: float
+    by_run: Float[np.ndarray, "runs m"]
+
+
+def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
+    """Terms of the equation of motion, averaged over the runs."""
+    columns = _columns(problem, candidate.at)
+    stacked = np.concatenate(columns)
+    K, K_u = candidate.theta[:2]
+    residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2] - stacked[:, 3:] @ candidate.theta[2:]
+    moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
+    mapped_slope = _mapped_slope(problem, candidate, moving[0]) if moving else 0.0
+    means = stacked.mean(axis=0)
+    return Balance(
+        float(means[0]),
+        float(means[1]),
+        float(means[2]),
+        mapped_slope,
+        means[3:],
+        long_run_mean_variance(residual - residual.mean()),
+        np.stack([block.mean(axis=0) for block in columns]),
+    )
+
+
+def _mapped_slope(problem: VerticalFlights, candidate: Candidate, nuisance: Nuisance) -> float:
+    """Derivative of the mean of U by a nuisance."""
+
+    def mean(at: Values) -> float:
+        return float(np.concatenate(_columns(problem, at))[:, 2].mean())
+
+    return nuisance.derivative(mean, candidate.at)
+
+
+def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ m"]]:
+    """z'', z', U and the columns of terms, of every run."""
+    return [block for flight in problem.flights for block in _of_flight(problem, flight, at)]
+
+
+def _of_flight(
+    problem: VerticalFlights, flight: VerticalFlight, at: Values
+) -> list[Float[np.ndarray, "_ m"]]:
+    moving = problem.moving(flight)(at)
+    return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
+
+
+def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.ndarray, " flights"]]:
+    """Number of samples of each flight, and sums of z'', z', U and the columns of terms over them."""
+    flights = [np.concatenate(_of_flight(problem, flight, at)) for flight in problem.flights]
+    sums = np.array([[len(terms), *terms.sum(axis=0)] for terms in flights])
+    names = ("samples", "derivative", "velocity", "mapped", *(term.parameter.name for term in problem.terms))
+    return dict(zip(names, sums.T, strict=True))
+
+
+def apparent_gravity(problem: VerticalFlights) -> float:
+    """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2].
+
+    It is g and the accelerometer's bias, unless the accelerometer is in another unit.
+    """
+    resting = [
+        run
+        for flight in problem.flights
+        if flight.acceleration is not None
+        for run in flight.cut((flight.acceleration - flight.velocity_derivative)[:, None])
+    ]
+    return GRAVITY + float(np.concatenate(resting).mean()) if resting else float("nan")
+
+
+def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) -> float:
+    """U_h from linear parameters by name and the totals of `balance_sums`."""
+    friction, gain = parameters[VISCOUS_FRICTION.name], parameters[INPUT_GAIN.name]
+    of_terms = sum(parameters[name] * sums[name] for name in parameters if name in sums)
+    drift = sums["derivative"] + friction * sums["velocity"] - of_terms
+    return (sums["mapped"] - drift / gain) / sums["samples"]
+
+
+def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+    """U_h and its gradient by the joint vector."""
+    K, K_u = candidate.theta[:2]
+    linear = candidate.theta.size
+    drift = terms.derivative + K * terms.velocity - float(candidate.theta[2:] @ terms.terms)
+    gradient = np.zeros(candidate.values.size)
+    gradient[0] = -terms.velocity / K_u
+    gradient[1] = drift / K_u**2
+    gradient[2:linear] = terms.terms / K_u
+    gradient[linear : linear + 1] = terms.mapped_slope
+    return float(terms.mapped - drift / K_u), gradient
+
+
+def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+    """B = mean z'' + g + K mean z' - K_u mean U less the terms, and its gradient by the joint vector."""
+    K, K_u = candidate.theta[:2]
+    gradient = np.zeros(candidate.values.size)
+    linear = candidate.theta.size
+    gradient[0], gradient[1], gradient[2:linear] = terms.velocity, -terms.mapped, -terms.terms
+    gradient[linear : linear + 1] = -K_u * terms.mapped_slope
+    of_terms = float(candidate.theta[2:] @ terms.terms)
+    return float(terms.derivative + GRAVITY + K * terms.velocity - K_u * terms.mapped - of_terms), gradient
+
+
+def intercepts_by_run(candidate: Candidate, terms: Balance) -> Float[np.ndarray, " runs"]:
+    """B of each run."""
+    K, K_u = candidate.theta[:2]
+    D, V, U = terms.by_run[:, :3].T
+    return np.asarray(D + GRAVITY + K * V - K_u * U - terms.by_run[:, 3:] @ candidate.theta[2:])
+
+
+# -- Surroundings --
+
+VOLTAGE = "battery_voltage"
+#: The lowest height of the log is that of the ground when the flight stays so far above it; else the ground
+#: is taken to be so far below the flight [m].
+ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
+
+
+def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
+    """Height as logged, z up; None where it is not [m]."""
+    channel = flight.recording.channels.get("position_z")
+    if channel is None or np.isfinite(channel.values).sum() < 2:
+        return None
+    return on_grid(channel, flight.grid)[0]
+
+
+def ground(flight: PreparedFlight) -> float | None:
+    """Height of the ground, of a flight that has runs; None where the log does not tell it [m].
+
+    It is told where the log begins or ends on it: its lowest height is then below all of the flight.
+    """
+    height = height_logged(flight)
+    if height is None:
+        return None
+    lowest = float(np.nanquantile(flight.recording.channels["position_z"].values, 0.005))
+    return lowest if float(height[flight.used].min()) - lowest > ABOVE_GROUND else None
+
+
+def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
+    """Height over the ground; over a place below all of the flight where the log does not tell it [m]."""
+    height = height_logged(flight)
+    if height is None:
+        return None
+    known = ground(flight)
+    return height - (float(height[flight.used].min()) - BELOW_FLIGHT if known is None else known)
+
+
+def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
+    """Voltage of the supply; None where it is not logged, or not above zero in the mean [V]."""
+    channel = flight.recording.channels.get(VOLTAGE)
+    if channel is None or np.isfinite(channel.values).sum() < 2:
+        return None
+    volts = on_grid(channel, flight.grid)[0]
+    return volts if float(volts[flight.used].mean()) > 0.0 else None
+
+
+def voltage_change(flight: PreparedFlight) -> float | None:
+    """What the voltage changed by over the time used, as a share of its mean; None where it is not logged.
+
+    The ends of a steady fall are the root of 12 standard deviations apart.
+    """
+    volts = voltage(flight)
+    return (
+        None if volts is None else float(np.sqrt(12.0) * volts[flight.used].std() / volts[flight.used].mean())
+    )
+
+
+# -- Term channels --
+
+
+def check_terms(options: FlightOptions, radius: float | None = None) -> None:
+    """Refuse a term near the ground without the rotors' radius.
+
+    Parameters
+    ----------
+    options : FlightOptions
+        With the terms, and perhaps the radius.
+    radius : float, optional
+        Of the vehicle that was named [m].
+
+    Raises
+    ------
+    UsageError
+        With what to give.
+    """
+    if GroundEffect.word in options.terms and options.rotor_radius is None and radius is None:
+        raise UsageError(
+            f"the radius of a rotor with the term {GroundEffect.word}, which counts heights in radii",
+            "none",
+            "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it.",
+        )
+
+
+def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:
+    """Refuse a term that a flight does not log enough for.
+
+    Raises
+    ------
+    MissingChannelError
+        For a channel that is absent.
+    InputError
+        When a log does not tell where the ground is, or its input is no command.
+    """
+    for flight in flights:
+        if not flight.runs:
+            continue
+        name = flight.recording.name
+        if GroundEffect.word in options.terms:
+            _check_ground(flight, name)
+        if VoltageTerm.word in options.terms:
+            _check_voltage(flight, name)
+
+
+def _check_ground(flight: PreparedFlight, name: str) -> None:
+    if height_logged(flight) is None:
+        raise MissingChannelError(
+            f"the channel position_z for the term {GroundEffect.word}",
+            f"{name}, which has none",
+            "Log the height, or leave the term out.",
+        )
+    if ground(flight) is None:
+        raise InputError(
+            f"a log that begins or ends on the ground, whose height the term {GroundEffect.word} needs",
+            f"{name}, whose height is never below that of the flight",
+            "Log from before take-off or until after landing, or leave the term out.",
+        )
+
+
+def _check_voltage(flight: PreparedFlight, name: str) -> None:
+    if voltage(flight) is None:
+        raise MissingChannelError(
+            f"the channel {VOLTAGE} for the term {VoltageTerm.word}",
+            f"{name}, which has none",
+            "Log the battery's voltage, or leave the term out.",
+        )
+    if flight.input.measured:
+        raise InputError(
+            f"commands for the term {VoltageTerm.word}: what they give follows the voltage",
+            f"{flight.input.name} of {name}, which was measured",
+            "Leave the term out, or name the commands with --input.",
+        )
+
+
+def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
+    """Mean over flights of the mean voltage while each was used; None where one does not log it [V]."""
+    means: list[float] = []
+    for flight in flights:
+        if flight.runs:
+            volts = voltage(flight)
+            if volts is None:
+                return None
+            means.append(float(volts[flight.used].mean()))
+    mean = float(np.mean(means)) if means else math.nan
+    return mean if math.isfinite(mean) else None
+
+
+def with_surroundings(
+    cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float | None
+) -> VerticalFlight:
+    """A flight with its height in rotor radii, and its voltage over the one given less one, as far as told.
+
+    Parameters
+    ----------
+    cut : VerticalFlight
+        What the regressions need of it.
+    flight : PreparedFlight
+        The same, on the same samples.
+    radius : float, optional
+        Of a rotor [m].
+    reference_voltage : float, optional
+        None where none is known [V].
+    """
+    height, volts = height_over_ground(flight), voltage(flight)
+    radii = None if height is None or radius is None else height / radius
+    away = None if volts is None or reference_voltage is None else volts / reference_voltage - 1.0
+    return replace(cut, radii=radii, voltage=away)

@@ -1,0 +1,845 @@
+"""Rules and verdict of the vertical motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import Allowance, Counts, Quantity, Unjudged, clock_allowance
+from eivor.flights.verdict import (
+    disagreement_reasons,
+    given_lag_reasons,
+    instrument_reasons,
+    longest_lag_reasons,
+    moved,
+    untold,
+    weakly_told,
+    wide_lag_reasons,
+)
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.verdict import Reason, Status
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, FURTHEST_DELAY_S
+from eivor.models.regression import Parameter
+from eivor.motions.vertical.misspecification import (
+    CURVATURE,
+    OFFSET,
+    OTHER_UNIT_TIMES,
+    PREFIX,
+    SCALE,
+    TILTS,
+    VOLTAGE_CHANGE,
+    either_sentence,
+    left_out_sentence,
+    missed,
+    sensor_allowances,
+    sentence,
+    velocity_over_accelerometer,
+)
+from eivor.motions.vertical.model import GRAVITY
+from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ground, height_over_ground
+from eivor.motions.vertical.select import FLY, LOG_REFERENCE, QUICKER
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import Channel, Finding
+from eivor.tools import Bool, Float
+
+# -- Allowances --
+
+#: No interval of the hover input reaches less far than this share of it.
+HOVER_FLOOR = 0.005
+#: Friction that an estimator's own dynamics may look like [1/s].
+ESTIMATOR_FRICTION = 0.03
+
+
+def all_allowances(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], at: Circumstances
+) -> dict[str, tuple[Allowance, ...]]:
+    """Systematic parts by quantity."""
+    slack_s = max(flight.command_slack_s for flight in flights)
+    causes = (
+        {"viscous_friction": _of_estimators(flights)},
+        {"hover_input": _at_these_conditions(quantities["hover_input"].value)},
+        {name: clock_allowance(slack_s) for name in ("actuator_lag", "effective_lag")},
+        sensor_allowances(at.sensors, quantities, aligned=at.aligned),
+    )
+    parts = {name: [part for cause in causes for part in cause.get(name, ())] for name in quantities}
+    return {name: tuple(found) for name, found in parts.items() if found}
+
+
+def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
+    """What an estimator behind velocity or acceleration may add to the friction."""
+    roles = sorted({role for flight in flights for role in flight.estimated})
+    if not roles:
+        return []
+    sentence = (
+        f"{' and '.join(roles).capitalize()} from an estimator: its own dynamics can look like a "
+        f"friction of up to {ESTIMATOR_FRICTION:g} 1/s; identified keeps as much in reserve."
+    )
+    return [Allowance(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)]
+
+
+def _at_these_conditions(hover: float) -> list[Allowance]:
+    """What another flight's conditions may change of the hover input."""
+    if not (math.isfinite(hover) and hover > 0.0):
+        return []
+    floor = HOVER_FLOOR * hover
+    sentence = (
+        f"It is that of this flight's conditions (wind, height, speed, battery): the interval is at least "
+        f"±{HOVER_FLOOR:.1%} wide."
+    )
+    return [Allowance(Counts.AT_LEAST, floor, floor, sentence)]
+
+
+# -- Curve rule --
+
+CURVE_HALF_WIDTH = 0.15
+UNTOLD_HALF_WIDTH = 0.5
+#: An intercept clearly beyond it is no bias of an accelerometer [m/s^2].
+CLEAR_INTERCEPT = 0.4
+
+STRONGER = "Fly quicker and larger steps, which change the thrust more."
+CHECK_INPUT = "Check units and signs, and that the input is the command of this vehicle."
+BIAS = "Say how large the accelerometer's bias may be: --accelerometer-bias 0.1 (m/s^2)."
+
+
+def curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against the curve; none where it was not asked for."""
+    curve = quantities.get("thrust_curve")
+    if curve is None:
+        return []
+    if not np.isfinite(curve.half_width):
+        untold = (
+            "Curvature alone does not tell the thrust curve, and the intercept cannot while nothing is known "
+            "of the accelerometer's bias."
+        )
+        return [Reason(Status.REFUSED, untold, BIAS)]
+    intercept = quantities["intercept"]
+    left = abs(intercept.value) - intercept.half_width
+    if np.isfinite(left) and left > CLEAR_INTERCEPT:
+        none = (
+            f"No thrust curve of this kind fits: the intercept is still {intercept.value:+.2g} m/s^2 with "
+            "the one that comes nearest."
+        )
+        return [Reason(Status.REFUSED, none, CHECK_INPUT)]
+    if curve.half_width > UNTOLD_HALF_WIDTH:
+        wide = (
+            f"The thrust curve is known to +-{curve.half_width:.2g} only, which leaves every curve possible."
+        )
+        return [Reason(Status.REFUSED, wide, STRONGER)]
+    reasons = []
+    if at.direct:
+        sentence = "A direct method made the thrust curve."
+        reasons.append(Reason(Status.PROVISIONAL, sentence, "Log the position setpoint."))
+    if curve.half_width > CURVE_HALF_WIDTH:
+        rough = (
+            f"The thrust curve is known to +-{curve.half_width:.3g}; identified asks for "
+            f"+-{CURVE_HALF_WIDTH:.2g}."
+        )
+        reasons.append(Reason(Status.WEAK, rough, STRONGER))
+    return reasons
+
+
+# -- Lag rule --
+
+LAG_HALF_WIDTH_S = 0.1
+LAG_SHARE = 0.5
+LAG_KNOWN_S = 0.01
+
+
+def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances) -> list[Reason]:
+    """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
+    reasons = rough_lag_reasons(quantities, strength)
+    lag = quantities["effective_lag"]
+    if np.inf > lag.half_width > max(lag.value, LAG_HALF_WIDTH_S):
+        low, high = (1e3 * max(end, 0.0) for end in lag.interval)
+        sentence = f"The lag may be anything from {low:.0f} to {high:.0f} ms."
+        reasons.append(Reason(Status.REFUSED, sentence, QUICKER))
+    elif np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
+        sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
+        reasons.append(Reason(Status.WEAK, sentence, QUICKER))
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
+    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys() if not at.direct else ():
+        first_stage = strength.first_stage[name]
+        if first_stage < STRONG_FIRST_STAGE:
+            sentence = weakly_told("lag", first_stage)
+            reasons.append(Reason(Status.WEAK, sentence, QUICKER))
+    return reasons
+
+
+def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
+    """Grounds that count against the friction as well: a lag that is hardly known, grids that end."""
+    delay = strength.searched.get(DELAY.name)
+    if delay is not None and abs(delay.value) >= 0.999 * delay.highest:
+        return [
+            Reason(
+                Status.WEAK,
+                f"The delay of the measured rotors ran into the end of its grid "
+                f"({delay.highest * 1e3:.0f} ms).",
+                "Check the clock of the rotors' telemetry, or use the commands with --input.",
+            )
+        ]
+    if ACTUATOR_LAG.name not in strength.searched:
+        return []
+    half_width = quantities["effective_lag"].half_width
+    remedy = "Check that the input is the command of this vehicle, and its time stamps."
+    return [
+        *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuator's", remedy=QUICKER),
+        *longest_lag_reasons(strength, remedy=remedy),
+        *_longest_delay_reasons(quantities["delay"], remedy=remedy),
+    ]
+
+
+def _longest_delay_reasons(delay: Unjudged, *, remedy: str) -> list[Reason]:
+    """Ground of a delay that ended at the longest that is tried."""
+    if delay.choice is None or not delay.value >= 0.999 * FURTHEST_DELAY_S:
+        return []
+    sentence = f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s)."
+    return [Reason(Status.WEAK, sentence, remedy)]
+
+
+def delay_reasons(delay: Unjudged) -> list[Reason]:
+    """Grounds against the delay beside those against the lag: that none of those tried can be left out."""
+    if (
+        delay.choice is None
+        or len(delay.choice.tried) < 2
+        or len(delay.choice.fitting) < len(delay.choice.tried)
+    ):
+        return []
+    return [Reason(Status.WEAK, "Every delay that was tried fits.", QUICKER)]
+
+
+# -- Friction rule --
+
+FRICTION_SHARE = 0.5
+COMMAND_RATE_HZ = 45.0
+#: In simulated flights of 15 and 20 s the friction's interval held it in .81 and .85, of 25 s in .93 [s].
+SHORT_FLIGHT_S = 25.0
+LARGE_INTERCEPT = 5.0
+LOG_PLANNED = "Log the trajectory's position setpoint."
+
+
+def friction_reasons(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> list[Reason]:
+    """Grounds against the viscous friction."""
+    reasons = instrument_reasons(
+        strength,
+        at,
+        fly=FLY,
+        log_reference=LOG_REFERENCE,
+        log_planned=LOG_PLANNED,
+    )
+    if not untold("viscous_friction", strength):
+        reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
+    reasons.extend(rough_lag_reasons(quantities, strength))
+    reasons.extend(_unit_reasons(quantities))
+    remedy = "Keep the tilt small, stay off the ground, and check the input map."
+    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
+    if at.command_rate_hz < COMMAND_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+                "intervals do not hold.",
+                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+            )
+        )
+    if at.used_s < SHORT_FLIGHT_S:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Only {at.used_s:.3g} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
+                "the friction too seldom.",
+                "Fly longer, or pool several flights.",
+            )
+        )
+    return reasons
+
+
+def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
+    """Grounds against the viscous friction that its interval gives."""
+    reasons = []
+    low, high = friction.interval
+    if high < 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
+                f"or a feedback moved the vehicle more than the reference did.{moved(at)}",
+                FLY,
+            )
+        )
+    elif friction.value <= 0.0 or low <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] "
+                f"1/s.{moved(at)}",
+                FLY,
+            )
+        )
+    elif np.inf > friction.half_width + friction.reserved > FRICTION_SHARE * friction.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide"
+                f"{_reserve(friction)}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
+                "Fly longer, faster climbs and descents, or pool several flights.",
+            )
+        )
+    elif low <= friction.reserved and friction.reserved > 0.0:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The viscous friction's interval begins at {low:.2g} 1/s, and up to "
+                f"{friction.reserved:.2g} 1/s cannot be told from an estimator's own dynamics.",
+                "Fly longer, faster climbs and descents, or log a velocity that is measured.",
+            )
+        )
+    return reasons
+
+
+def _reserve(friction: Unjudged) -> str:
+    """What identified asks for beside the interval, with words before it; empty for nothing."""
+    if not friction.reserved:
+        return ""
+    return f", and the estimator behind velocity or acceleration may add {friction.reserved:.2g} 1/s"
+
+
+def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+    """Grounds that speak of signs and units: a gain that pulls down, an intercept that no sensor has."""
+    reasons = []
+    if quantities["input_gain"].value <= 0.0:
+        reasons.append(
+            Reason(
+                Status.REFUSED,
+                "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
+                "Check the frame (z up, or NED), the input's sign and its map.",
+            )
+        )
+    intercept = quantities.get("intercept")
+    if intercept is not None and abs(intercept.value) - intercept.half_width > LARGE_INTERCEPT:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The intercept is {intercept.value:.1f} m/s^2, far beyond the bias of an accelerometer.",
+                "Check the units and signs of velocity and acceleration, the clock, and the input map.",
+            )
+        )
+    return reasons
+
+
+# -- Gain rule --
+
+GAIN_SHARE = 0.1
+HOVER_SHARE = 0.05
+GAIN_RATE_HZ = 20.0
+LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
+#: Terms that harm the gain when they are missed, and what to do.
+LEFT_OUT = {
+    SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
+    GROUND: "Fly higher over the ground, four radii of a rotor and more.",
+}
+#: The same for the supply whose voltage is logged.
+WITH_VOLTAGE = "Add the term with --term voltage, or identify a part of the flight with --window."
+
+
+def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[Reason]:
+    """Grounds against the input gain."""
+    if gain.value <= 0.0:
+        return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
+    if np.inf > gain.half_width and gain.interval[0] <= 0.0:
+        low, high = (f"{end:.3g}" for end in gain.interval)
+        sentence = f"The input gain cannot be told from zero: its interval is [{low}, {high}] m/s^2."
+        return [Reason(Status.REFUSED, f"{sentence}{moved(at)}", LARGER_STEPS)]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
+    if np.inf > gain.half_width > GAIN_SHARE * gain.value:
+        sentence = (
+            f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
+            f"for +-{GAIN_SHARE:.0%}."
+        )
+        first_stage = strength.first_stage.get("input_gain", np.nan)
+        if first_stage < STRONG_FIRST_STAGE:
+            sentence += f" {weakly_told('input gain', first_stage)}"
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"{sentence}{moved(at)}",
+                LARGER_STEPS,
+            )
+        )
+    if at.response_rate_hz < GAIN_RATE_HZ:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"Velocity and acceleration are logged at {at.response_rate_hz:.0f} Hz at most.",
+                "Log one of them at 20 Hz or more.",
+            )
+        )
+    return reasons
+
+
+def left_out_reasons(at: Circumstances) -> list[Reason]:
+    """Grounds against the gain: thrust that goes with the supply, or with the height over the ground."""
+    reasons = []
+    for name, remedy in LEFT_OUT.items():
+        if missed(at.numbers, name):
+            told = left_out_sentence(at.numbers, name)
+            by_voltage = name == SUPPLY and VOLTAGE_CHANGE in at.numbers
+            told_remedy = WITH_VOLTAGE if by_voltage else remedy
+            reasons.append(Reason(Status.WEAK, f"{told[0].upper()}{told[1:]}.", told_remedy))
+    return reasons
+
+
+def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:
+    """Grounds against the hover input."""
+    if not (np.isfinite(hover.value) and hover.value > 0.0):
+        return [Reason(Status.REFUSED, "The hover input is not positive.", "Check the input's sign and map.")]
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
+    if hover.half_width != np.inf and not hover.half_width <= HOVER_SHARE * hover.value:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide; identified asks "
+                f"for +-{HOVER_SHARE:.0%}.",
+                "Fly longer, and come to rest between the climbs.",
+            )
+        )
+    return reasons
+
+
+# -- Height --
+
+#: A flight is near the ground below so many radii, when it is there for this share of the time used.
+NEAR_RADII, NEAR_SHARE = 4.0, 0.01
+#: Numbers of this motion: the share of the time near the ground, and the lowest height in radii.
+NEAR_GROUND, LOWEST = "near_ground_share", "lowest_radii"
+
+
+def near_ground(
+    flights: Sequence[PreparedFlight], radius: float | None, *, corrected: bool
+) -> Mapping[str, float]:
+    """Share of the time used that was near the ground, and the lowest height; of the lowest flight.
+
+    Parameters
+    ----------
+    flights : sequence of PreparedFlight
+        With runs.
+    radius : float, optional
+        Of a rotor [m]; nothing is told without it, nor where a log does not tell the ground.
+    corrected : bool
+        The equation has the ground's effect: nothing is told then.
+    """
+    if radius is None or corrected:
+        return {}
+    shares, lowest = [], []
+    for flight in flights:
+        height = height_over_ground(flight)
+        if height is not None and ground(flight) is not None:
+            radii = height[flight.used] / radius
+            shares.append(float(np.mean(radii < NEAR_RADII)))
+            lowest.append(float(radii.min()))
+    return {NEAR_GROUND: max(shares), LOWEST: min(lowest)} if shares else {}
+
+
+def near_ground_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against gain and hover input: a flight near the ground."""
+    share = at.numbers.get(NEAR_GROUND, 0.0)
+    if share < NEAR_SHARE:
+        return []
+    return [
+        Reason(
+            Status.WEAK,
+            f"The vehicle flew below {NEAR_RADII:.0f} rotor radii over the ground for {share:.0%} of the "
+            f"time ({at.numbers[LOWEST]:.1f} at the lowest): thrust grows there, and the gain takes it up.",
+            "Fly higher, or add --term ground-effect.",
+        )
+    ]
+
+
+# -- Hover --
+
+#: Parameters in which an autopilot keeps its own idea of the hover input.
+HOVER_PARAMETERS = ("MPC_THR_HOVER", "MOT_THST_HOVER")
+#: A logged hover parameter that is off by more than this share is pointed out.
+HOVER_DISAGREEMENT = 0.15
+
+START, RANGE, ESTIMATE = "MPC_THR_HOVER", "HTE_THR_RANGE", "hover_thrust_estimate"
+#: The ends that the range is cut to, lower and upper.
+LOWER_END, UPPER_END = (0.0, 0.8), (0.2, 0.9)
+#: An estimate so near to an end stands at it, and one so near to its start has not left it.
+NEAR_END, NEAR_START = 0.01, 1e-3
+#: So long after leaving its start it is still on its way [s].
+ON_ITS_WAY_S = 2.0
+#: An estimate stands at an end when it is there for this share of the time used.
+AT_END_SHARE = 0.5
+
+
+def hover_findings(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+) -> tuple[Finding, ...]:
+    """What the autopilots of flights hold their hover input to be; compared where it is identified."""
+    flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
+    found = [one for flight in flying for one in _standing_at_an_end(flight)]
+    hover = quantities["hover_input"]
+    if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and flying:
+        found.extend(_of_parameters(flying[0], hover.value))
+        found.extend(_of_estimates(flying, hover))
+    return tuple(found)
+
+
+def _is_setpoint(flight: PreparedFlight) -> bool:
+    """Whether the input is a thrust setpoint, which the autopilot's hover input is a value of."""
+    unknown = flight.curve_side is CurveSide.UNKNOWN
+    return flight.curve_side is CurveSide.BEFORE or (unknown and flight.input.name == "input")
+
+
+def _of_parameters(flight: PreparedFlight, hover: float) -> list[Finding]:
+    logged = {name: flight.recording.parameters.get(name) for name in HOVER_PARAMETERS}
+    return [
+        Finding(
+            "hover_parameter",
+            f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover:.3g}.",
+        )
+        for name, value in logged.items()
+        if value and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
+    ]
+
+
+def _of_estimates(flights: list[PreparedFlight], hover: Quantity) -> list[Finding]:
+    told = [comparable_estimates(flight) for flight in flights]
+    values = np.concatenate(told) if told else np.empty(0)
+    if not values.size:
+        return []
+    median = float(np.median(values))
+    off = hover.value / median - 1.0
+    side = "more" if off > 0.0 else "less"
+    return [
+        Finding(
+            "hover_estimate",
+            f"The autopilot's own estimate of the hover thrust is {median:.3g} (median of {values.size} "
+            f"samples); this vehicle hovered at {hover.value:.3g}, {abs(off):.1%} {side}.",
+        )
+    ]
+
+
+def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
+    """Samples of the autopilot's estimate while the flight was used, that say something of the vehicle."""
+    channel = flight.recording.channels.get(ESTIMATE)
+    if channel is None:
+        return np.empty(0)
+    within = _within(flight, channel)
+    for low, high, _ in _ends(flight):
+        within &= ~((channel.values >= low) & (channel.values <= high))
+    start = flight.recording.parameters.get(START)
+    if start is not None:
+        with np.errstate(invalid="ignore"):
+            left = np.flatnonzero(np.abs(channel.values - start) > NEAR_START)
+        since = channel.time_s[left[0]] if left.size else np.inf
+        within &= channel.time_s >= since + ON_ITS_WAY_S
+    return np.asarray(channel.values[within])
+
+
+def _within(flight: PreparedFlight, channel: Channel) -> Bool[np.ndarray, " n"]:
+    """Valid samples in the stretch of time that was used."""
+    first, last = flight.span_s
+    return np.isfinite(channel.values) & (channel.time_s >= first) & (channel.time_s <= last)
+
+
+def _ends(flight: PreparedFlight) -> list[tuple[float, float, str]]:
+    """Lowest and highest value that stands at each end of the estimate's range, and the end in words."""
+    logged = flight.recording.parameters
+    start, reach = logged.get(START), logged.get(RANGE)
+    if start is None or reach is None:
+        return []
+    low, high = float(np.clip(start - reach, *LOWER_END)), float(np.clip(start + reach, *UPPER_END))
+    return [
+        (-np.inf, low + NEAR_END, f"lower limit, {low:.3g} ({START} - {RANGE})"),
+        (high - NEAR_END, np.inf, f"upper limit, {high:.3g} ({START} + {RANGE})"),
+    ]
+
+
+def _standing_at_an_end(flight: PreparedFlight) -> list[Finding]:
+    channel = flight.recording.channels.get(ESTIMATE)
+    if channel is None:
+        return []
+    values = channel.values[_within(flight, channel)]
+    return [
+        Finding(
+            "hover_estimate_at_limit",
+            f"The autopilot's own estimate of the hover thrust stood at its {words}: it is not compared.",
+        )
+        for low, high, words in _ends(flight)
+        if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE
+    ]
+
+
+# -- Map rule --
+
+LEAST_EXPONENT = 0.95
+#: A map does not fit below this p-value.
+FITS = 0.05
+#: The bend is told beside the intercept below this p-value.
+BENDS = 0.1
+#: Numbers of this motion among those of the circumstances: the least intercept in its set, the p-value of
+#: the test that the map fits, the exponent of thrust near hover, that of the input map there, and one for a
+#: command of thrust: a linear or mixed map.
+LEAST_INTERCEPT, MAP_P_VALUE = "least_intercept", "input_map_p_value"
+THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
+
+
+def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against the gain: intercept and bend that say that the input map is another one."""
+    intercept = quantities["intercept"]
+    exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
+    if not (at.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
+        return []
+    told = (
+        f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
+        f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
+        f"{at.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, at)}"
+    )
+    return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+
+
+def intercept_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
+    """Grounds against the hover input: the same, of an intercept that is clear without the bend.
+
+    The flight hovers within what it has flown: a curve that only bends there moves the balance little.
+    """
+    intercept = quantities["intercept"]
+    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
+    return thrust_curve_reasons(quantities, at) if least > CLEAR_INTERCEPT else []
+
+
+def _bend(intercept: Unjudged, at: Circumstances) -> str:
+    """What the bend of the thrust curve adds to that, with a blank before it; empty for nothing.
+
+    With thrust as the power p and a map of the exponent m, a curve over the mapped input bends by
+    (p / m - 1) / 2 = -b / (2 g), as a share of the gain.
+    """
+    name = f"{PREFIX}{CURVATURE}"
+    bend, half = at.numbers.get(name, np.nan), at.numbers.get(f"{name}_half_width", np.nan)
+    if not (at.numbers.get(f"{name}_p_value", 1.0) < BENDS and bend * intercept.value < 0.0):
+        return ""
+    of_power, uncertain = -intercept.value / (2.0 * GRAVITY), intercept.half_width / (2.0 * GRAVITY)
+    told = f" The curve bends as well ({bend:+.2g} ± {half:.2g})"
+    if bend + half < of_power - uncertain:
+        return f"{told}, more than such a power does ({of_power:+.2g}): so does thrust that sags under load."
+    return f"{told}."
+
+
+def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
+    """The input map that has an exponent near hover."""
+    if exponent < LEAST_EXPONENT:
+        return (
+            "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
+            "the input is the command of this vehicle."
+        )
+    if at.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
+        # (1 - s) u + s u^2 has the exponent r at u_h for s = (r - 1) / ((r - 1) + (2 - r) u_h)
+        share = (exponent - 1.0) / ((exponent - 1.0) + (2.0 - exponent) * hover)
+        return f"Use --input-map mixed:{share:.2g} if nothing else is wrong; a sagging supply looks alike."
+    known = {1.0: "linear", 2.0: "square"}.get(round(exponent, 1), f"power:{exponent:.2g}")
+    return f"Use --input-map {known} if nothing else is wrong; a supply that sags under load looks alike."
+
+
+# -- Sensor rule --
+
+#: An accelerometer that feels a gravity so far off is in another unit [m/s^2].
+OTHER_UNIT = 3.0
+#: And the mean of the specific force where the vehicle does not accelerate [m/s^2].
+APPARENT_GRAVITY = "apparent_gravity"
+ALIGN = (
+    "Correct the time stamps, the filter or the scale of the one that is wrong, or align them with --align."
+)
+LEVEL = (
+    "Check the attitude and the accelerometer's mounting, and calibrate both; or fly without sideways motion."
+)
+
+
+def unit_reasons(at: Circumstances) -> list[Reason]:
+    """Grounds against everything: sensors in another unit, or of another sign."""
+    return [*_unit_of_force_reasons(at), *_unit_of_velocity_reasons(at)]
+
+
+def _unit_of_velocity_reasons(at: Circumstances) -> list[Reason]:
+    """Ground of a velocity that reads many times what the accelerometer does, or goes the other way."""
+    scale = None if at.sensors is None else at.sensors.told.get(SCALE.name)
+    if scale is None:
+        return []
+    times = velocity_over_accelerometer(scale.value)
+    if 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        return []
+    remedy = (
+        "Turn one of them: z points up, in a channel map with sign = -1."
+        if times < 0.0
+        else "Correct the unit of one of them, in a channel map with unit = ..."
+    )
+    return [Reason(Status.REFUSED, sentence(SCALE.name, scale), remedy)]
+
+
+def _unit_of_force_reasons(at: Circumstances) -> list[Reason]:
+    """Ground of an accelerometer that feels another gravity: it is in another unit."""
+    felt = at.numbers.get(APPARENT_GRAVITY, np.nan)
+    if not abs(felt - GRAVITY) > OTHER_UNIT:
+        return []
+    unit = next((word for word, size in (("g", 1.0), ("milli-g", 1e3)) if 0.8 < felt / size < 1.25), "")
+    sentence = (
+        f"The accelerometer feels a gravity of {felt:.3g} m/s^2, where {GRAVITY:.2f} is expected"
+        f"{f': its values look like {unit}' if unit else ''}."
+    )
+    return [Reason(Status.REFUSED, sentence, 'State its unit in a channel map (unit = "g"), and its axes.')]
+
+
+def sensor_reasons(at: Circumstances, *harmful: Parameter) -> list[Reason]:
+    """Grounds against what some kinds of disagreement between velocity and accelerometer harm."""
+    if at.sensors is None:
+        return []
+    corrected = {OFFSET.name, SCALE.name} if at.aligned else set()
+    names = {one.name for one in harmful} - corrected
+    reasons = [
+        Reason(Status.WEAK, sentence(name, one), ALIGN if name in (OFFSET.name, SCALE.name) else LEVEL)
+        for name, one in at.sensors.told.items()
+        if name in names
+    ]
+    if names & at.sensors.either.keys():
+        reasons.append(Reason(Status.WEAK, either_sentence(at.sensors), LEVEL))
+    if at.sensors.otherwise:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt "
+                f"(p-value {at.sensors.p_value:.1g}).",
+                LEVEL,
+            )
+        )
+    return reasons
+
+
+# -- Sideways motion --
+
+#: Root mean square of the horizontal speed [m/s]; from where on a tilt between attitude and accelerometer
+#: matters, and how well it must be known [rad].
+SIDEWAYS = "sideways_speed"
+FAST_SIDEWAYS = 3.0
+TILT_KNOWN = float(np.deg2rad(1.5))
+
+
+def sideways_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against the friction: fast sideways flight, with an attitude that may lean."""
+    speed = at.numbers.get(SIDEWAYS, np.nan)
+    if not speed > FAST_SIDEWAYS:
+        return []
+    tilts = {tilt.name for tilt in TILTS.values()}
+    known = {} if at.sensors is None else at.sensors.differences
+    widths = [one.half_width for name, one in known.items() if name in tilts]
+    if widths and max(widths) <= TILT_KNOWN:
+        return []
+    degrees = f"to ±{np.rad2deg(max(widths)):.1f} degrees only" if widths else "not at all"
+    return [
+        Reason(
+            Status.WEAK,
+            f"The vehicle flew sideways at {speed:.1f} m/s (rms), and the angle between attitude and "
+            f"accelerometer is known {degrees}.",
+            "Fly up and down without sideways motion, or sideways at other times than up and down.",
+        )
+    ]
+
+
+def fast_sideways_reasons(at: Circumstances) -> list[Reason]:
+    """Ground against the gain: air that crosses the rotors fast changes what they give."""
+    speed = at.numbers.get(SIDEWAYS, np.nan)
+    if not speed > FAST_SIDEWAYS:
+        return []
+    return [
+        Reason(
+            Status.WEAK,
+            f"The vehicle flew sideways at {speed:.1f} m/s (rms): rotors give another thrust in air that "
+            "crosses them, and the gain takes it up.",
+            "Fly up and down without fast sideways motion.",
+        )
+    ]
+
+
+# -- Term rule --
+
+
+def term_reasons(
+    coefficient: Unjudged, parameter: Parameter, strength: Strength, at: Circumstances
+) -> list[Reason]:
+    """Grounds against the coefficient of an optional term."""
+    words = parameter.name.replace("_", " ")
+    reasons = []
+    if at.direct:
+        reasons.append(Reason(Status.PROVISIONAL, f"A direct method made the {words}.", LOG_REFERENCE))
+    first_stage = strength.first_stage.get(parameter.name, np.nan)
+    if first_stage < STRONG_FIRST_STAGE:
+        reasons.append(Reason(Status.WEAK, weakly_told(words, first_stage), FLY))
+    low, high = coefficient.interval
+    if low <= 0.0 <= high:
+        reasons.append(
+            Reason(
+                Status.WEAK,
+                f"The {words} cannot be told from zero: its interval is [{low:.2g}, {high:.2g}]"
+                f"{f' {parameter.unit}' if parameter.unit else ''}.",
+                "Leave the term out, and what remains is told more closely; or fly so that it shows.",
+            )
+        )
+    return [*reasons, *given_lag_reasons(at), *unit_reasons(at)]
+
+
+# -- Rule --
+
+
+def all_grounds(
+    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+) -> dict[str, tuple[Reason, ...]]:
+    """Grounds against every quantity; those that one parameter decides share its grounds."""
+    shared = (*given_lag_reasons(at), *unit_reasons(at))
+    friction = (
+        *friction_reasons(quantities, strength, at),
+        *sensor_reasons(at, SCALE, *TILTS.values()),
+        *sideways_reasons(at),
+        *shared,
+    )
+    gain = (
+        *gain_reasons(quantities["input_gain"], strength, at),
+        *thrust_curve_reasons(quantities, at),
+        *sensor_reasons(at, OFFSET, SCALE),
+        *left_out_reasons(at),
+        *near_ground_reasons(at),
+        *fast_sideways_reasons(at),
+        *shared,
+    )
+    lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
+    found = (*curve_reasons(quantities, at), *sensor_reasons(at, OFFSET, SCALE), *shared)
+    return {
+        "viscous_friction": friction,
+        "time_constant": friction,
+        "input_gain": gain,
+        "intercept": gain,
+        "hover_input": (
+            *hover_reasons(quantities["hover_input"], at),
+            *intercept_reasons(quantities, at),
+            *near_ground_reasons(at),
+            *unit_reasons(at),
+        ),
+        "actuator_lag": lag,
+        "delay": (*lag, *delay_reasons(quantities["delay"])),
+        "effective_lag": lag,
+        "thrust_curve": found,
+        **{
+            parameter.name: tuple(term_reasons(quantities[parameter.name], parameter, strength, at))
+            for parameter in (term.parameter for term in TERMS.values())
+            if parameter.name in quantities
+        },
+    }

@@ -1,0 +1,696 @@
+"""Panels of Matplotlib figures."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from dataclasses import dataclass
+from itertools import cycle
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from eivor.checks import described
+from eivor.errors import UsageError, did_you_mean
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.flights.quantity import Trace
+from eivor.flights.result import FlightEstimate
+from eivor.inference.bootstrap import Bootstrap
+from eivor.inference.distributions import chi_square_quantile
+from eivor.inference.regions import Ellipse
+from eivor.motions import wording_of
+from eivor.report.document import printable, short_name
+from eivor.report.flight import (
+    LEAST_AMPLITUDE,
+    FlightRun,
+    band_of,
+    profile_curves,
+    residual_autocorrelation,
+    spectrum,
+    within_band,
+)
+from eivor.tools import Float
+
+# -- Given axes --
+
+#: Axes for some panels by their names, or for all in order; for a figure of one panel also its Axes.
+GivenAxes = Axes | Mapping[str, Axes] | Iterable[Axes]
+REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
+
+
+def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[str, Axes]:
+    """Axes of each panel that is to be drawn.
+
+    Parameters
+    ----------
+    axes : Axes, mapping of str to Axes, or iterable of Axes
+        A mapping draws the panels that it names. A sequence or an array, as plt.subplots() returns it, is for
+        all panels, row by row. Axes alone are for the only panel.
+    panels : sequence of str
+        Names of the panels, in order.
+    title : str
+        Words above the first panel that is drawn; it keeps its own when there are none.
+
+    Raises
+    ------
+    UsageError
+        When there are none, too few or too many, or they are not of one figure; when a name is unknown.
+    """
+    chosen = _named(axes, panels) if isinstance(axes, Mapping) else _ordered(axes, panels)
+    if not chosen:
+        raise UsageError("Axes to draw into", "none", f"Name some of: {', '.join(panels)}.")
+    for name, one in chosen.items():
+        _check(f"{name!r}", one)
+    figure_of(*chosen.values())
+    _axes_title(next(iter(chosen.values())), title)
+    return chosen
+
+
+def given_panel(ax: Axes, title: str = "") -> Axes:
+    """Return the Axes of the only panel, with a title above it where there is one.
+
+    Raises
+    ------
+    UsageError
+        When these are no Axes of a figure.
+    """
+    _check("ax", ax)
+    _axes_title(ax, title)
+    return ax
+
+
+def figure_of(*axes: Axes) -> Figure:
+    """Return the figure that Axes are of; that of a subfigure is the one around it.
+
+    Raises
+    ------
+    UsageError
+        When there are several.
+    """
+    figures = {id(one.figure.figure): one.figure.figure for one in axes}
+    if len(figures) != 1:
+        raise UsageError(
+            "Axes of one figure", f"of {len(figures)}", "Draw into each figure by itself, naming its panels."
+        )
+    return next(iter(figures.values()))
+
+
+def _named(axes: Mapping[Any, Any], panels: Sequence[str]) -> dict[str, Axes]:
+    for name in axes:
+        if name not in panels:
+            known = f"Name some of: {', '.join(panels)}."
+            remedy = did_you_mean(name, panels, known) if isinstance(name, str) else known
+            raise UsageError("the name of a panel", described(name), remedy)
+    return dict(axes)
+
+
+def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
+    if isinstance(axes, str) or not isinstance(axes, Axes | Iterable):
+        raise UsageError(
+            "Axes by the name of their panel, or as many as there are panels", described(axes), REMEDY
+        )
+    flat = [axes] if isinstance(axes, Axes) else list(np.asarray([*axes], dtype=object).ravel())
+    if len(flat) != len(panels):
+        raise UsageError(
+            f"{len(panels)} Axes, for {', '.join(panels)}",
+            f"{len(flat)}",
+            "Give as many, or a dictionary from the names of some panels to their Axes.",
+        )
+    return dict(zip(panels, flat, strict=True))
+
+
+def _axes_title(axes: Axes, title: str) -> None:
+    if title:
+        axes.set_title(title, fontsize=11, parse_math=False)
+
+
+def _check(name: str, axes: object) -> None:
+    if not isinstance(axes, Axes):
+        many = isinstance(axes, np.ndarray | Sequence) and not isinstance(axes, str)
+        raise UsageError(
+            f"Matplotlib Axes for {name}", described(axes), "Pass one of them." if many else REMEDY
+        )
+    if axes.figure is None:
+        raise UsageError(f"Axes of a figure for {name}", "Axes that were removed from theirs", REMEDY)
+
+
+# -- Plain figure --
+
+#: What draws each panel of a figure into its Axes, by the panel's name.
+Panels = dict[str, Callable[[Axes], None]]
+
+DPI = 110
+#: Of nine points.
+LETTERS_PER_INCH = 14.0
+DARK, RED, GREY, BLUE = "#333333", "#d1495b", "#66717e", "#2e86ab"
+
+
+def page(width: float, height: float, title: str = "") -> Figure:
+    """Empty figure of that size [inch]; nothing global is touched."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    if title:
+        figure.suptitle(title, fontsize=11, parse_math=False)
+    return figure
+
+
+def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
+    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch].
+
+    Raises
+    ------
+    UsageError
+        When what is given are no Axes.
+    """
+    if ax is None:
+        return page(width, height, title).add_subplot()
+    return given_panel(ax, title)
+
+
+def without_abscissa(axes: Axes) -> None:
+    """Leave the numbers and the words of the abscissa to the panel below, which shares it."""
+    axes.tick_params(labelbottom=False)
+    axes.xaxis.label.set_visible(False)
+
+
+def fitting(axes: Axes, words: str) -> str:
+    """Words of nine points in lines that are no longer than a panel is wide."""
+    return textwrap.fill(words, max(1, int(LETTERS_PER_INCH * axes.bbox.width / axes.figure.dpi)))
+
+
+def labelled(axes: Axes, *, x: str = "", y: str = "", size: float = 10.0) -> None:
+    """Words at the axes, as they are, and a grid; an axis without words keeps what it has."""
+    if x:
+        axes.set_xlabel(x, fontsize=size, parse_math=False)
+    if y:
+        axes.set_ylabel(y, fontsize=size, parse_math=False)
+    axes.grid(alpha=0.25)
+
+
+def drawable(things: Sized, what: str, remedy: str) -> None:
+    """Refuse to draw nothing.
+
+    Raises
+    ------
+    UsageError
+        When there is none of what is to be drawn.
+    """
+    if not things:
+        raise UsageError(f"{what} to draw", "none", remedy)
+
+
+def legend(
+    axes: Axes,
+    *,
+    size: int = 8,
+    place: Literal["best", "upper right", "upper left", "lower left"] = "best",
+    columns: int = 1,
+) -> None:
+    """Legend with its words as they are."""
+    for text in axes.legend(fontsize=size, framealpha=0.85, loc=place, ncols=columns).get_texts():
+        text.set_parse_math(False)
+
+
+# -- Fit panels --
+
+MEASURED, PREDICTED, RESIDUAL, SHADE = "#333333", "#d1495b", "#66717e", "#2e86ab"
+#: At most so much of a flight is drawn over time [s].
+FIT_SHOWN_S = 40.0
+#: Line styles of several axes in one panel.
+STYLES = ("-", "--", ":")
+
+
+def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
+    """Draw what was measured along one axis and what the model says, both within the band."""
+    run = _longest(runs)
+    time, band = _within_the_band(trace, run)
+    low, high = band_of(trace, run)
+    axes.plot(time, band[:, 0], color=MEASURED, lw=0.9, label="measured")
+    axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label=f"predicted: {trace.model}")
+    axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
+    count = len(runs)
+    what = "the whole run" if count == 1 else f"the longest of {count} runs"
+    if time.size < run.time_s.size:
+        what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
+    passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
+    title = f"Measured and predicted, {passed}: {what}, {short_name(run.name)}"
+    axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
+    legend(axes)
+    _time_axis(axes)
+
+
+def draw_residual(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
+    """Draw what the model leaves of what `draw_fit` shows."""
+    time, band = _within_the_band(trace, _longest(runs))
+    axes.plot(time, band[:, 0] - band[:, 1], color=RESIDUAL, lw=0.9)
+    axes.axhline(0.0, color="black", lw=0.5)
+    axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
+    _time_axis(axes)
+
+
+def _time_axis(axes: Axes) -> None:
+    axes.set_xlabel("time from the log's start [s]")
+    axes.margins(x=0.005)
+    axes.grid(alpha=0.25)
+
+
+def _longest(runs: list[FlightRun]) -> FlightRun:
+    return max(runs, key=lambda candidate: candidate.time_s.size)
+
+
+def _within_the_band(
+    trace: Trace, run: FlightRun
+) -> tuple[Float[np.ndarray, " shown"], Float[np.ndarray, "shown 2"]]:
+    """Time, and what was measured and predicted in the part of a run that moves most."""
+    inside = _most_moved(trace.measured[run.rows], run)
+    return run.time_s[inside], within_band(trace, run)[inside]
+
+
+def _most_moved(values: Float[np.ndarray, " length"], run: FlightRun) -> slice:
+    """The `FIT_SHOWN_S` of a run in which `values` vary most; all of a shorter run."""
+    count = int(FIT_SHOWN_S / run.spectral.step_s)
+    if values.size <= count:
+        return slice(0, values.size)
+    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
+    first = int(np.argmax(power[count:] - power[:-count]))
+    return slice(first, first + count)
+
+
+def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> None:
+    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
+    found = residual_autocorrelation(best, runs)
+    lags, correlation, band = found.shift_s, found.correlation, found.band
+    axes.axhspan(-band, band, color=SHADE, alpha=0.18, lw=0, label="95 % band of white noise")
+    axes.vlines(lags[1:], 0.0, correlation[1:], color=RESIDUAL, lw=1.6)
+    axes.plot(lags[1:], correlation[1:], "o", color=RESIDUAL, ms=3)
+    axes.axhline(0.0, color="black", lw=0.5)
+    axes.set_title(f"Autocorrelation of the {found.what}", fontsize=9)
+    axes.set_xlabel("shift [s]")
+    axes.set_ylabel("correlation")
+    limit = max(0.3, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
+    axes.set_ylim(-limit, limit)
+    axes.grid(alpha=0.25)
+    legend(axes, place="upper right")
+
+
+def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]) -> None:
+    """Amplitude of what the input does to each axis that it moves, of one unit, and of what is left."""
+    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
+    for trace, style in zip(traces, cycle(STYLES), strict=False):
+        of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
+        for values, colour, label in (
+            (trace.driven, PREDICTED, f"input: {trace.drive}{of_axis}"),
+            (trace.measured - trace.predicted, RESIDUAL, f"residual{of_axis}"),
+        ):
+            frequency, amplitude = spectrum(values, runs)
+            axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
+    low, high = axes.get_ylim()
+    axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
+    low, high = runs[0].spectral.band_hz
+    axes.axvspan(low, high, color=SHADE, alpha=0.12, lw=0, label="band used")
+    axes.set_title("Excitation", fontsize=9)
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"amplitude [{traces[0].unit} per √Hz]", parse_math=False)
+    axes.grid(alpha=0.25, which="both")
+    legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
+
+
+# -- Interval figures --
+
+PANEL_WIDTH, ROW_HEIGHT = 3.6, 0.34
+INTERVAL_COLOURS = (BLUE, DARK, "#a06a00", "#1b7f3b", "#7b3f9e")
+#: Share of a panel's width that is left free at both ends.
+MARGIN = 0.12
+#: At most so many points of a cloud are drawn.
+CLOUD = 4000
+
+
+@dataclass(frozen=True, slots=True)
+class ShownInterval:
+    """One row of a panel.
+
+    Parameters
+    ----------
+    label : str
+        Estimate, method or kind of interval.
+    value : float
+        Point; NaN for none.
+    pieces : tuple of (float, float)
+        The interval, or the pieces of a set; ends may be infinite, and there may be none.
+    """
+
+    label: str
+    value: float
+    pieces: tuple[tuple[float, float], ...]
+
+
+def interval_figure(
+    panels: Mapping[str, Sequence[ShownInterval]],
+    *,
+    units: Mapping[str, str] | None = None,
+    truth: Mapping[str, float] | None = None,
+    title: str = "",
+    axes: GivenAxes | None = None,
+) -> Figure:
+    """Points and intervals, a panel with an axis of its own for each parameter.
+
+    Parameters
+    ----------
+    panels : mapping of str to sequence of ShownInterval
+        For each parameter its rows, from the top; rows of one label share a colour.
+    units : mapping of str to str, optional
+        Unit of each parameter.
+    truth : mapping of str to float, optional
+        Values to mark by a line.
+    title : str
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`. An end without bound is an arrow; an empty set says so.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, or `axes` do not fit the panels.
+    """
+    most = max((len(rows) for rows in panels.values()), default=0)
+    if not most:
+        raise UsageError("intervals to draw", "none", "Give estimates.")
+    labels = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
+    names = tuple(panels)
+    drawn = _row(names, most, title) if axes is None else given_axes(axes, names, title)
+    for place, (name, axis) in enumerate(drawn.items()):
+        _panel(axis, panels[name], labels, (truth or {}).get(name))
+        if axes is None and place:
+            axis.tick_params(labelleft=False)
+        axis.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
+    return figure_of(*drawn.values())
+
+
+def _row(names: tuple[str, ...], most: int, title: str) -> dict[str, Axes]:
+    """Panels of a page, side by side, for so many intervals in each."""
+    figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
+    return {name: figure.add_subplot(1, len(names), place) for place, name in enumerate(names, start=1)}
+
+
+def estimates_figure(
+    estimates: Mapping[str, Estimate | Bootstrap],
+    *,
+    level: float = 0.95,
+    truth: Mapping[str, float] | None = None,
+    title: str = "",
+    axes: GivenAxes | None = None,
+) -> Figure:
+    """Parameters of one or several estimates side by side, with their intervals.
+
+    Parameters
+    ----------
+    estimates : mapping of str to Estimate or Bootstrap
+        By what they are to be called.
+    level : float
+        Confidence level.
+    truth : mapping of str to float, optional
+        Values to mark by a line.
+    title : str
+        Of the figure, or of the first panel that is given; default: the level, on a figure of its own.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        A panel for each parameter, in its unit.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, `axes` do not fit the panels, or the level is not between 0 and 1.
+    """
+    panels: dict[str, list[ShownInterval]] = {}
+    units: dict[str, str] = {}
+    for label, found in estimates.items():
+        values = found.values if isinstance(found, Bootstrap) else found.best.values
+        for name, unit, value in zip(found.names, found.units, values, strict=True):
+            row = ShownInterval(label, float(value), (found.interval(name, level),))
+            panels.setdefault(name, []).append(row)
+            units.setdefault(name, unit)
+    if axes is None:
+        title = title or f"estimates and their {100 * level:g} % intervals"
+    return interval_figure(panels, units=units, truth=truth, title=title, axes=axes)
+
+
+def ellipse_figure(
+    ellipses: Mapping[str, Ellipse],
+    *,
+    names: tuple[str, str],
+    units: tuple[str, str] = ("", ""),
+    intervals: tuple[tuple[float, float], tuple[float, float]] | None = None,
+    truth: tuple[float, float] | None = None,
+    cloud: Float[np.ndarray, "k 2"] | None = None,
+    regions: Mapping[str, Sequence[Float[np.ndarray, "corners 2"]]] | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Joint confidence ellipses of a pair, and what else is known of it.
+
+    Parameters
+    ----------
+    ellipses : mapping of str to Ellipse
+        By what they are to be called; drawn with their centres.
+    names, units : tuple of str
+        Of the two, abscissa first.
+    intervals : pair of (float, float), optional
+        Each parameter's own interval: the rectangle they span is dashed.
+    truth : tuple of float, optional
+        A point to mark.
+    cloud : ndarray, shape (k, 2), optional
+        Replicates.
+    regions : mapping of str to sequence of ndarray, shape (corners, 2), optional
+        Other regions by the polygons of their outlines.
+    title : str
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `ax`.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, or `ax` are no Axes.
+    """
+    if not ellipses and not regions:
+        raise UsageError("an ellipse or a region to draw", "none", "Give one by its name.")
+    axes = panel(ax, 6.4, 5.2, title)
+    if cloud is not None:
+        dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
+        axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
+    for place, (label, ellipse) in enumerate(ellipses.items()):
+        colour = INTERVAL_COLOURS[place % len(INTERVAL_COLOURS)]
+        axes.fill(*ellipse.outline().T, color=colour, alpha=0.12, lw=0)
+        axes.plot(*ellipse.outline().T, color=colour, lw=1.6, label=label)
+        axes.plot(*ellipse.centre, "+", color=colour, ms=9, mew=1.6)
+    for place, (label, polygons) in enumerate((regions or {}).items(), start=len(ellipses)):
+        colour = INTERVAL_COLOURS[place % len(INTERVAL_COLOURS)]
+        for number, corners in enumerate(polygons):
+            axes.plot(*corners.T, color=colour, lw=1.3, ls="-.", label="_" if number else label)
+    if intervals is not None:
+        (left, right), (low, high) = intervals
+        box = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
+        axes.plot(*box.T, color=DARK, lw=0.9, ls="--", label="intervals one by one")
+    if truth is not None:
+        axes.plot(*truth, "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
+    axes.set_xlabel(axis_words(names[0], units[0]), parse_math=False)
+    axes.set_ylabel(axis_words(names[1], units[1]), parse_math=False)
+    axes.margins(0.08)
+    axes.grid(alpha=0.25)
+    legend(axes)
+    return figure_of(axes)
+
+
+def pair_figure(
+    estimate: Estimate,
+    name: str,
+    other: str,
+    *,
+    level: float = 0.95,
+    truth: Mapping[str, float] | None = None,
+    replicates: Bootstrap | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Joint ellipse of two parameters of an estimate, with their intervals.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With its rows at hand.
+    name, other : str
+        The parameters, abscissa first.
+    level : float
+        Confidence level.
+    truth : mapping of str to float, optional
+        Values of parameters.
+    replicates : Bootstrap, optional
+        Drawn as a cloud.
+    title : str
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        See `ellipse_figure`.
+
+    Raises
+    ------
+    UsageError
+        When a parameter is unknown, the level is not between 0 and 1, or `ax` are no Axes.
+    """
+    unit = dict(zip(estimate.names, estimate.units, strict=True))
+    ellipse = estimate.ellipse(name, other, level)
+    cloud = None
+    if replicates is not None:
+        cloud = replicates.replicates[:, [replicates.names.index(one) for one in (name, other)]]
+    return ellipse_figure(
+        {f"joint {100 * level:g} % ellipse": ellipse},
+        names=(name, other),
+        units=(unit[name], unit[other]),
+        intervals=(estimate.interval(name, level), estimate.interval(other, level)),
+        truth=None if truth is None else (truth[name], truth[other]),
+        cloud=cloud,
+        title=title,
+        ax=ax,
+    )
+
+
+def axis_words(name: str, unit: str) -> str:
+    """Parameter in words with its symbol and unit; "[-]" when it has none."""
+    known = wording_of(name)
+    words = f"{known.words} {known.symbol}" if known else printable(name)
+    return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
+
+
+def _panel(axes: Axes, rows: Sequence[ShownInterval], labels: Sequence[str], truth: float | None) -> None:
+    low, high = _interval_limits(rows, truth)
+    axes.set_xlim(low, high)
+    for place, row in enumerate(rows):
+        colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
+        for left, right in row.pieces:
+            axes.plot([max(left, low), min(right, high)], [place, place], color=colour, lw=2.2)
+            inside = 0.02 * (high - low)
+            for end, arrow, mark in ((left, low + inside, "<"), (right, high - inside, ">")):
+                unbounded = math.isinf(end)
+                at = arrow if unbounded else end
+                axes.plot(at, place, mark if unbounded else "|", color=colour, ms=8, mew=1.8)
+        if not row.pieces:
+            axes.text(0.5 * (low + high), place, "empty set", ha="center", va="center", fontsize=8)
+        if math.isfinite(row.value):
+            axes.plot(row.value, place, "o", color=colour, ms=5)
+    if truth is not None:
+        axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
+        legend(axes, size=7)
+    axes.set_yticks(range(len(rows)), [printable(row.label) for row in rows], fontsize=9)
+    for text in axes.get_yticklabels():
+        text.set_parse_math(False)
+    axes.set_ylim(len(rows) - 0.4, -0.6 - 0.5 * (truth is not None))
+    axes.tick_params(axis="x", labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    axes.grid(alpha=0.25)
+
+
+def _interval_limits(rows: Sequence[ShownInterval], truth: float | None) -> tuple[float, float]:
+    """Range of all finite numbers, with a margin; never empty."""
+    numbers = [end for row in rows for piece in row.pieces for end in piece] + [row.value for row in rows]
+    finite = [x for x in [*numbers, *([] if truth is None else [truth])] if math.isfinite(x)] or [0.0]
+    low, high = min(finite), max(finite)
+    margin = MARGIN * (high - low) if high > low else 0.1 * abs(high) or 0.1
+    return low - margin, high + margin
+
+
+# -- Profile panels --
+
+#: The profile is drawn up to so many times the height that bounds a delay, or higher; linear up to
+#: that height and logarithmic above it.
+PROFILE_HEIGHT = 5.0
+#: A grid of positive values whose ends have this ratio or a larger one has a logarithmic axis.
+WIDE_RATIO = 10.0
+#: Numbers that a logarithmic axis has in each decade.
+TICKS = (1, 2, 5)
+
+
+def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
+    """Say why there is no nuisance whose values could be compared."""
+    axes.set_title("How well each lag fits", fontsize=9)
+    given = None if result.fit is None else result.fit.given_lag
+    why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
+    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
+    axes.set_axis_off()
+
+
+def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number: int) -> None:
+    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to.
+    result : FlightEstimate
+        With words and intervals.
+    estimate : Estimate
+        Its estimate.
+    number : int
+        Which of the profiles.
+    """
+    profile = estimate.best.profiles[number]
+    quantity = result.quantities[profile.nuisance.name]
+    wording = result.motion.wording[profile.nuisance.name]
+    scale = wording.scale
+    quantile = chi_square_quantile(0.95)
+    tallest = PROFILE_HEIGHT * quantile
+    for curve in profile_curves(result, estimate, number):
+        tallest = max(tallest, float(curve.excess.max()))
+        axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label=curve.choice)
+    _abscissa(axes, profile.grid * scale)
+    first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
+    low, high = (float(np.clip(scale * end, first, last)) for end in quantity.interval)
+    axes.axvspan(low, high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
+    axes.axvline(scale * quantity.value, color=SHADE, lw=0.7)
+    axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
+    axes.set_yscale("symlog", linthresh=quantile)
+    axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
+    axes.set_title(f"How well each {wording.words} fits", fontsize=9, parse_math=False)
+    axes.set_xlabel(f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]", parse_math=False)
+    axes.set_ylabel("objective above its least (χ² units)")
+    axes.grid(alpha=0.25)
+    legend(axes, size=7, place="upper left", columns=2)
+
+
+def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
+    """Range of the grid: logarithmic, with round numbers, where it spans a decade."""
+    low, high = float(grid[0]), float(grid[-1])
+    if low <= 0.0 or high < WIDE_RATIO * low:
+        margin = 0.03 * (high - low)
+        axes.set_xlim(low - margin, high + margin)
+        return
+    axes.set_xscale("log")
+    low, high = 0.9 * low, 1.1 * high
+    axes.set_xlim(low, high)
+    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
+    ticks = [tick * 10.0**decade for decade in decades for tick in TICKS]
+    shown = [tick for tick in ticks if low <= tick <= high]
+    axes.set_xticks(shown, labels=[f"{tick:g}" for tick in shown])
+    axes.minorticks_off()

@@ -1,0 +1,830 @@
+"""Matplotlib figures of results."""
+
+from __future__ import annotations
+
+import textwrap
+import warnings
+from functools import partial
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+
+from eivor.atomic_file import whole_file
+from eivor.errors import NonFiniteError, TooFewSamplesError
+from eivor.flights.motion import UNCHANGED, Ahead, AheadError
+from eivor.flights.quantity import Panel
+from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.track import Track
+from eivor.inference.bootstrap import autocovariance
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.verdict import Status
+from eivor.report.document import printable, short_name
+from eivor.report.figure_panels import (
+    BLUE,
+    DARK,
+    FIT_SHOWN_S,
+    GREY,
+    RED,
+    GivenAxes,
+    Panels,
+    draw_autocorrelation,
+    draw_excitation,
+    draw_fit,
+    draw_no_profile,
+    draw_profile,
+    draw_residual,
+    drawable,
+    figure_of,
+    fitting,
+    given_axes,
+    labelled,
+    legend,
+    page,
+    panel,
+    without_abscissa,
+)
+from eivor.report.flight import flight_runs, shown_in
+from eivor.report.other_results import ModelPrediction, Validation, untold
+from eivor.report.wording import NO_NUMBER, numbers
+from eivor.signals.channels import canonical_channel
+from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
+from eivor.signals.signals import Signals
+from eivor.tools import Bool, Float
+
+# -- Multi-step prediction --
+
+AHEAD_COLOURS = (RED, BLUE, "#8a6d3b")
+WIDTH_INCHES, ROW_INCHES = 11.0, 2.3
+#: So much of a flight is drawn over time [s].
+AHEAD_SHOWN_S = 20.0
+#: A line is broken where so many times the usual step passes without a start.
+BROKEN_AFTER = 3.0
+
+
+def ahead_panels(ahead: Ahead) -> Panels:
+    """Panels by name: each quantity, and "QUANTITY by horizon" beside it."""
+    panels: Panels = {}
+    shown = _liveliest(ahead)
+    for number, models in enumerate(ahead.by_quantity):
+        name = models[0].quantity
+        panels[name] = partial(
+            _draw_ahead_over_time, ahead=ahead, models=models, shown=shown, first=number == 0
+        )
+        panels[f"{name} by horizon"] = partial(_by_horizon, ahead=ahead, models=models, first=number == 0)
+    return panels
+
+
+def ahead_page(names: tuple[str, ...]) -> dict[str, Axes]:
+    """A page with two panels in a row."""
+    rows = len(names) // 2
+    figure: Figure = page(WIDTH_INCHES, ROW_INCHES * rows + 1.2)
+    grid = GridSpec(rows, 2, figure=figure, width_ratios=(2.2, 1.0))
+    return {name: figure.add_subplot(grid[place // 2, place % 2]) for place, name in enumerate(names)}
+
+
+def _draw_ahead_over_time(
+    ax: Axes, ahead: Ahead, models: tuple[AheadError, ...], shown: Bool[np.ndarray, " starts"], *, first: bool
+) -> None:
+    unit, times = shown_in(models[0].unit)
+    after = ahead.horizons_s[-1]
+    time = ahead.start_s[shown] + after
+    quantity = models[0].quantity
+    if models[0].series is not None:
+        ax.plot(*_unbroken(time, times * models[0].series[shown, 0]), color=DARK, lw=2.6, alpha=0.4)
+        words = f"{quantity} [{unit}]"
+    else:
+        words = f"error of {quantity} [{unit}]"
+    for one, colour in _coloured(models):
+        if one.series is None:
+            ax.plot(*_unbroken(time, times * one.left[shown, -1]), color=colour, lw=1.0)
+        elif one.model != UNCHANGED:
+            ax.plot(*_unbroken(time, times * one.series[shown, 1]), color=colour, lw=1.0)
+    labelled(ax, x="time [s]", y=words, size=9.0)
+    ax.margins(x=0.005)
+    if first:
+        title = f"After {after:g} s, in the liveliest {time[-1] - time[0]:.0f} s of the flight"
+        ax.set_title(fitting(ax, title), fontsize=9, parse_math=False)
+
+
+def _by_horizon(ax: Axes, ahead: Ahead, models: tuple[AheadError, ...], *, first: bool) -> None:
+    unit, times = shown_in(models[0].unit)
+    for one, colour in _coloured(models):
+        errors = times * np.array(one.rms)
+        ax.plot(ahead.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=one.words)
+    most = times * max(max(one.rms) for one in models)
+    ax.set_ylim(0.0, (1.75 if first else 1.1) * most or 1.0)
+    labelled(ax, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
+    if first:
+        ax.set_title("By horizon", fontsize=9)
+        ax.plot([], [], color=DARK, lw=2.6, alpha=0.4, label="measured")
+        legend(ax, size=7, place="upper left")
+
+
+def _coloured(models: tuple[AheadError, ...]) -> list[tuple[AheadError, str]]:
+    """Models, the fit drawn last and so on top."""
+    parametric = [one for one in models if one.model != UNCHANGED]
+    colours = dict(zip((one.model for one in parametric), AHEAD_COLOURS, strict=False))
+    return [(one, colours.get(one.model, GREY)) for one in reversed(models)]
+
+
+def _liveliest(ahead: Ahead) -> Bool[np.ndarray, " starts"]:
+    """Starts within the part of a flight in which most happens that does not stay as it is."""
+    time = ahead.start_s
+    ends = np.flatnonzero(np.diff(time, append=-np.inf) < 0.0) + 1
+    begin, best, found = 0, -np.inf, slice(0, time.size)
+    stayed = [models[-1] for models in ahead.by_quantity]
+    moved = sum(
+        (np.nan_to_num(one.left[:, -1] / (one.rms[-1] or 1.0)) ** 2 for one in stayed), np.zeros(time.size)
+    )
+    for end in ends.tolist():
+        power = np.concatenate([[0.0], np.cumsum(moved[begin:end])])
+        last = np.searchsorted(time[begin:end], time[begin:end] + AHEAD_SHOWN_S, side="right")
+        inside = power[last] - power[: end - begin]
+        start = int(np.argmax(inside))
+        if inside[start] > best:
+            best, found = float(inside[start]), slice(begin + start, begin + int(last[start]))
+        begin = end
+    mask = np.zeros(time.size, dtype=np.bool_)
+    mask[found] = True
+    return mask
+
+
+def _unbroken(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Time and values, without a line over stretches in which nothing starts."""
+    if time.size < 2:
+        return time, values
+    steps = np.diff(time, prepend=time[0])
+    shown = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
+    return time, shown
+
+
+# -- Figure without estimate --
+
+SIZE_INCHES = (11.0, 8.5)
+
+
+def flight_panels(result: FlightEstimate) -> Panels:
+    """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
+    prepared = result.prepared[0]
+    level = prepared.signals.family(prepared.input.name).mean(axis=1)
+    shown = {_name(panel): panel for panel in result.motion.overview(prepared)}
+    shown["input"] = Panel(f"mean of\n{prepared.input.name}", level)
+    first = next(iter(shown))
+    panels: Panels = {
+        name: partial(
+            _draw, shown=panel, result=result, title=_title_without_estimate(result) if name == first else ""
+        )
+        for name, panel in shown.items()
+    }
+    panels["reasons"] = partial(_write_reasons, result=result)
+    return panels
+
+
+def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
+    """Axes of these panels, one below the other; the last has words only."""
+    figure = page(*SIZE_INCHES)
+    panels = figure.subplots(len(names), 1, height_ratios=[*[1.0] * (len(names) - 1), 0.6])
+    for drawn_panel in panels[1:-1]:
+        drawn_panel.sharex(panels[0])
+    for drawn_panel in panels[:-2]:
+        without_abscissa(drawn_panel)
+    return dict(zip(names, panels, strict=True))
+
+
+def _name(panel: Panel) -> str:
+    """Label of a panel in one line, without its unit."""
+    return " ".join(panel.label.split()).partition(" [")[0]
+
+
+def _title_without_estimate(result: FlightEstimate) -> str:
+    prepared, where = result.prepared[0], result.motion.words.where
+    known = f"shaded where {where}" if prepared.active.mask.any() else f"never {where}"
+    return f"{printable(prepared.recording.name)}: {known}, by {prepared.active.rule}"
+
+
+def _draw(axes: Axes, shown: Panel, result: FlightEstimate, title: str) -> None:
+    prepared = result.prepared[0]
+    time = prepared.grid.time_s
+    axes.plot(time, shown.values, color="#333333", lw=0.9)
+    axes.set_ylabel(shown.label, parse_math=False)
+    axes.set_xlabel("time from the log's start [s]")
+    axes.grid(alpha=0.25)
+    axes.margins(x=0.005)
+    _shade(axes, time, prepared.active.mask, "#2e86ab")
+    _shade(axes, time, prepared.used, "#1b7f3b")
+    if title:
+        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
+
+
+def _write_reasons(axes: Axes, result: FlightEstimate) -> None:
+    axes.set_axis_off()
+    lines = [fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
+    axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=9, parse_math=False)
+
+
+def _shade(panel: Axes, time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"], colour: str) -> None:
+    if mask.any():
+        across = panel.get_xaxis_transform()
+        panel.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
+
+
+# -- Flight figure --
+
+#: What each further axis adds to the height.
+AXIS_INCHES = 4.0
+#: So many panels stand side by side in that width; more of them make it wider.
+LEAST_BESIDE = 3
+TITLE_COLOURS = {
+    Status.IDENTIFIED: "#1b7f3b",
+    Status.WEAK: "#a06a00",
+    Status.PROVISIONAL: "#7b3f9e",
+    Status.REFUSED: "#b3261e",
+}
+
+
+def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figure:
+    """Figure of a result; without an estimate it shows the flight itself and says why.
+
+    Parameters
+    ----------
+    result : FlightEstimate
+        Of one flight or of a pool.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some panels by name, or all in order, see the notes. Default: a figure of its
+        own, with the verdict above.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`; save it with `save_figure` or `Figure.savefig`.
+
+    Raises
+    ------
+    UsageError
+        When `axes` do not fit the panels.
+
+    Notes
+    -----
+    Panels are "fit", "residual", "autocorrelation", "profile" and "excitation". A motion of several axes has
+    "fit of AXIS" and "residual of AXIS" for each; with several continuous nuisances there is a "profile of
+    NAME" for each. Without an estimate they are what the motion looks at, "input" and "reasons".
+    """
+    panels = flight_panels(result) if result.fit is None else _panels(result, result.fit)
+    if axes is not None:
+        placed = given_axes(axes, tuple(panels))
+    else:
+        placed = (page_without_estimate if result.fit is None else _flight_page)(tuple(panels))
+    for name, drawn_panel in placed.items():
+        panels[name](drawn_panel)
+    figure = figure_of(*placed.values())
+    if axes is None:
+        _flight_title(figure, result)
+    return figure
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG, SVG or PDF, told by the ending; whole, and the same result gives the same bytes.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    kind = path.suffix.lower().lstrip(".")
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    with warnings.catch_warnings():
+        # a log's name may hold letters that the font does not have; they become boxes
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        with whole_file(path) as file:
+            figure.savefig(file, format=kind, metadata=metadata)
+
+
+def _panels(result: FlightEstimate, fit: Fit) -> Panels:
+    """Panels of an estimate, in order; where there are several of a kind, they say what they are of."""
+    estimate, runs = fit.estimate, flight_runs(result)
+    traces = fit.traces(result.motion)
+    panels: Panels = {}
+    for trace in traces:
+        of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
+        panels[f"fit{of_axis}"] = partial(draw_fit, trace=trace, runs=runs)
+        panels[f"residual{of_axis}"] = partial(draw_residual, trace=trace, runs=runs)
+    panels["autocorrelation"] = partial(draw_autocorrelation, best=estimate.best, runs=runs)
+    profiles = estimate.best.profiles
+    for number, profile in enumerate(profiles):
+        of_nuisance = f" of {profile.nuisance.name}" if len(profiles) > 1 else ""
+        panels[f"profile{of_nuisance}"] = partial(
+            draw_profile, result=result, estimate=estimate, number=number
+        )
+    if not profiles:
+        panels["profile"] = partial(draw_no_profile, result=result)
+    panels["excitation"] = partial(draw_excitation, traces=traces, runs=runs)
+    return panels
+
+
+def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
+    """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
+    wide = [name for name in names if name.startswith(("fit", "residual"))]
+    beside = [name for name in names if name not in wide]
+    width, height = SIZE_INCHES
+    figure = page(width * max(len(beside) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
+    grid = GridSpec(
+        len(wide) + 1, len(beside), figure=figure, height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2)
+    )
+    placed: dict[str, Axes] = {}
+    for row, (fit, residual) in enumerate(zip(wide[::2], wide[1::2], strict=True)):
+        placed[fit] = figure.add_subplot(grid[2 * row, :])
+        placed[residual] = figure.add_subplot(grid[2 * row + 1, :], sharex=placed[fit])
+        without_abscissa(placed[fit])
+    return placed | {name: figure.add_subplot(grid[-1, place]) for place, name in enumerate(beside)}
+
+
+def _flight_title(figure: Figure, result: FlightEstimate) -> None:
+    names = [printable(flight.recording.name) for flight in result.prepared]
+    shown = short_name(names[0])
+    if len(names) > 1:
+        shown = f"{len(names)} flights: {shown}, …"
+    parts = []
+    for name in result.motion.rows:
+        wording = result.motion.wording[name]
+        value, interval = numbers(result.quantities[name], wording)
+        if value != NO_NUMBER:
+            bounds = "" if interval == NO_NUMBER else f" {interval}"
+            parts.append(f"{wording.words} {value}{bounds} {wording.shown_unit}".rstrip())
+    lines = [f"{shown} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
+    figure.suptitle(
+        "\n".join(line for line in lines if line),
+        fontsize=11,
+        color=TITLE_COLOURS[result.verdict.status],
+        parse_math=False,
+    )
+
+
+# -- Noise figures --
+
+#: Periodogram bins are averaged in bands of so many for each decade of frequency.
+BANDS_PER_DECADE = 12
+
+
+def noise_spectrum_figure(
+    values: Float[np.ndarray, " n"],
+    *,
+    rate_hz: float,
+    unit: str = "",
+    estimate: LongMemory | None = None,
+    title: str = "",
+    ax: Axes | None = None,
+) -> Figure:
+    """Spectrum of a record at rest and the fractional noise that was fitted to it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Uniformly sampled noise, in `unit`.
+    rate_hz : float
+        Samples per second [Hz].
+    unit : str
+        Unit of the values; "-" for none.
+    estimate : LongMemory, optional
+        What was fitted. Default: `estimate_long_memory` of the values.
+    title : str
+        Of the figure, or of the panel that is given.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `ax`.
+
+    Raises
+    ------
+    NonFiniteError
+        When the rate is not positive; see also `estimate_long_memory`.
+    UsageError
+        When `ax` are no Axes.
+    """
+    if not (np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise NonFiniteError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give samples per second.")
+    axes = panel(ax, 8.0, 5.0, title)
+    draw_noise_spectrum(axes, values, rate_hz=rate_hz, unit=unit, estimate=estimate)
+    return figure_of(axes)
+
+
+def draw_noise_spectrum(
+    axes: Axes,
+    values: Float[np.ndarray, " n"],
+    *,
+    rate_hz: float,
+    unit: str = "",
+    estimate: LongMemory | None = None,
+) -> None:
+    """Draw what `noise_spectrum_figure` shows into one panel."""
+    found = estimate or estimate_long_memory(values)
+    frequency = rate_hz * np.arange(1, (values.size + 1) // 2) / values.size
+    spectrum = np.abs(np.fft.rfft(values - values.mean())[1 : frequency.size + 1]) ** 2
+    amplitude = np.sqrt(2.0 * spectrum / (values.size * rate_hz))
+    gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
+    fitted = np.sqrt(2.0 / rate_hz) * found.std * gain**found.order
+    axes.loglog(frequency, amplitude, color=GREY, lw=0.4, alpha=0.5, label="periodogram")
+    axes.loglog(*_banded(frequency, amplitude), "o", color=BLUE, ms=4, label="mean power of bands")
+    used = frequency <= rate_hz * found.bandwidth / values.size
+    what = f"fractional noise, order {found.order:.3f} ± {found.order_error:.3f}"
+    axes.loglog(frequency, fitted, color=RED, lw=0.9, ls="--")
+    axes.loglog(frequency[used], fitted[used], color=RED, lw=1.8, label=f"{what}\n(fitted where solid)")
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel(f"amplitude density [{printable(unit) or '-'} per √Hz]", parse_math=False)
+    # periodogram bins may be next to nothing; below the bands they say nothing either
+    floor, top = float(np.quantile(amplitude, 0.01)), float(amplitude.max())
+    axes.set_ylim(0.5 * max(floor, 1e-12 * top), 3.0 * top)
+    axes.grid(alpha=0.25, which="both")
+    legend(axes)
+
+
+def _banded(
+    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"]
+) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
+    """Geometric mean frequency and root mean square amplitude of bands of equal ratio."""
+    band = np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])).astype(np.int64)
+    _, place = np.unique(band, return_inverse=True)
+    count = np.bincount(place)
+    centre = np.exp(np.bincount(place, np.log(frequency)) / count)
+    return centre, np.sqrt(np.bincount(place, amplitude**2) / count)
+
+
+# -- Residual figures --
+
+#: Names of the panels.
+PANELS = ("time", "autocorrelation", "spectrum")
+#: Lags of the autocorrelation, and the largest share of the record that they may reach.
+LAGS, LARGEST_SHARE = 60, 0.25
+#: More samples than so many are drawn as the range of each of so many stretches.
+STRETCHES = 2000
+
+
+def residual_figure(
+    residual: Float[np.ndarray, " n"],
+    *,
+    rate_hz: float,
+    unit: str = "",
+    start_s: float = 0.0,
+    lags: int = LAGS,
+    title: str = "",
+    axes: GivenAxes | None = None,
+) -> Figure:
+    """Three panels that tell whether a residual is white.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        In time order, in `unit`.
+    rate_hz : float
+        Samples per second [Hz].
+    unit : str
+        Unit of the residual.
+    start_s : float
+        Time of the first sample [s].
+    lags : int
+        Lags of the autocorrelation [samples].
+    title : str
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some of "time", "autocorrelation" and "spectrum", or all three in this order.
+        Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`. White noise keeps 95 % of its autocorrelations within
+        the dashed band, 1.96 / sqrt(n); uncorrelated noise of any varying strength within the shaded one.
+
+    Raises
+    ------
+    NonFiniteError
+        When a value is not finite, or the rate is not positive.
+    TooFewSamplesError
+        With too few samples for a spectrum.
+    UsageError
+        When `axes` do not fit the panels.
+    """
+    if not (np.isfinite(residual).all() and np.isfinite(rate_hz) and rate_hz > 0.0):
+        raise NonFiniteError(
+            "finite residuals and a positive rate", f"rate_hz={rate_hz}", "Repair or cut the samples."
+        )
+    if residual.size < 2 * LEAST_BANDWIDTH + 1:
+        raise TooFewSamplesError(
+            f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
+        )
+    panels = _residual_page(title) if axes is None else given_axes(axes, PANELS, title)
+    squared = unit.replace("^2", "²")
+    if "time" in panels:
+        over_time = panels["time"]
+        _draw_time(over_time, residual, start_s + np.arange(residual.size) / rate_hz)
+        over_time.set_ylabel(f"residual [{printable(squared) or '-'}]", parse_math=False)
+    if "autocorrelation" in panels:
+        most = max(1, min(lags, int(LARGEST_SHARE * residual.size)))
+        _draw_autocorrelation(panels["autocorrelation"], residual, most, rate_hz)
+    if "spectrum" in panels:
+        draw_noise_spectrum(panels["spectrum"], residual, rate_hz=rate_hz, unit=squared)
+    return figure_of(*panels.values())
+
+
+def _residual_page(title: str) -> dict[str, Axes]:
+    figure = page(10.0, 6.4, title)
+    grid = figure.add_gridspec(2, 2, height_ratios=(0.85, 1.0))
+    places = (grid[0, :], grid[1, 0], grid[1, 1])
+    return {name: figure.add_subplot(place) for name, place in zip(PANELS, places, strict=True)}
+
+
+def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
+    """95 % half-width of the autocorrelation at each lag of uncorrelated noise whose strength varies.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (n,)
+        The mean is taken off.
+    lags : int
+        At lags 1 to `lags`.
+
+    Notes
+    -----
+    Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength.
+    """
+    e = residual - residual.mean()
+    power = float(e @ e)
+    squares = e * e
+    together = np.array([float(squares[k:] @ squares[:-k]) for k in range(1, lags + 1)])
+    width: Float[np.ndarray, " lags"] = normal_quantile(0.95) * np.sqrt(together) / power
+    return width
+
+
+def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"]) -> None:
+    if values.size > 2 * STRETCHES:
+        first = np.arange(STRETCHES) * values.size // STRETCHES
+        low, high = (reduce.reduceat(values, first) for reduce in (np.minimum, np.maximum))
+        axes.fill_between(time[first], low, high, color=GREY, lw=0.3, label="range")
+    else:
+        axes.plot(time, values, color=GREY, lw=0.7)
+    axes.axhline(0.0, color=DARK, lw=0.8)
+    axes.set_xlabel("time t [s]")
+    axes.margins(x=0.005)
+    axes.grid(alpha=0.25)
+
+
+def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int, rate_hz: float) -> None:
+    centred = values - values.mean()
+    R = autocovariance(centred, lags)
+    lag = np.arange(1, lags + 1)
+    robust, white = robust_band(values, lags), normal_quantile(0.95) / np.sqrt(values.size)
+    axes.fill_between(
+        lag, -robust, robust, color=BLUE, alpha=0.3, lw=0, label="uncorrelated, varying strength"
+    )
+    for edge in (-white, white):
+        axes.axhline(edge, color=RED, lw=1.0, ls="--", label="white noise, 95 %" if edge > 0.0 else "_")
+    axes.vlines(lag, 0.0, R[1:] / R[0], color=DARK, lw=1.2)
+    axes.plot(lag, R[1:] / R[0], "o", color=DARK, ms=2.5)
+    axes.axhline(0.0, color=DARK, lw=0.8)
+    axes.set_xlabel(f"lag [samples of {1.0 / rate_hz:.3g} s]")
+    axes.set_ylabel("autocorrelation [-]")
+    axes.grid(alpha=0.25)
+    legend(axes, size=7)
+
+
+# -- Signal figures --
+
+SIGNAL_WIDTH, PANEL_HEIGHT = 10.0, 2.3
+#: How channels are called on an axis; others by their names.
+WORDS = {
+    "input": "input u",
+    "position_z": "height z",
+    "velocity_z": "velocity z'",
+    "specific_force_z": "specific force z'' + g",
+    "acceleration_z": "acceleration z''",
+}
+
+
+def signals_figure(
+    signals: Signals,
+    channels: tuple[str, ...] = (),
+    *,
+    truth: Signals | None = None,
+    title: str = "",
+    axes: GivenAxes | None = None,
+) -> Figure:
+    """Channels over time, one below the other.
+
+    Parameters
+    ----------
+    signals : Signals
+        What to draw; samples that are not valid leave gaps.
+    channels : tuple of str
+        Which channels; all for none.
+    truth : Signals, optional
+        The same channels without noise, drawn above the measured ones.
+    title : str
+        Of the figure, or of the first panel that is given.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: some channels by name, or all in order. Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`.
+
+    Raises
+    ------
+    UsageError
+        When there is nothing to draw, or `axes` do not fit the channels.
+    MissingChannelError
+        When a channel is absent.
+    """
+    names = tuple(dict.fromkeys(channels or signals.channels))
+    drawable(names, "channels", "Name some of them.")
+    panels = _column(names, title) if axes is None else given_axes(axes, names, title)
+    time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
+    for place, (name, drawn_panel) in enumerate(panels.items()):
+        values = signals.channel(name)
+        if signals.valid is not None:
+            values = np.where(signals.valid, values, np.nan)
+        has_truth = truth is not None and name in truth.channels
+        drawn_panel.plot(time, values, color=GREY if has_truth else DARK, lw=0.7, label="measured")
+        if truth is not None and has_truth:
+            drawn_panel.plot(time, truth.channel(name), color=RED, lw=0.9, label="without noise")
+            if place == 0:
+                legend(drawn_panel, place="upper right")
+        labelled(drawn_panel, x="time t [s]", y=axis_label(name))
+        drawn_panel.margins(x=0.005)
+    return figure_of(*panels.values())
+
+
+def _column(names: tuple[str, ...], title: str) -> dict[str, Axes]:
+    """Panels of a page, one below the other, over one axis of time."""
+    figure = page(SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7, title)
+    panels: dict[str, Axes] = {}
+    for place, name in enumerate(names, start=1):
+        panels[name] = figure.add_subplot(len(names), 1, place, sharex=panels.get(names[0]))
+        if place < len(names):
+            without_abscissa(panels[name])
+    return panels
+
+
+def axis_label(name: str) -> str:
+    """Channel in words with its unit; "[-]" for a channel whose unit is its own."""
+    channel = canonical_channel(name)
+    unit = (channel.unit if channel else "").replace("^2", "²") or "-"
+    return f"{printable(WORDS.get(name, name))} [{unit}]"
+
+
+# -- Track figure --
+
+TRACK_WIDTH, HEIGHT = 10.0, 4.5
+#: Letters of a line of words.
+LETTERS = 90
+
+
+def track_figure(track: Track) -> Figure:
+    """Value with its 95 % band over time; times at which nothing is told are left out."""
+    (flight,) = track.result.prepared
+    if not track.told:
+        figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: told at no moment")
+        figure.text(
+            0.5, 0.5, fill("\n".join(map(printable, untold(track))), LETTERS), ha="center", parse_math=False
+        )
+        return figure
+    wording = track.result.motion.wording[track.name]
+    time = np.array([one.time_s for one in track.moments])
+    told = np.array([one.told for one in track.moments])
+    value, half = (
+        np.where(told, wording.scale * np.array(part), np.nan)
+        for part in ([one.value for one in track.moments], [one.half_width for one in track.moments])
+    )
+    figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
+    axes = figure.add_subplot()
+    axes.fill_between(time, value - half, value + half, color=BLUE, alpha=0.2, lw=0, label="95 %")
+    axes.plot(time, value, color=BLUE, lw=1.3, label=f"memory {track.memory_s:g} s")
+    for number, change in enumerate(track.changes):
+        axes.axvline(change.time_s, color=RED, lw=1.2, ls="--", label="" if number else "change told")
+    labelled(axes, x="time t [s]", y=f"{wording.symbol} [{wording.shown_unit or wording.unit or '-'}]")
+    axes.margins(x=0.01)
+    legend(axes)
+    return figure
+
+
+# -- Validation figure --
+
+VALIDATION_COLOURS = (RED, BLUE, GREY, "#8a6d3b")
+#: Letters of a line of the title.
+TITLE_LETTERS = 120
+
+
+def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figure:
+    """Figure of a validation.
+
+    Parameters
+    ----------
+    found : Validation
+        What was predicted.
+    axes : mapping of str to Axes, or sequence of Axes, optional
+        Where to draw: panels by name, or all in order. Default: a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With a canvas of its own, or that of `axes`.
+
+    Raises
+    ------
+    UsageError
+        When `axes` do not fit the panels.
+
+    Notes
+    -----
+    For each quantity a panel of the name of its horizon, "one_step" or "open_loop", with what was measured
+    and predicted in the liveliest part of the longest run; and below it "HORIZON residual" with what each
+    model leaves there. Of predictions ahead for each quantity a panel of its name, and "QUANTITY by horizon".
+    """
+    panels: Panels = {} if found.ahead is None else ahead_panels(found.ahead)
+    for models in found.by_quantity:
+        name = models[0].horizon.value
+        panels[name] = partial(_draw_predicted, found=found, models=models)
+        panels[f"{name} residual"] = partial(_draw_left, found=found, models=models)
+    new_page = _validation_page if found.ahead is None else ahead_page
+    placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
+    for name, ax in placed.items():
+        panels[name](ax)
+    figure = figure_of(*placed.values())
+    if axes is None:
+        sentence = textwrap.fill(found.sentence, TITLE_LETTERS)
+        title = f"{short_name(printable(found.flight.recording.name))}\n{sentence}"
+        figure.suptitle(title, fontsize=11, parse_math=False)
+    return figure
+
+
+def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
+    figure = page(SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
+    grid = GridSpec(len(names), 1, figure=figure, height_ratios=(1.6, 1.0) * (len(names) // 2))
+    placed: dict[str, Axes] = {}
+    for row, (predicted, left) in enumerate(zip(names[::2], names[1::2], strict=True)):
+        placed[predicted] = figure.add_subplot(grid[2 * row])
+        placed[left] = figure.add_subplot(grid[2 * row + 1], sharex=placed[predicted])
+        without_abscissa(placed[predicted])
+    return placed
+
+
+def _draw_predicted(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
+    time, shown = _shown(found, models[0])
+    ax.plot(time, models[0].measured[shown], color=DARK, lw=1.2, label="measured")
+    limits = _measured_limits(models[0].measured[shown])
+    for one, colour in zip(models, VALIDATION_COLOURS, strict=False):
+        ax.plot(time, one.predicted[shown], color=colour, lw=1.0, label=_label(one))
+    first = models[0]
+    ax.set_ylim(*limits)
+    labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
+    start, end = time[0], time[-1]
+    ax.set_title(
+        fitting(ax, f"{first.quantity.capitalize()}, {first.horizon.words}, from {start:.0f} to {end:.0f} s"),
+        fontsize=9,
+        parse_math=False,
+    )
+    legend(ax, place="upper right")
+
+
+def _draw_left(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
+    time, shown = _shown(found, models[0])
+    left = [(one.measured - one.predicted)[shown] for one in models]
+    for values, colour in zip(left, VALIDATION_COLOURS, strict=False):
+        ax.plot(time, values, color=colour, lw=0.9)
+    ax.axhline(0.0, color="black", lw=0.5)
+    low, high = _measured_limits(models[0].measured[shown])
+    half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
+    ax.set_ylim(-half, half)
+    labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
+
+
+def _label(one: ModelPrediction) -> str:
+    return f"{one.words}: RMS error {one.error.rms:.2g} {one.unit}, explains {one.error.explained:.0%}"
+
+
+def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
+    """Room for what was measured, and above it for the legend; what drifts further leaves the panel."""
+    low, high = float(measured.min()), float(measured.max())
+    height = max(high - low, 1e-9)
+    return low - 0.25 * height, high + 0.75 * height
+
+
+def _shown(found: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
+    """Time and samples of the liveliest part of the longest run."""
+    lengths = [samples.size for samples in found.flight.samples_of_runs]
+    longest = int(np.argmax(lengths))
+    begin = sum(lengths[:longest])
+    count = min(lengths[longest], max(int(FIT_SHOWN_S * found.flight.signals.rate_hz), 1))
+    values = first.measured[begin : begin + lengths[longest]]
+    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
+    start = int(np.argmax(power[count:] - power[: power.size - count]))
+    time = found.flight.grid.time_s[found.flight.samples_of_runs[longest]]
+    return time[start : start + count], slice(begin + start, begin + start + count)

@@ -1,0 +1,865 @@
+"""Document of a flight's result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.variable_projection import NuisanceProfile
+from eivor.flights.identify import not_estimated
+from eivor.flights.motion import Ahead
+from eivor.flights.quantity import CardSection, Implications, Kind, Quantity, Trace, Wording
+from eivor.flights.result import FitDiagnostics, FlightEstimate, FlightRow
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
+from eivor.inference.diagnostics.record import told
+from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
+from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.models.spectral import BinRows, SpectralRun
+from eivor.report.document import (
+    Bullets,
+    Cell,
+    Document,
+    Fact,
+    Facts,
+    Figure,
+    Part,
+    Section,
+    TableColumn,
+    TableOf,
+    printable,
+)
+from eivor.report.wording import NO_NUMBER, flight_card, numbers, plain_numbers, used
+from eivor.signals.recording import Finding
+from eivor.tools import Complex, Float
+
+# -- Multi-step prediction --
+
+#: Units that people read angles in, with what numbers are multiplied by.
+SHOWN_IN = {"rad": ("deg", math.degrees(1.0)), "rad/s": ("deg/s", math.degrees(1.0))}
+
+
+def shown_in(unit: str) -> tuple[str, float]:
+    """Unit to show what is in another one, and what its numbers are multiplied by."""
+    return SHOWN_IN.get(unit, (unit, 1.0))
+
+
+def ahead_rows(ahead: Ahead) -> list[tuple[str, ...]]:
+    """Quantity, model, shown unit, and root mean square errors by horizon, of every prediction."""
+    rows = []
+    for one in ahead.errors:
+        unit, times = shown_in(one.unit)
+        rows.append((one.quantity, one.words, unit, *(f"{times * error:.3g}" for error in one.rms)))
+    return rows
+
+
+def ahead_parts(ahead: Ahead, *, sentence: bool = True) -> tuple[Part, ...]:
+    """Root mean square errors of every quantity and model by horizon, and what is left out.
+
+    Parameters
+    ----------
+    ahead : Ahead
+        The predictions.
+    sentence : bool
+        Whether what was found is said besides.
+    """
+    said = (ahead.sentence,) if sentence and ahead.errors else ()
+    table = (_table(ahead),) if ahead.errors else ()
+    bullets = (*said, *ahead.left_out)
+    return (*table, Bullets(bullets)) if bullets else table
+
+
+def _table(ahead: Ahead) -> TableOf:
+    horizons = (TableColumn(f"{one:g} s", right=True, whole=True) for one in ahead.horizons_s)
+    columns = (TableColumn("RMS error of", whole=True), TableColumn("by"), *horizons)
+    rows, before = [], ""
+    for quantity, words, unit, *errors in ahead_rows(ahead):
+        first = "" if quantity == before else f"{quantity} [{unit}]"
+        rows.append(tuple(map(Cell, (first, words, *errors))))
+        before = quantity
+    return TableOf(columns, tuple(rows))
+
+
+# -- Fit checks --
+
+#: Outcomes of the tests of a pool.
+AGREEMENT = ("agree", "may differ", "differ")
+#: A check's title and its sentence.
+Check = tuple[str, str]
+
+
+def checks(result: FlightEstimate) -> tuple[Check, ...]:
+    """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
+    if result.fit is None:
+        return ()
+    makers = (
+        _given_lag,
+        _pool,
+        _sensors,
+        _strength,
+        _agreement,
+        _constancy,
+        _periodicity,
+        _memory,
+        _leverage,
+        _least_squares,
+    )
+    shared = tuple(check for maker in makers for check in maker(result, result.fit.checks))
+    return (*shared, *result.motion.checks(result.diagnostics))
+
+
+def _given_lag(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+    given = None if result.fit is None else result.fit.given_lag
+    if given is not None:
+        yield "lag", f"{given.sentence} {_tail(given.p_value)}"
+
+
+def _sensors(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+    sensors = None if result.fit is None else result.fit.sensors
+    if sensors is not None:
+        yield "sensors", result.motion.sensors_told(sensors)
+
+
+def _pool(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+    pool = None if result.fit is None else result.fit.pooled
+    if pool is not None:
+        own = ", ".join(result.motion.wording[name].symbol for name in pool.own)
+        yield (
+            "pool",
+            f"the flights {told(pool.own_p_value, AGREEMENT)} in {own} {_tail(pool.own_p_value)} and "
+            f"{told(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
+        )
+
+
+def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    known = [
+        f"{F:.0f} for {result.motion.wording[name].symbol}"
+        for name, F in found.first_stage.items()
+        if isfinite(F)
+    ]
+    if known:
+        yield "instruments", f"first-stage F {', '.join(known)} ({STRONG_FIRST_STAGE:.0f} is needed)"
+
+
+def _agreement(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    if found.agreement is not None and found.rank and isfinite(found.agreement.p_value):
+        yield "agreement", f"the instruments {found.agreement.outcome} {_tail(found.agreement.p_value)}"
+
+
+def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    constant = found.constancy
+    if constant is None:
+        return
+    sentence = f"the parameters {constant.outcome} {_tail(constant.p_value)}"
+    if constant.speaks:
+        changes = [
+            f"{wording.symbol} by {constant.change[result.names.index(name)] * wording.scale:+.2g} "
+            f"{wording.shown_unit}".rstrip()
+            for name, wording in _closely(result)
+        ]
+        sentence += f", most likely {constant.break_at:.0%} into the time used: {', '.join(changes)}"
+    yield "constancy", sentence
+
+
+def _periodicity(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    swinging = found.periodicity
+    if swinging is None:
+        return
+    tail = _tail(swinging.p_value)
+    if not swinging.speaks:
+        yield "periods", f"nothing varies periodically {tail}"
+        return
+    one = swinging.strongest
+    period = f"with a period of {one.period:.2g} s {tail}"
+    if one in swinging.left_over:
+        sentence = (
+            f"what the model leaves over of the {one.of} swings by {one.extent} {period}, "
+            "as by a wind or a supply that swings"
+        )
+    else:
+        wording = result.motion.wording[one.of]
+        extent = f"±{one.amplitude * wording.scale:.2g} {wording.shown_unit}".rstrip()
+        sentence = f"{wording.symbol} varies by {extent} {period}"
+    yield "periods", sentence
+
+
+def _memory(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    if found.memory is not None:
+        drifting = " (it drifts)" if found.memory.drifts else ""
+        yield "residual", f"memory {found.memory.memory:.2f} ± {2.0 * found.memory.order_error:.2f}{drifting}"
+
+
+def _leverage(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    leverage = found.leverage
+    if leverage is None:
+        return
+    for name, wording in _closely(result)[:1]:
+        place = result.names.index(name)
+        by = float(leverage.largest[place])
+        if isfinite(by):
+            look = ": look at it" if abs(by) > LARGE_LEVERAGE else ""
+            which = f"part {leverage.most[place] + 1} of {leverage.shift.shape[0]}"
+            yield "leverage", f"without {which}, {wording.symbol} moves by {by:+.1f} standard errors{look}"
+
+
+def _least_squares(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+    against, said = found.endogeneity, []
+    if against is None:
+        return
+    for name, wording in _closely(result):
+        quantity = result.quantities[name]
+        value = quantity.value - float(against.difference[result.names.index(name)])
+        if not isfinite(value):
+            continue
+        off = (value - quantity.value) / quantity.std_error
+        remark = f", {off:+.1f} standard errors off" if against.notable(off) else ""
+        shown = f"{wording.symbol} {value * wording.scale:.3g} {wording.shown_unit}".rstrip()
+        said.append(f"{shown}{remark}")
+    if said:
+        yield "least squares", f"would give {'; '.join(said)}"
+
+
+def _closely(result: FlightEstimate) -> list[tuple[str, Wording]]:
+    """Parameters of the headline, which are looked at more closely."""
+    return [(name, result.motion.wording[name]) for name in result.motion.headline if name in result.names]
+
+
+def _tail(p_value: float) -> str:
+    """P-value in brackets."""
+    return f"(p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
+
+
+# -- Fit numbers --
+
+#: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
+AUTOCORRELATION_LAGS = 30
+#: Length of the segments that spectra are averaged over [s].
+SEGMENT_S = 10.0
+#: Amplitudes below this share of the largest are not drawn: outside of the band there may be none at all.
+LEAST_AMPLITUDE = 1e-6
+
+
+@dataclass(frozen=True)
+class FlightRun:
+    """One run of the time rows.
+
+    Parameters
+    ----------
+    flight : int
+        Number of its flight among all that were prepared.
+    name : str
+        Its log.
+    time_s : ndarray, shape (length,)
+        On the log's clock.
+    rows : slice
+        Its rows among all.
+    spectral : SpectralRun
+        Its bins.
+    """
+
+    flight: int
+    name: str
+    time_s: Float[np.ndarray, " length"]
+    rows: slice
+    spectral: SpectralRun
+
+
+@dataclass(frozen=True)
+class Autocorrelation:
+    """Autocorrelation of a residual.
+
+    Parameters
+    ----------
+    what : str
+        Whose, in words.
+    shift_s, correlation : ndarray, shape (lags,)
+        Shifts from zero on [s], and the correlation at each.
+    band : float
+        White noise keeps 95 % of its correlations within plus and minus this.
+    """
+
+    what: str
+    shift_s: Float[np.ndarray, " lags"]
+    correlation: Float[np.ndarray, " lags"]
+    band: float
+
+
+@dataclass(frozen=True)
+class ProfileCurve:
+    """How well each value of a continuous nuisance fits, with the discrete ones at one of their choices.
+
+    Parameters
+    ----------
+    choice : str
+        Values of the discrete ones, in the motion's words: "delay 10 ms".
+    values, excess : ndarray, shape (values,)
+        Values in SI units, and the objective above the least of all curves, in units of chi-square.
+    """
+
+    choice: str
+    values: Float[np.ndarray, " values"]
+    excess: Float[np.ndarray, " values"]
+
+
+def flight_runs(result: FlightEstimate) -> list[FlightRun]:
+    """Every run, in the order of the samples of a trace."""
+    found: list[FlightRun] = []
+    first = 0
+    flying = [(place, flight) for place, flight in enumerate(result.prepared) if flight.runs]
+    for number, (place, flight) in enumerate(flying):
+        seconds, name = flight.grid.time_s, printable(flight.recording.name)
+        for samples, spectral in zip(flight.samples_of_runs, flight.spectral_runs(number), strict=True):
+            rows = slice(first, first + samples.size)
+            found.append(FlightRun(place, name, seconds[samples], rows, spectral))
+            first = rows.stop
+    return found
+
+
+def band_of(trace: Trace, run: FlightRun) -> tuple[float, float]:
+    """Band that a trace is shown in [Hz]."""
+    frequency, (low, high) = run.spectral.frequency_hz, run.spectral.band_hz
+    return trace.band_hz or (float(frequency[0]) if frequency.size else low, high)
+
+
+def within_band(trace: Trace, run: FlightRun) -> Float[np.ndarray, "length 2"]:
+    """Measured and predicted over a run, both within the band."""
+    return run.spectral.band_passed(np.column_stack([trace.measured, trace.predicted])[run.rows])
+
+
+def residual_autocorrelation(best: Candidate, runs: list[FlightRun]) -> Autocorrelation:
+    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
+    layout = best.rows.layout
+    if isinstance(layout, BinRows):
+        blocks = [block[:, 0] for block in layout.complex_blocks(best.residuals[:, None])]
+        spectral, what = list(layout.runs), "whitened residual"
+    else:
+        spectral, what = [run.spectral for run in runs], "residual, band-passed"
+        blocks = [
+            run.spectral.spectrum(run.spectral.spread(best.residuals[run.rows][:, None]))[:, 0]
+            for run in runs
+            if run.rows.stop <= best.residuals.size
+        ]
+    correlation, shift_s = _autocorrelation(blocks, spectral)
+    band = 1.96 / np.sqrt(max(2.0 * sum(block.size for block in blocks), 1.0))
+    return Autocorrelation(what, shift_s, correlation, float(band))
+
+
+def _autocorrelation(
+    blocks: list[Complex[np.ndarray, " _"]], runs: list[SpectralRun]
+) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
+    """Correlation at multiples of half a period of the band's top, from the power of the bins."""
+    step = 1.0 / (2.0 * max(run.band_hz[1] for run in runs))
+    lags = step * np.arange(AUTOCORRELATION_LAGS + 1)
+    power = np.concatenate([np.abs(block) ** 2 for block in blocks])
+    frequency = np.concatenate([run.frequency_hz for run, _ in zip(runs, blocks, strict=False)])
+    total = float(power.sum())
+    if total <= 0.0:
+        return np.zeros(lags.size), lags
+    correlation: Float[np.ndarray, " lags"] = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power / total
+    return correlation, lags
+
+
+def spectrum(
+    values: Float[np.ndarray, " rows"], runs: list[FlightRun]
+) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+    """Amplitude density, averaged over half-overlapping Hann segments of every run at one rate."""
+    step = min(run.spectral.step_s for run in runs)
+    alike = [run for run in runs if run.spectral.step_s == step]
+    longest = max(run.time_s.size for run in alike)
+    length = min(int(SEGMENT_S / step), longest)
+    window = np.hanning(length + 1)[:length] if length > 1 else np.ones(length)
+    total, count = np.zeros(length // 2 + 1), 0
+    for run in alike:
+        series = values[run.rows]
+        for first in range(0, series.size - length + 1, max(length // 2, 1)):
+            segment = series[first : first + length]
+            total += np.abs(np.fft.rfft((segment - segment.mean()) * window)) ** 2
+            count += 1
+    density = 2.0 * step * total / (max(count, 1) * float(window @ window))
+    frequency = np.fft.rfftfreq(length, step)
+    return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
+
+
+def profile_curves(result: FlightEstimate, estimate: Estimate, number: int) -> list[ProfileCurve]:
+    """Objective against one nuisance, a curve for each combination of discrete ones that fits."""
+    lowest = min(candidate.criterion for candidate in estimate.candidates)
+    curves = []
+    for candidate in estimate.tenable():
+        values, height = _curve(candidate, candidate.profiles[number])
+        curves.append(ProfileCurve(_choice(candidate, result), values, height + candidate.criterion - lowest))
+    return curves
+
+
+def _curve(
+    candidate: Candidate, profile: NuisanceProfile
+) -> tuple[Float[np.ndarray, " values"], Float[np.ndarray, " values"]]:
+    """Values of a nuisance, and the objective above its least there, as chi-square."""
+    least = candidate.solution.objective
+    # J of a method with instruments; for a direct one the logarithm's slope at its minimum
+    height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
+    scale = height / least if least > 0.0 and height > 0.0 else 1.0
+    # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
+    values = np.append(profile.grid, candidate.at[profile.nuisance.name])
+    excess = scale * (np.append(profile.objective, least) - least)
+    order = np.argsort(values)
+    return values[order], excess[order]
+
+
+def _choice(candidate: Candidate, result: FlightEstimate) -> str:
+    """Values of the discrete nuisances, in the motion's words: "delay 10 ms"."""
+    refined = {profile.nuisance.name for profile in candidate.profiles}
+    told = [
+        (result.motion.wording[name], value) for name, value in candidate.at.items() if name not in refined
+    ]
+    return ", ".join(f"{one.words} {value * one.scale:.3g} {one.shown_unit}".rstrip() for one, value in told)
+
+
+# -- Reported result --
+
+#: Findings that only an inspection shows: they bear on no number.
+QUIET_FINDINGS = ("epoch_time",)
+
+
+@dataclass(frozen=True, slots=True)
+class ToldQuantity:
+    """A quantity with its words.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    wording : Wording
+        How it is called, measured and shown.
+    quantity : Quantity
+        Its numbers and its verdict.
+    """
+
+    name: str
+    wording: Wording
+    quantity: Quantity
+
+    @property
+    def shown(self) -> tuple[str, str]:
+        """Value and interval in the shown unit; see `numbers`."""
+        return numbers(self.quantity, self.wording)
+
+
+@dataclass(frozen=True, slots=True)
+class ToldRow:
+    """One flight of a pool by itself, or one method beside the chosen one.
+
+    Parameters
+    ----------
+    label : str
+        Log or method.
+    status : Status
+        Its verdict.
+    reasons : tuple of str
+        Sentences, each with its remedy.
+    quantities : tuple of ToldQuantity
+        The motion's `rows`, without numbers where nothing was estimated.
+    """
+
+    label: str
+    status: Status
+    reasons: tuple[str, ...]
+    quantities: tuple[ToldQuantity, ...]
+
+    def first_reason(self, fly: str) -> str:
+        """The first reason, without the advice `fly` that all of them end with; empty for none."""
+        return self.reasons[0].removesuffix(fly).strip() if self.reasons else ""
+
+
+@dataclass(frozen=True, slots=True)
+class ToldFlight:
+    """A result, ready to be told.
+
+    Parameters
+    ----------
+    logs : tuple of str
+        Names of the logs.
+    verdict : Verdict
+        The overall one, with reasons and remedies.
+    meaning : str
+        What its status means.
+    equation : tuple of str
+        The motion's equation, and what its symbols are.
+    symbols : str
+        What the symbols are in this flight.
+    method, instruments : str
+        What it was estimated with.
+    used : str
+        How much of the flights was used.
+    quantities : tuple of ToldQuantity
+        Every one, in the order of results.
+    order : tuple of str
+        Their names in the order of reports.
+    checks : tuple of (str, str)
+        What was checked, a title and a sentence each.
+    diagnostics : mapping of str to float
+        The numbers behind it.
+    findings : tuple of Finding
+        All that was noticed.
+    flights, comparisons : tuple of ToldRow
+        Flights by themselves, and methods.
+    by_flight : tuple of ToldRow
+        What a pool says of each flight, every quantity.
+    own : tuple of str
+        Quantities of which each flight of a pool has its own.
+    fly : str
+        What to fly when nothing else helps.
+    card : tuple of CardSection
+        What to fly and to log, step by step; empty when the flight is identified.
+    rows : tuple of str
+        Names of the quantities that tables of flights show.
+    implications : Implications
+        What follows for the vehicle from the estimate and from what was supplied.
+    ahead : Ahead or None
+        Predictions of the flights themselves some tenths of a second ahead.
+    """
+
+    logs: tuple[str, ...]
+    verdict: Verdict
+    meaning: str
+    equation: tuple[str, str]
+    symbols: str
+    method: str
+    instruments: str
+    used: str
+    quantities: tuple[ToldQuantity, ...]
+    order: tuple[str, ...]
+    checks: tuple[Check, ...]
+    diagnostics: Mapping[str, float]
+    findings: tuple[Finding, ...]
+    flights: tuple[ToldRow, ...]
+    comparisons: tuple[ToldRow, ...]
+    by_flight: tuple[ToldRow, ...]
+    own: tuple[str, ...]
+    fly: str
+    card: tuple[CardSection, ...]
+    rows: tuple[str, ...]
+    implications: Implications
+    ahead: Ahead | None
+
+    @property
+    def brief(self) -> tuple[ToldQuantity, ...]:
+        """Quantities that tables of flights show, where there is an estimate."""
+        estimated = any(np.isfinite(told.quantity.std_error) for told in self.quantities)
+        return tuple(told for told in self.reported if told.name in self.rows) if estimated else ()
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        """Grounds of the verdict, worst first."""
+        return self.verdict.reasons
+
+    @property
+    def further(self) -> tuple[tuple[str, Reason], ...]:
+        """Grounds against single quantities that are not grounds of the verdict, with their symbols."""
+        against: dict[Reason, list[str]] = {}
+        for reported in self.quantities:
+            for reason in reported.quantity.reasons:
+                against.setdefault(reason, []).append(reported.wording.symbol)
+        known = {reason.sentence for reason in self.reasons}
+        return tuple(
+            (", ".join(symbols), reason)
+            for reason, symbols in against.items()
+            if reason.sentence not in known
+        )
+
+    @property
+    def systematic(self) -> tuple[tuple[str, str], ...]:
+        """Systematic parts of intervals: the quantity in words, and what for."""
+        return tuple(
+            (told.wording.words, one.sentence)
+            for told in self.reported
+            if told.quantity.verdict is not Status.REFUSED
+            for one in told.quantity.allowances
+        )
+
+    @property
+    def remedies(self) -> tuple[str, ...]:
+        """What would change it, each remedy once."""
+        reasons = (*self.reasons, *(reason for _, reason in self.further))
+        found = dict.fromkeys(reason.remedy for reason in reasons if reason.remedy)
+        return tuple(one for one in found if not any(one != more and more.startswith(one) for more in found))
+
+    @property
+    def summary(self) -> str:
+        """What is told, what is told weakly, and what is not and why; empty without numbers.
+
+        It speaks of the quantities that tables of flights show.
+        """
+        if not self.brief or all(
+            told.quantity.verdict is self.brief[0].quantity.verdict for told in self.brief
+        ):
+            return ""
+        parts = []
+        for statuses, words in (
+            ((Status.IDENTIFIED,), "told"),
+            ((Status.WEAK, Status.PROVISIONAL), "told roughly"),
+            ((Status.REFUSED,), "not told"),
+        ):
+            names = [told.wording.words for told in self.brief if told.quantity.verdict in statuses]
+            if names:
+                parts.append(f"{in_words(names)} {'is' if len(names) == 1 else 'are'} {words}")
+        refused = next(
+            (told.quantity for told in self.brief if told.quantity.verdict is Status.REFUSED), None
+        )
+        why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
+        why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
+        told = "; ".join(parts)
+        return f"{told[0].upper()}{told[1:]}{f', because {_begun(why)}' if why else '.'}"
+
+    @property
+    def reported(self) -> tuple[ToldQuantity, ...]:
+        """Quantities in the order of reports."""
+        by_name = {told.name: told for told in self.quantities}
+        return tuple(by_name[name] for name in self.order if name in by_name)
+
+    @property
+    def worth_telling(self) -> tuple[Finding, ...]:
+        """Findings but the quiet ones and the reasons; what is said of several logs is said once."""
+        reasons = {reason.sentence for reason in self.reasons}
+        said: dict[tuple[str, str], list[str]] = {}
+        for finding in self.findings:
+            if finding.name in QUIET_FINDINGS or finding.message in reasons:
+                continue
+            log = next((name for name in self.logs if finding.message.startswith(f"{name}: ")), "")
+            message = finding.message.removeprefix(f"{log}: ") if log else finding.message
+            said.setdefault((finding.name, message), []).extend([log] if log else [])
+        told = []
+        for (name, message), about in said.items():
+            everywhere = len(about) == len(self.logs) > 1
+            prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
+            told.append(Finding(name, prefix + message))
+        return tuple(told)
+
+
+def told_flight(result: FlightEstimate) -> ToldFlight:
+    """What is told of a result, with or without an estimate."""
+    motion = result.motion
+    return ToldFlight(
+        logs=tuple(flight.recording.name for flight in result.prepared),
+        verdict=result.verdict,
+        meaning=motion.words.meanings[result.verdict.status],
+        equation=motion.written,
+        symbols=motion.symbols(result.prepared[0]),
+        method=result.method,
+        instruments=result.instruments,
+        used=used(result),
+        quantities=_told(result.quantities, motion.wording),
+        order=motion.shown,
+        checks=checks(result),
+        diagnostics=result.diagnostics,
+        findings=result.findings,
+        flights=tuple(_flight_row(row, result) for row in result.flights),
+        comparisons=tuple(_flight_row(row, result) for row in result.comparisons),
+        by_flight=tuple(_whole_row(row, result) for row in result.by_flight),
+        own=_own(result),
+        fly=motion.words.fly,
+        card=flight_card(result),
+        rows=motion.rows,
+        implications=result.implications,
+        ahead=result.ahead,
+    )
+
+
+def in_words(names: Sequence[str]) -> str:
+    """Names with commas and an "and" between them."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def _begun(sentence: str) -> str:
+    """A sentence as the rest of another: "The lag is" becomes "the lag is"."""
+    article = sentence.split(" ", 1)[0] in {"The", "A", "An", "No", "Every", "Its"}
+    return f"{sentence[0].lower()}{sentence[1:]}" if article else sentence
+
+
+def of_kind(quantities: tuple[ToldQuantity, ...], kind: Kind) -> tuple[ToldQuantity, ...]:
+    """Parameters, or what is derived of them."""
+    return tuple(told for told in quantities if told.wording.kind is kind)
+
+
+def _flight_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
+    motion = result.motion
+    quantities = not_estimated(motion, {}) | dict(row.quantities)
+    wording = {name: motion.wording[name] for name in motion.rows}
+    return ToldRow(row.label, row.verdict, row.reasons, _told(quantities, wording))
+
+
+def _whole_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
+    return ToldRow(row.label, row.verdict, row.reasons, _told(row.quantities, result.motion.wording))
+
+
+def _own(result: FlightEstimate) -> tuple[str, ...]:
+    """Quantities of a pool that are not alike in all flights."""
+    tables = [row.quantities for row in result.by_flight]
+    names = [name for name in result.motion.shown if all(name in table for table in tables)]
+    return tuple(name for name in names if len({table[name].value for table in tables}) > 1)
+
+
+def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:
+    return tuple(
+        ToldQuantity(name, words, quantities[name]) for name, words in wording.items() if name in quantities
+    )
+
+
+# -- Flight document --
+
+#: Where the card is, when it is not shown.
+WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command with --card."
+
+
+def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
+    """Document of a result.
+
+    Parameters
+    ----------
+    result : FlightEstimate
+        With or without an estimate.
+    card : bool
+        Whether the flight card is part of it, or only a line that says where it is.
+    """
+    return document_of(told_flight(result), card=card)
+
+
+def document_of(told: ToldFlight, *, card: bool = False) -> Document:
+    """Document of what is told of a result, see `flight_document`."""
+    return Document(
+        ", ".join(told.logs), told.verdict.status, told.meaning, tuple(_sections(told, card=card))
+    )
+
+
+def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
+    yield Section("", (_facts(told), _quantity_table(told)))
+    if told.implications.numbers:
+        yield Section("What follows for the vehicle", tuple(_implied(told.implications)))
+    further = (f"{symbols}: {reason.sentence}" for symbols, reason in told.further)
+    yield from section("Why", Bullets, (*(reason.sentence for reason in told.reasons), *further))
+    where = () if card or not told.card else (WHERE_THE_CARD_IS,)
+    yield from section("What to do", Bullets, (*told.remedies, *where))
+    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
+    if told.ahead is not None:
+        parts_ahead = (*ahead_parts(told.ahead), Figure("ahead"))
+        yield Section("Predicted ahead, from many starts of this flight", parts_ahead)
+    parts = (Fact(words, sentence) for words, sentence in told.systematic)
+    yield from section("Systematic parts", Facts, parts)
+    if told.by_flight:
+        yield Section("What belongs to each flight of the pool", (_own_table(told),))
+    if told.flights:
+        reasons = _row_reasons(told)
+        table = _row_table(told.flights, "log")
+        yield Section("Flights one by one", (table, Figure("flights"), *reasons))
+    if told.comparisons:
+        table = _row_table(told.comparisons, "method")
+        yield Section("Methods side by side", (table, Figure("methods")))
+    noticed = f"Noticed in the {'logs' if len(told.logs) > 1 else 'log'}"
+    yield from section(noticed, Bullets, (finding.message for finding in told.worth_telling))
+    if card:
+        yield from card_section(told.card)
+    yield Section("Figure", (Figure("flight"),))
+
+
+def section(heading: str, part: type[Bullets] | type[Facts], told: Iterable[Any]) -> Iterator[Section]:
+    """Section of one part, unless there is nothing to tell."""
+    found = tuple(told)
+    if found:
+        yield Section(heading, (part(found),))
+
+
+def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
+    """The flight card, unless there is none."""
+    facts = (Fact(part.title, Bullets(part.sentences)) for part in card)
+    yield from section("Flight card", Facts, facts)
+
+
+def _facts(told: ToldFlight) -> Facts:
+    with_what = "no instruments" if told.instruments == "none" else f"instruments: {told.instruments}"
+    summary = (Fact("told", told.summary),) if told.summary else ()
+    return Facts(
+        (
+            *summary,
+            Fact("model", told.equation[0].replace(" - ", " − ")),
+            Fact("", told.symbols),
+            Fact("method", f"{told.method}; {with_what}"),
+            Fact("used", told.used),
+        )
+    )
+
+
+def _quantity_table(told: ToldFlight) -> TableOf:
+    """Every quantity with its symbol, value, interval, unit and verdict."""
+    columns = (
+        TableColumn("quantity"),
+        TableColumn(""),
+        TableColumn("value", right=True, strong=True, whole=True),
+        TableColumn("95 % interval", whole=True),
+        TableColumn("unit"),
+        TableColumn("verdict"),
+    )
+    rows = []
+    for one in told.reported:
+        status, wording = one.quantity.verdict, one.wording
+        texts = (wording.words, wording.symbol, *one.shown, wording.shown_unit)
+        rows.append((*map(Cell, texts), Cell(status.value, status=status)))
+    return TableOf(columns, tuple(rows))
+
+
+def _implied(implications: Implications) -> Iterator[Part]:
+    """Numbers that follow, then in sentences those that do not, and what cannot be."""
+    columns = (
+        TableColumn(""),
+        TableColumn(""),
+        TableColumn("value", right=True, strong=True, whole=True),
+        TableColumn("95 % interval", whole=True),
+        TableColumn("unit"),
+    )
+    rows = [
+        tuple(map(Cell, (one.words, one.symbol, *plain_numbers(one.value, one.interval), one.unit)))
+        for one in implications.numbers
+        if one.value is not None and one.interval is not None
+    ]
+    if rows:
+        yield TableOf(columns, tuple(rows))
+    untold = (f"{one.words}: {one.sentence}" for one in implications.numbers if one.value is None)
+    sentences = (*untold, *implications.contradictions)
+    if sentences:
+        yield Bullets(sentences)
+
+
+def _row_table(rows: tuple[ToldRow, ...], label: str) -> TableOf:
+    """One row for each flight or method; the interval stands below the value."""
+    words = [one.wording for one in rows[0].quantities]
+    titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
+    columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
+    return TableOf(columns, tuple(_row_cells(row) for row in rows))
+
+
+def _own_table(told: ToldFlight) -> TableOf:
+    """One row for each flight of a pool, with the quantities that are its own."""
+    rows = [
+        replace(row, quantities=tuple(one for one in row.quantities if one.name in told.own))
+        for row in told.by_flight
+    ]
+    return _row_table(tuple(rows), "log")
+
+
+def _row_cells(row: ToldRow) -> tuple[Cell, ...]:
+    cells = [Cell(row.label, row.status.value, row.status)]
+    for one in row.quantities:
+        value, interval = one.shown
+        cells.append(Cell(value, "" if value == NO_NUMBER else interval))
+    return tuple(cells)
+
+
+def _row_reasons(told: ToldFlight) -> Iterator[Part]:
+    """First reason of each flight that is not identified."""
+    found = [f"{row.label}: {row.first_reason(told.fly)}" for row in told.flights if row.reasons]
+    if found:
+        yield Bullets(tuple(found))

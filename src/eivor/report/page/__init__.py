@@ -1,1 +1,0 @@
-"""Documents as a page of HTML: one file that opens anywhere, without a network."""

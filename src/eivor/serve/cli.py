@@ -1,0 +1,118 @@
+"""Command `eivor serve`."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from time import sleep as pause
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from eivor.cli.outputs import ExitCode, WorkersOption, guarded, write
+from eivor.errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from eivor.serve.jobs import ServeOptions
+
+
+#: Ctrl-C, the system's polite end, and a terminal or a console that is closed.
+STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+#: How often it is looked whether to stop [s].
+LOOK_S = 0.1
+
+SERVE_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 stopped, by Ctrl-C or otherwise; 2 wrong usage; 1 a port that is taken.\n\n"
+    "Nothing leaves this machine: the page is on 127.0.0.1 only, and its address has a token of this run. "
+    "Logs and results are files of a private folder, forgotten after an hour and deleted at the end."
+)
+
+
+@guarded
+def serve(
+    *,
+    port: Annotated[int, typer.Option(metavar="N", help="Port of 127.0.0.1; 0 is any that is free.")] = 0,
+    no_browser: Annotated[
+        bool, typer.Option("--no-browser", help="Print the address, and open nothing.")
+    ] = False,
+    workers: WorkersOption = None,
+    memory: Annotated[float, typer.Option(metavar="GB", help="Memory that a log may take.")] = 4.0,
+    time: Annotated[float, typer.Option(metavar="S", help="Time that a log may take.")] = 600.0,
+    largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
+) -> ExitCode:
+    """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
+    try:
+        from eivor.serve.jobs import Server
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            "the packages of the page, starlette and uvicorn",
+            f"no package '{error.name}'",
+            "Install them: pip install 'eivor[serve]'.",
+        ) from error
+
+    options = _options(port, workers, memory, time, largest)
+    with _stop_asked_for() as stop:
+        try:
+            server = Server(options)
+        except OSError as error:
+            raise InputError(
+                "a port that is free",
+                f"{port}, for which the system says: {error.strerror or error}",
+                "Choose another with --port, or leave it out.",
+            ) from error
+        try:
+            write(f"{server.url}\nDrop flight logs on this page. Ctrl-C stops it.\n")
+            if not no_browser:  # in a thread: a browser in the terminal would not come back
+                threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+            while not stop:
+                pause(LOOK_S)
+        finally:
+            server.close()
+    return ExitCode.IDENTIFIED
+
+
+def _options(port: int, workers: int | None, memory: float, time: float, largest: float) -> ServeOptions:
+    """What the server may spend.
+
+    Raises
+    ------
+    UsageError
+        For what cannot be.
+    """
+    from eivor.process_pool import Limits
+    from eivor.serve.jobs import ServeOptions
+
+    if not 0 <= port < 1 << 16:
+        raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
+    if workers is not None and workers < 1:
+        raise UsageError("at least one worker", str(workers), "Leave it out for one for each core.")
+    if not 0.0 < largest < 1e6:
+        raise UsageError("a size above zero [MB]", f"{largest:g}", "Give 500, for example.")
+    return ServeOptions(
+        port=port,
+        workers=workers or max(2, os.cpu_count() or 1),  # a file is written while a flight is identified
+        limits=Limits(time, memory),
+        largest=int(largest * 1e6),
+    )
+
+
+@contextmanager
+def _stop_asked_for() -> Iterator[list[int]]:
+    """A list that whatever asks to stop adds to, while the block lasts.
+
+    It may not set a `threading.Event`: the thread that it interrupts may hold its lock. `nohup` is obeyed: a
+    terminal that may be closed is ignored already.
+    """
+    came: list[int] = []
+    known = [getattr(signal, name) for name in STOPS if hasattr(signal, name)]
+    signals = [one for one in known if one == signal.SIGINT or signal.getsignal(one) != signal.SIG_IGN]
+    before = [signal.signal(one, lambda number, _frame: came.append(number)) for one in signals]
+    try:
+        yield came
+    finally:
+        for one, handler in zip(signals, before, strict=True):
+            signal.signal(one, handler)

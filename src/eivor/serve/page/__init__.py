@@ -1,1 +1,0 @@
-"""The page of `eivor serve`: one file, whose script asks the server for everything else."""

@@ -1,0 +1,233 @@
+"""Requests of the page: JSON, sent files and refusals."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import Any
+from urllib.parse import unquote
+
+from eivor.cli.parsing import flight_options
+from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
+from eivor.motions import DEFAULT
+
+# -- Refusals --
+
+#: Parts of an error: what was expected, what came, what to do, and all of it as a sentence.
+Told = dict[str, str]
+
+
+class RefusedError(EivorError):
+    """A request that is not done."""
+
+    def __init__(self, status: HTTPStatus, expected: str, received: str, remedy: str) -> None:
+        super().__init__(expected, received, remedy)
+        self.status = status
+
+    def __reduce__(self) -> tuple[type[EivorError], tuple[str, str, str]]:
+        return EivorError, (self.expected, self.received, self.remedy)
+
+
+def told(error: EivorError) -> Told:
+    """Parts of an error."""
+    return {
+        "expected": error.expected,
+        "received": error.received,
+        "advice": error.remedy,
+        "sentence": str(error),
+    }
+
+
+def status_of(error: EivorError) -> HTTPStatus:
+    """Status of the answer that tells an error."""
+    if isinstance(error, RefusedError):
+        return error.status
+    return HTTPStatus.CONFLICT if isinstance(error, NotIdentifiedError) else HTTPStatus.BAD_REQUEST
+
+
+def absent(what: str, name: str) -> RefusedError:
+    """Error of something that is not there, or not any more."""
+    return RefusedError(
+        HTTPStatus.NOT_FOUND,
+        f"{what} that is there",
+        f"'{name[:100]}'",
+        "What is an hour old is forgotten: drop the log again.",
+    )
+
+
+# -- JSON of a request --
+
+#: Letters of a word, and of a file's text.
+LONGEST_WORD, LONGEST_FILE = 2_000, 100_000
+#: Logs of a job.
+MOST_LOGS = 100
+#: Files of the one who asks, as text or as the name of one that comes with Eivor.
+FILES = ("vehicle", "map")
+#: Options of the command line that are paths.
+_PATHS = ("lag_from",)
+
+
+@dataclass(frozen=True, slots=True)
+class AskedJob:
+    """What is to be identified."""
+
+    logs: tuple[tuple[str, str], ...]  # each log with its own window as words, empty for none
+    # as words; empty where nothing was said
+    model: str = DEFAULT
+    vehicle: str = ""
+    channel_map: str = ""
+    mass: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)  # of `flight_options`
+
+
+def asked_job(body: bytes) -> AskedJob:
+    """Job of the JSON of a request."""
+    try:
+        told = json.loads(body)
+    except (ValueError, RecursionError):
+        raise _wrong_json("a job as JSON", "other text") from None
+    if not isinstance(told, dict) or set(told) - {"logs", "options"}:
+        raise _wrong_json('a job {"logs": [...], "options": {...}}', _shown(told))
+    logs, options = told.get("logs"), told.get("options") or {}
+    if not isinstance(logs, list) or not 1 <= len(logs) <= MOST_LOGS:
+        raise _wrong_json(f"1 to {MOST_LOGS} logs", _shown(logs))
+    if not isinstance(options, dict):
+        raise _wrong_json("options by name", _shown(options))
+    options = {name: value for name, value in options.items() if value not in (None, "", [])}
+    model, vehicle, channel_map, mass = (
+        _text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass")
+    )
+    return AskedJob(
+        tuple(map(_log, logs)), model or DEFAULT, vehicle, channel_map, mass, _flight_options(options)
+    )
+
+
+def _log(told: Any) -> tuple[str, str]:
+    if isinstance(told, dict) and set(told) <= {"log", "window"}:
+        window = told.get("window")
+        return _text(told.get("log"), "log"), "" if window is None else _window(window)
+    return _text(told, "log"), ""
+
+
+def _flight_options(told: Mapping[str, Any]) -> dict[str, Any]:
+    known = {
+        name: one
+        for name, one in inspect.signature(flight_options).parameters.items()
+        if one.kind is one.KEYWORD_ONLY and name not in _PATHS
+    }
+    for name in told:
+        if name not in known:
+            remedy = did_you_mean(name, known, "Leave it out.")
+            raise _wrong_json(f"options out of {', '.join(known)}", f"'{name[:100]}'", remedy)
+    return {name: _value(value, name, known[name].default) for name, value in told.items()}
+
+
+def _value(value: Any, name: str, default: object) -> Any:
+    """Value of the kind that an option has."""
+    if name == "window":
+        return _window(value)
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise _wrong_json(f"true or false for {name}", _shown(value))
+        return value
+    if isinstance(default, str):
+        return _text(value, name)
+    if default is None:
+        return _number(value, name)
+    if not isinstance(value, list) or len(value) > MOST_LOGS:
+        raise _wrong_json(f"a list of texts for {name}", _shown(value))
+    return [_text(one, name) for one in value]
+
+
+def _window(value: Any) -> str:
+    """Window as words, of words or of two numbers."""
+    if isinstance(value, str):
+        return _text(value, "window")
+    if not isinstance(value, list) or len(value) != 2:
+        raise _wrong_json("a window [FROM, TO] in seconds", _shown(value))
+    return ":".join("" if one is None else repr(_number(one, "window")) for one in value)
+
+
+def _number(value: Any, name: str) -> float:
+    if isinstance(value, str):
+        try:
+            value = float(_text(value, name))
+        except ValueError:
+            raise _wrong_json(f"a number for {name}", _shown(value)) from None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong_json(f"a number for {name}", _shown(value))
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf
+
+
+def _text(value: Any, name: str) -> str:
+    longest = LONGEST_FILE if name in FILES else LONGEST_WORD
+    if not isinstance(value, str) or len(value) > longest:
+        raise _wrong_json(f"a text of at most {longest} letters for {name}", _shown(value))
+    if not value.isprintable() and name not in FILES:
+        raise _wrong_json(f"a text in one line for {name}", _shown(value))
+    try:
+        value.encode("utf-8")
+    except UnicodeEncodeError:
+        raise _wrong_json(f"text for {name}", "half a letter") from None
+    return value
+
+
+def _shown(value: Any) -> str:
+    try:
+        text = json.dumps(value)
+    except RecursionError:
+        return "something nested"
+    return text if len(text) <= 100 else f"{text[:99]}…"
+
+
+def _wrong_json(expected: str, received: str, remedy: str = "Load the page again.") -> RefusedError:
+    return RefusedError(HTTPStatus.BAD_REQUEST, expected, received, remedy)
+
+
+# -- Sent files --
+
+#: Files of a folder at most, and letters of a name.
+MOST_FILES, LONGEST = 500, 120
+_ENTRY = re.compile(r"([^/ ]{1,1000})/([0-9]{1,15})")
+_OTHER = re.compile(r"[^A-Za-z0-9_.\-\[\]]")
+
+
+@dataclass(frozen=True, slots=True)
+class SentFile:
+    """A file of a folder."""
+
+    name: str  # plain: of letters that mean nothing to a file system
+    size: int  # bytes
+
+
+def sent_files(header: str, size: int) -> tuple[SentFile, ...]:
+    """Files of a folder, out of their header."""
+    if not header:
+        return ()
+    entries = [_ENTRY.fullmatch(one) for one in header.split(" ")]
+    files = [SentFile(plain_name(unquote(one[1], errors="replace")), int(one[2])) for one in entries if one]
+    if len(files) < len(entries) or len(files) > MOST_FILES or sum(one.size for one in files) != size:
+        raise _wrong_header(f"at most {MOST_FILES} files of a folder, NAME/BYTES, of {size} bytes", header)
+    if len({one.name.casefold() for one in files}) < len(files):
+        raise _wrong_header("files of a folder with different names", header)
+    return tuple(files)
+
+
+def plain_name(name: str) -> str:
+    """Name of a file in its folder: other letters than plain ones become ``_``, and it is never hidden."""
+    plain = _OTHER.sub("_", name.replace("\\", "/").rpartition("/")[2])[-LONGEST:]
+    return f"_{plain}" if plain.startswith(".") or not plain else plain
+
+
+def _wrong_header(expected: str, header: str) -> RefusedError:
+    return RefusedError(
+        HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", "Drop the files of the log one by one."
+    )

@@ -1,0 +1,292 @@
+"""Tasks of the server as a worker process runs them."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from eivor.atomic_file import write_whole
+from eivor.cli.parsing import (
+    LogArgument,
+    check_mission,
+    check_windows,
+    flight_options,
+    identified,
+    named,
+    named_motion,
+    parse_window,
+    place_of,
+    supplied,
+    told_apart,
+)
+from eivor.errors import EivorError, InputError, UsageError, did_you_mean
+from eivor.estimation.methods import TABLE
+from eivor.exports.fitted import Exported, Supplied, Target
+from eivor.exports.targets import TARGETS, target_by_name
+from eivor.fleet.logs import FURTHER_ENDINGS
+from eivor.logs import read_log
+from eivor.logs.channel_map import shipped_maps
+from eivor.logs.read import readable_formats
+from eivor.logs.rosbag.containers import ENDINGS as BAG_ENDINGS
+from eivor.logs.rosbag.containers import METADATA
+from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS
+from eivor.motions import motion_by_name, motion_names
+from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
+from eivor.planning.plan import WRITTEN
+from eivor.process_pool import ProgressCallback
+from eivor.report.flight_page import flight_page
+from eivor.report.json_document import json_document, json_text
+from eivor.report.other_results import plan
+from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.serve.jobs import (
+    REPORT,
+    RESULT,
+    Begin,
+    Choices,
+    Export,
+    File,
+    Found,
+    Identify,
+    KeptLog,
+    ListExports,
+    Outcome,
+    Plan,
+    Refused,
+    Stage,
+    Supply,
+    Task,
+)
+from eivor.serve.requests import MOST_FILES, status_of, told
+from eivor.signals.recording import Finding, Recording
+
+# -- Choices --
+
+
+def choices() -> dict[str, object]:
+    """Models, methods, maps, vehicles, targets of exports, kinds of plans, and what logs are in folders."""
+    return {
+        "models": [_named(name, motion_by_name(name).words.title) for name in motion_names()],
+        "methods": [_named(name, _first_line(made)) for name, made in TABLE.items()],
+        "maps": [_named(name, name) for name in shipped_maps()],
+        "vehicles": [_named(name, load_vehicle(name).name) for name in shipped_vehicles()],
+        "targets": [
+            {**_named(name, one.words), "file": f"{name}{one.ending}"} for name, one in TARGETS.items()
+        ],
+        "plans": [
+            {
+                **_named(name, one.words),
+                "file": one.file,
+                "needs": [] if one.of_place is None else ["home"],
+            }
+            for name, one in WRITTEN.items()
+        ],
+        "folders": _folders(),
+    }
+
+
+def _folders() -> dict[str, object]:
+    """By which names files of a folder are told to be logs, or one log together."""
+    endings = {end for one in readable_formats() for end in one.endings}
+    return {
+        "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
+        "bags": BAG_ENDINGS,
+        "metadata": METADATA,
+        "tables": TOPIC_TABLE,
+        "beside": ULOG_ENDINGS,
+        "most": MOST_FILES,
+    }
+
+
+def _named(name: str, words: str) -> dict[str, object]:
+    return {"name": name, "words": words}
+
+
+def _first_line(made: object) -> str:
+    return (inspect.getdoc(made) or "").partition("\n")[0].rstrip(".")
+
+
+# -- Outcomes of tasks --
+
+#: Names of what comes with Eivor; anything else is the text of a file.
+_NAME = re.compile(r"[\w.-]{1,100}")
+
+
+def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
+    """Outcome of a task: a `Refused` where it cannot be done."""
+    try:
+        match task:
+            case Begin():
+                return Choices(choices())
+            case Identify():
+                with _temporary_files_in(task.folder):
+                    _identify(task, progress)
+            case ListExports():
+                return _list_exports(task)
+            case Export():
+                return _export(task)
+            case Plan():
+                return _plan(task)
+    except EivorError as error:
+        return Refused(int(status_of(error)), told(error))
+    return None
+
+
+@contextmanager
+def _temporary_files_in(folder: Path) -> Iterator[None]:
+    """Let readers have theirs there: what they leave behind when they are killed goes with the folder."""
+    before, tempfile.tempdir = tempfile.tempdir, str(folder)
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+
+
+def _identify(task: Identify, progress: ProgressCallback) -> None:
+    """Identify, write the result, tell it, and write the report."""
+    progress(Stage("reading"))
+    asked, folder = task.asked, task.folder
+    with _vehicle(asked.vehicle, folder) as vehicle:
+        motion = named_motion(asked.model, vehicle)
+    options = flight_options(motion, **asked.options)
+    supplied(asked.mass, (), "")  # exports take it: what it says is told now
+    given = [
+        LogArgument(Path(name), parse_window(own) if own else None)
+        for name, (_, own) in zip(_own_names(task), asked.logs, strict=True)
+    ]
+    with _as_file(asked.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
+        read = {
+            log: _recording(task.logs[log], channel_map, several=len(asked.logs) > 1)
+            for log in dict.fromkeys(log for log, _ in asked.logs)
+        }
+    recordings = told_apart(
+        given,
+        [_called(read[log], one.path.name) for one, (log, _) in zip(given, asked.logs, strict=True)],
+    )
+    windows = [one.window for one in given]
+    check_windows(recordings, [own or options.window for own in windows])
+    result = identified(
+        recordings, motion, options, windows, progress=lambda stage: progress(Stage(stage.value))
+    )
+    progress(Stage("writing"))
+    write_whole(folder / RESULT, json_text(json_document(result)))
+    progress(Found(result.verdict.status.value))
+    write_whole(folder / REPORT, flight_page(result))
+
+
+def _own_names(task: Identify) -> list[str]:
+    """What each log is called: several of one name are numbered."""
+    ids = list(dict.fromkeys(log for log, _ in task.asked.logs))
+    names: dict[str, str] = {}
+    seen: Counter[str] = Counter()
+    for log in ids:
+        name = task.logs[log].name
+        seen[name] += 1
+        names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
+    return [names[log] for log, _ in task.asked.logs]
+
+
+def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
+    """Recording of a log, under its own name wherever the file is named."""
+    try:
+        with named(log.name, several=several):
+            recording = read_log(log.path, channel_map=channel_map or None)
+    except EivorError as error:
+        raise _retold(error, partial(_own_name, log)) from error
+    findings = tuple(Finding(one.name, _own_name(log, one.message)) for one in recording.findings)
+    return replace(recording, findings=findings)
+
+
+def _own_name(log: KeptLog, text: str) -> str:
+    return text.replace(str(log.path), log.name).replace(log.path.name, log.name)
+
+
+def _called(recording: Recording, name: str) -> Recording:
+    return replace(recording, name=name)
+
+
+@contextmanager
+def _as_file(text: str, path: Path, shipped: tuple[str, ...], what: str) -> Iterator[str]:
+    """A name of what comes with Eivor as it is; other text as a file, whose path is not told."""
+    if not text or text in shipped:
+        yield text
+        return
+    if _NAME.fullmatch(text):
+        remedy = did_you_mean(text, shipped, f"Name one of them, or give the text of a {what}'s file.")
+        raise InputError(f"a shipped {what} ({', '.join(shipped)})", f"'{text}'", remedy)
+    write_whole(path, text)
+    try:
+        yield str(path)
+    except EivorError as error:
+        raise _retold(error, lambda part: part.replace(str(path), path.name)) from error
+
+
+def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
+    return _as_file(text, folder / "vehicle.toml", shipped_vehicles(), "vehicle")
+
+
+def _retold(error: EivorError, changed: Callable[[str], str]) -> EivorError:
+    """The same error in other words."""
+    return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
+
+
+def _supplied(supply: Supply, folder: Path) -> Supplied:
+    with _vehicle(supply.vehicle, folder) as vehicle:
+        return supplied(supply.mass, supply.priors, vehicle)
+
+
+def _list_exports(task: ListExports) -> list[dict[str, object]]:
+    given, result = _supplied(task.supply, task.folder), load_fit(task.folder / RESULT)
+    return [
+        {
+            "name": name,
+            "words": target.words,
+            "file": _file_name(task.stem, target),
+            **_state(result, name, given),
+        }
+        for name, target in TARGETS.items()
+    ]
+
+
+def _state(result: SavedFit, name: str, given: Supplied) -> dict[str, object]:
+    try:
+        return {"reason": "", "left_out": list(_exported(result, name, given).left_out)}
+    except EivorError as error:
+        return {"reason": str(error), "left_out": []}
+
+
+def _export(task: Export) -> File:
+    target = target_by_name(task.target)
+    result = load_fit(task.folder / RESULT)
+    made = _exported(result, task.target, _supplied(task.supply, task.folder))
+    return File(_file_name(task.stem, target), made.text)
+
+
+def _exported(result: SavedFit, name: str, given: Supplied) -> Exported:
+    """Export; what is known of the vehicle's body goes to those only that have a use for it."""
+    try:
+        return result.exported(name, given, None, 0)
+    except UsageError:
+        return result.exported(name, replace(given, mass=None, vehicle=None), None, 0)
+
+
+def _file_name(stem: str, target: Target) -> str:
+    return f"{stem}-{target.name}{target.ending}"
+
+
+def _plan(task: Plan) -> File:
+    if task.form not in WRITTEN:
+        remedy = did_you_mean(task.form, WRITTEN, "Name one of them.")
+        raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{task.form}'", remedy)
+    form = WRITTEN[task.form]
+    mission = form.of_place is not None
+    check_mission("it" if mission else "", task.home if mission else "", "")
+    place = place_of(task.home) if mission else None
+    made = plan(task.folder / RESULT, target=task.target, shape="steps" if mission else "")
+    return File(f"{task.stem}-{form.file}", form.text(made, place))

@@ -1,0 +1,271 @@
+"""Canonical channels, their families and attitudes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+from types import MappingProxyType
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.tools import Float
+
+# -- Attitude --
+
+
+def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "3 n"]:
+    """Roll, pitch and yaw of attitudes [rad]: about z first, then the new y, then the new x.
+
+    Parameters
+    ----------
+    quaternions : ndarray, shape (4, n)
+        From body to world, w, x, y, z, of length 1. Yaw has no jumps by whole turns; where a component is
+        missing so are all angles.
+    """
+    w, x, y, z = quaternions
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    known = np.isfinite(yaw)
+    yaw[known] = np.unwrap(yaw[known])
+    return np.stack([roll, pitch, yaw])
+
+
+# -- Canonical --
+
+_NAME = re.compile(r"[a-z][a-z0-9_]*(?:_\*)?")
+_LONGEST_NAME = 100
+
+
+class CurveSide(Enum):
+    """Where a command stands to the autopilot's own thrust curve, which makes motor signals of setpoints."""
+
+    BEFORE = "before"
+    BEHIND = "behind"
+    UNKNOWN = ""
+
+
+def common_side(sides: Iterable[CurveSide]) -> CurveSide:
+    """Return the side of the thrust curve that all commands have; unknown where they differ."""
+    found = set(sides)
+    return found.pop() if len(found) == 1 else CurveSide.UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class CanonicalChannel:
+    """A channel that a log may hold.
+
+    Parameters
+    ----------
+    name : str
+        Small letters, digits and ``_``; a last ``_*`` stands for a rotor's number (1, 2, ...).
+    unit : str
+        SI unit, empty for a pure number.
+    held : bool
+        True for what keeps its value until the next stamp: commands, setpoints, states. A channel map can
+        say otherwise.
+    flipped : bool
+        True when its sign changes as z down becomes z up: the y and z of vectors and quaternions.
+    free_unit : bool
+        True when it may be logged in any unit, which is then part of the parameters' meaning.
+    exogenous : bool
+        True for what is set from outside the vehicle's own loops, by a planner or a pilot: it does not answer
+        the vehicle.
+
+    Raises
+    ------
+    UsageError
+        When the name cannot be one.
+    """
+
+    name: str
+    unit: str
+    held: bool = False
+    flipped: bool = False
+    free_unit: bool = False
+    exogenous: bool = False
+
+    def __post_init__(self) -> None:
+        if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME or self.name == "time":
+            raise UsageError(
+                "a name of small letters, digits and '_' for a canonical channel, other than 'time'",
+                f"{self.name[:_LONGEST_NAME]!r}",
+                "Rename it; a name for each rotor ends in '_*'.",
+            )
+
+
+#: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that may
+#: also log a thrust setpoint; they serve as input where it does not, and when asked for by name.
+BUILT_IN: tuple[CanonicalChannel, ...] = (
+    CanonicalChannel("position_x", "m"),
+    CanonicalChannel("position_y", "m", flipped=True),
+    CanonicalChannel("position_z", "m", flipped=True),
+    CanonicalChannel("velocity_x", "m/s"),
+    CanonicalChannel("velocity_y", "m/s", flipped=True),
+    CanonicalChannel("velocity_z", "m/s", flipped=True),
+    CanonicalChannel("acceleration_z", "m/s^2", flipped=True),
+    CanonicalChannel("specific_force_z", "m/s^2", flipped=True),
+    CanonicalChannel("specific_force_body_x", "m/s^2"),
+    CanonicalChannel("specific_force_body_y", "m/s^2", flipped=True),
+    CanonicalChannel("specific_force_body_z", "m/s^2", flipped=True),
+    CanonicalChannel("attitude_w", ""),
+    CanonicalChannel("attitude_x", ""),
+    CanonicalChannel("attitude_y", "", flipped=True),
+    CanonicalChannel("attitude_z", "", flipped=True),
+    CanonicalChannel("cos_tilt", ""),
+    CanonicalChannel("angular_rate_x", "rad/s"),
+    CanonicalChannel("angular_rate_y", "rad/s", flipped=True),
+    CanonicalChannel("angular_rate_z", "rad/s", flipped=True),
+    CanonicalChannel("input", "", held=True, free_unit=True),
+    CanonicalChannel("rotor_command_*", "", held=True, free_unit=True),
+    CanonicalChannel("rotor_speed_*", "", free_unit=True),
+    CanonicalChannel("actuator_output_*", "", held=True, free_unit=True),
+    CanonicalChannel("battery_voltage", "V"),
+    CanonicalChannel("air_density", "kg/m^3"),
+    CanonicalChannel("air_temperature", "degC"),
+    CanonicalChannel("hover_thrust_estimate", ""),
+    CanonicalChannel("reference_position_z", "m", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("reference_velocity_z", "m/s", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("reference_acceleration_z", "m/s^2", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("feedback_reference_velocity_z", "m/s", held=True, flipped=True),
+    CanonicalChannel("torque_setpoint_x", "", held=True, free_unit=True),
+    CanonicalChannel("torque_setpoint_y", "", held=True, flipped=True, free_unit=True),
+    CanonicalChannel("torque_setpoint_z", "", held=True, flipped=True, free_unit=True),
+    CanonicalChannel("injected_torque_x", "", held=True, free_unit=True, exogenous=True),
+    CanonicalChannel("injected_torque_y", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    CanonicalChannel("injected_torque_z", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    CanonicalChannel("injected_throttle", "", held=True, free_unit=True, exogenous=True),
+    CanonicalChannel("pilot_throttle", "", held=True, free_unit=True, exogenous=True),
+    CanonicalChannel("pilot_in_control", "", held=True, exogenous=True),
+    CanonicalChannel("input_open_loop", "", held=True, exogenous=True),
+    CanonicalChannel("reference_roll", "rad", held=True, exogenous=True),
+    CanonicalChannel("reference_pitch", "rad", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("reference_yaw", "rad", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("feedback_reference_roll", "rad", held=True),
+    CanonicalChannel("feedback_reference_pitch", "rad", held=True, flipped=True),
+    CanonicalChannel("feedback_reference_yaw", "rad", held=True, flipped=True),
+    CanonicalChannel("reference_angular_rate_x", "rad/s", held=True, exogenous=True),
+    CanonicalChannel("reference_angular_rate_y", "rad/s", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("reference_angular_rate_z", "rad/s", held=True, flipped=True, exogenous=True),
+    CanonicalChannel("feedback_reference_angular_rate_x", "rad/s", held=True),
+    CanonicalChannel("feedback_reference_angular_rate_y", "rad/s", held=True, flipped=True),
+    CanonicalChannel("feedback_reference_angular_rate_z", "rad/s", held=True, flipped=True),
+    CanonicalChannel("pilot_sets_attitude", "", held=True, exogenous=True),
+    CanonicalChannel("pilot_roll", "", held=True, free_unit=True, exogenous=True),
+    CanonicalChannel("pilot_pitch", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    CanonicalChannel("pilot_yaw", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    CanonicalChannel("landed", "", held=True),
+    CanonicalChannel("ground_contact", "", held=True),
+)
+
+#: By name; grows by what motions declare.
+_TABLE: dict[str, CanonicalChannel] = {channel.name: channel for channel in BUILT_IN}
+
+
+def canonical_channels() -> Mapping[str, CanonicalChannel]:
+    """Return all canonical channels by name: those built in, then those that were declared."""
+    return MappingProxyType(_TABLE)
+
+
+def canonical_channel(name: str) -> CanonicalChannel | None:
+    """Return the entry of a channel ("rotor_command_*" for "rotor_command_1"); None when there is none."""
+    if name in _TABLE:
+        return None if name.endswith("*") else _TABLE[name]
+    stem, _, number = name.rpartition("_")
+    numbered = number.isascii() and number.isdecimal() and len(number) <= 3 and not number.startswith("0")
+    return _TABLE.get(f"{stem}_*") if numbered else None
+
+
+def unit_of(name: str) -> str:
+    """Return the SI unit of a canonical channel, empty for a pure number.
+
+    Raises
+    ------
+    UsageError
+        When the name is not canonical.
+    """
+    channel = canonical_channel(name)
+    if channel is None:
+        raise UsageError(
+            "the name of a canonical channel",
+            f"{name!r}",
+            f"The names are {', '.join(canonical_channels())}.",
+        )
+    return channel.unit
+
+
+def held_by_default(name: str) -> bool:
+    """Say whether a channel of this name is one that holds its value."""
+    channel = canonical_channel(name)
+    return channel is not None and channel.held
+
+
+def declare_channels(*declared: CanonicalChannel) -> None:
+    """Add channels to the table, for this process. Declaring the same channel again changes nothing.
+
+    Parameters
+    ----------
+    *declared : CanonicalChannel
+        Channels with names of their own.
+
+    Raises
+    ------
+    UsageError
+        When a name is taken by a channel that is another one. Then none of them is added.
+    """
+    added: dict[str, CanonicalChannel] = {}
+    for channel in declared:
+        taken = [other for other in (*_TABLE.values(), *added.values()) if _collide(channel, other)]
+        if any(other != channel for other in taken):
+            raise UsageError(
+                "a channel that is declared once, or the same each time",
+                f"{channel} where {taken[0]} is known",
+                "Rename one of them.",
+            )
+        added[channel.name] = channel
+    _TABLE.update(added)
+
+
+def _collide(one: CanonicalChannel, other: CanonicalChannel) -> bool:
+    """Whether a channel of a log could be either."""
+    if one.name == other.name:
+        return True
+    numbered = [
+        (family.name.removesuffix("*"), single.name)
+        for family, single in ((one, other), (other, one))
+        if family.name.endswith("_*")
+    ]
+    return any(name.startswith(stem) and name.removeprefix(stem).isdecimal() for stem, name in numbered)
+
+
+# -- Families --
+
+#: Letters of the axes, in their order.
+AXES = ("x", "y", "z")
+
+
+def is_member(suffix: str) -> bool:
+    """Whether what follows a family's name and ``_`` is a rotor's number or an axis' letter."""
+    return suffix.isdecimal() or suffix in AXES
+
+
+def family_members(name: str, among: Iterable[str]) -> list[str]:
+    """Names out of several that are `name`, or members of the family of that name, in their order.
+
+    Parameters
+    ----------
+    name : str
+        Of a channel or of a family; ``_*`` at its end changes nothing.
+    among : iterable of str
+        Names that there are.
+    """
+    names = set(among)
+    if name in names:
+        return [name]
+    stem = name.rstrip("*").rstrip("_") + "_"
+    suffixes = {one.removeprefix(stem) for one in names if one.startswith(stem)}
+    numbers = sorted((suffix for suffix in suffixes if suffix.isdecimal()), key=int)
+    return [f"{stem}{member}" for member in numbers or [axis for axis in AXES if axis in suffixes]]

@@ -1,0 +1,325 @@
+"""Filters: actuator lag, low pass, derivatives and time stamps."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from eivor.signals.noise import padded_length
+from eivor.tools import Float
+
+# -- Actuator --
+
+
+def actuator_state(
+    command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
+) -> Float[np.ndarray, "n rotors"]:
+    """State of each actuator at the samples; it starts at rest at its first command.
+
+    Parameters
+    ----------
+    command : ndarray, shape (n, rotors)
+        Commanded values; ``command[k]`` is held from sample k to sample k+1.
+    step_s, lag_s, delay_s : float
+        Step of the grid h, time constant tau and delay d [s]. A zero lag gives the delayed command
+        itself; with neither lag nor delay `command` is unchanged.
+
+    Notes
+    -----
+    Performs no checks. Linear in n.
+    """
+    if lag_s <= 0.0 and delay_s <= 0.0:
+        return command
+    whole = int(np.floor(delay_s / step_s + 1e-9))
+    fraction = max(delay_s / step_s - whole, 0.0)
+    decay = np.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
+    tail = np.exp(-(1.0 - fraction) * step_s / lag_s) if lag_s > 0.0 else 0.0
+    start = command[0]
+    delayed = delayed_by(command - start, whole + 1)
+    earlier = delayed_by(command - start, whole + 2)
+    driven = (1.0 - tail) * delayed + (tail - decay) * earlier
+    return _recursion(driven, float(decay)) + start
+
+
+def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.ndarray, "n rotors"]:
+    """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is.
+
+    LAPACK solves it as fast as a filter would, and is at hand without loading SciPy's signal processing,
+    which takes longer than the whole search for a lag.
+    """
+    band = np.empty((2, driven.shape[0]))
+    band[0], band[1] = 1.0, -decay
+    state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
+    return state
+
+
+def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np.ndarray, "n columns"]:
+    """Values `samples` later, preceded by zeros. Performs no checks."""
+    if samples == 0:
+        return values
+    shifted = np.zeros_like(values)
+    shifted[samples:] = values[:-samples]
+    return shifted
+
+
+def shifted_by(
+    values: Float[np.ndarray, "n columns"], *, step_s: float, delay_s: float
+) -> Float[np.ndarray, "n columns"]:
+    """Sampled values so much later; earlier for a negative delay.
+
+    Between samples by the cubic through the four nearest, whose error is of the fourth order in the step;
+    beyond the ends the first and the last value are held.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        A continuous quantity, sampled.
+    step_s, delay_s : float
+        Step and delay [s].
+
+    Notes
+    -----
+    Performs no checks.
+    """
+    whole = int(np.floor(delay_s / step_s))
+    f = delay_s / step_s - whole
+    # Lagrange's weights for the value between samples 0 and -1, of samples 1, 0, -1, -2 from there
+    weights = (
+        f * (f - 1.0) * (2.0 - f) / 6.0,
+        (1.0 + f) * (1.0 - f) * (2.0 - f) / 2.0,
+        f * (1.0 + f) * (2.0 - f) / 2.0,
+        f * (1.0 + f) * (f - 1.0) / 6.0,
+    )
+    index = np.arange(values.shape[0]) - whole
+    last = values.shape[0] - 1
+    shifted = np.zeros_like(values)
+    for weight, offset in zip(weights, (1, 0, -1, -2), strict=True):
+        if weight:
+            shifted += weight * values[np.clip(index + offset, 0, last)]
+    return shifted
+
+
+def first_order_lag(
+    values: Float[np.ndarray, " n"], *, step_s: float, lag_s: float
+) -> Float[np.ndarray, " n"]:
+    """Held `values` behind a first-order lag that starts at rest at the first one."""
+    return actuator_state(values[:, None], step_s=step_s, lag_s=lag_s, delay_s=0.0)[:, 0]
+
+
+# -- Causal filter --
+
+#: Weights that are found one by one before the number of them is doubled.
+FIRST_WEIGHTS = 32
+
+
+def filtered(weights: Float[np.ndarray, " m"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """sum_j w_j x(k - j) for each k, as long as the values; weights left out are zero. Performs no checks."""
+    count = values.size
+    if weights.size == 1:
+        return weights[0] * values
+    length = padded_length(max(count, weights.size))
+    spectrum = np.fft.rfft(weights[:count], length) * np.fft.rfft(values, length)
+    series: Float[np.ndarray, " n"] = np.fft.irfft(spectrum, length)[:count]
+    return series
+
+
+def in_a_row(one: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
+    """Weights of two filters in a row, as many as the longer one has. Performs no checks."""
+    longer, shorter = (one, other) if one.size >= other.size else (other, one)
+    return filtered(shorter, longer)
+
+
+def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (n,)
+        The first one is not zero.
+
+    Notes
+    -----
+    Newton's iteration r <- r (2 - w r), which doubles the number of right weights (Sieveking 1972); the
+    error is of the order of rounding times the largest weight. Performs no checks.
+    """
+    found = _first_weights(weights[:FIRST_WEIGHTS])
+    while found.size < weights.size:
+        count = min(2 * found.size, weights.size)
+        padded = np.zeros(count)
+        padded[: found.size] = found
+        left = -filtered(weights[:count], padded)
+        left[: found.size] = 0.0  # right but for rounding: 1, 0, 0, ...
+        found = padded + filtered(padded, left)
+    return found
+
+
+def _first_weights(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Inverse filter weight by weight: quadratic, for a few of them."""
+    inverse = np.zeros(weights.size)
+    inverse[0] = 1.0 / weights[0]
+    for k in range(1, weights.size):
+        inverse[k] = -(weights[1 : k + 1] @ inverse[k - 1 :: -1]) / weights[0]
+    return inverse
+
+
+# -- Derivative --
+
+#: Central differences over one, two and three samples to each side: exact for polynomials of degree six.
+WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
+
+
+def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, " n"]:
+    """Derivative of a series by central differences of seven samples; of fewer near its ends.
+
+    Amplitudes at a frequency f are those of the derivative within .1 % for f h up to .08, where a
+    difference of two samples has lost 4 %.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        With two samples or more.
+    step_s : float
+        Time between samples h [s].
+    """
+    derivative: Float[np.ndarray, " n"] = np.gradient(values, step_s)
+    reach = len(WEIGHTS)
+    if values.size > 2 * reach:
+        inner = values.size - 2 * reach
+        centre = np.zeros(inner)
+        for number, weight in enumerate(WEIGHTS, start=1):
+            after = values[reach + number : reach + number + inner]
+            before = values[reach - number : reach - number + inner]
+            centre += weight * (after - before)
+        derivative[reach:-reach] = centre / step_s
+    return derivative
+
+
+# -- Fast length --
+
+#: Prime factors of quick lengths: of fewer kinds more samples would be lost.
+FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23)
+
+
+def fast_length(count: int) -> int:
+    """Return the largest length up to a count, from 1 on, that has small prime factors only.
+
+    Of ten thousand samples a dozen are left out in the mean, and never more than seventy.
+    """
+    return next(length for length in range(count, 0, -1) if _remainder(length) == 1)
+
+
+def _remainder(length: int) -> int:
+    """What is left of a length without the factors."""
+    for factor in FACTORS:
+        while length % factor == 0:
+            length //= factor
+    return length
+
+
+# -- Low pass --
+
+
+def low_passed(
+    values: Float[np.ndarray, "n columns"], *, step_s: float, cutoff_hz: float
+) -> Float[np.ndarray, "n columns"]:
+    """Columns behind the filter, which has seen their first values for ever.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        Sampled; between samples it is the line.
+    step_s : float
+        Step of the grid [s].
+    cutoff_hz : float
+        At which the power is halved [Hz].
+
+    Notes
+    -----
+    Performs no checks. Linear in n. Late by sqrt(2) / w far below the cutoff. With s = w / sqrt(2) the answer
+    to a ramp t is ``t - (1 - exp(-s t) cos(s t)) / s``; its second difference over the step, behind the
+    recursion's denominator, is the numerator.
+    """
+    s = np.sqrt(2.0) * np.pi * cutoff_hz
+    t = step_s * np.arange(1, 4)
+    ramp = t - (1.0 - np.exp(-s * t) * np.cos(s * t)) / s
+    first, second = -2.0 * np.exp(-s * step_s) * np.cos(s * step_s), np.exp(-2.0 * s * step_s)
+    bends = np.diff([0.0, 0.0, *ramp], 2) / step_s
+    start = values[0]
+    moved = values - start
+    driven = np.zeros_like(moved)
+    for late, weight in enumerate(np.convolve([1.0, first, second], bends)[:3]):
+        driven[late:] += weight * moved[: moved.shape[0] - late]
+    band = np.empty((3, values.shape[0]))
+    band[0], band[1], band[2] = 1.0, first, second
+    filtered: Float[np.ndarray, "n columns"] = dtbtrs(band, driven, uplo="L", diag="U")[0]
+    return filtered + start
+
+
+# -- Stamps --
+
+#: So many samples to each side make the line; a second of a slow log, and too short for a clock to drift.
+REACH = 25
+#: Fewer backward stamps than this share are slips.
+BACKWARD_SHARE = 0.005
+#: Stamps that go back by more than so many usual distances are of a clock that was set.
+FURTHEST = 5.0
+#: A distance of so many usual ones is a pause: lines end there.
+PAUSE = 10.0
+
+
+def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Stamps with their errors averaged out, where they err; else the same array.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Finite stamps in the order of the samples [s].
+    """
+    if time_s.size <= 2 * REACH:
+        return time_s
+    distances = np.diff(time_s)
+    back = distances[distances < 0.0]
+    if back.size < BACKWARD_SHARE * time_s.size:
+        return time_s
+    usual = float(np.mean(distances[np.abs(distances) <= PAUSE * np.median(np.abs(distances))]))
+    if usual <= 0.0 or float(back.min()) < -FURTHEST * usual:
+        return time_s
+    return on_lines(time_s, PAUSE * usual)
+
+
+def on_lines(time_s: Float[np.ndarray, " n"], longest_s: float) -> Float[np.ndarray, " n"]:
+    """Each stamp on the line through those around it, whether they err or not.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps in the order of the samples [s].
+    longest_s : float
+        Lines end where two stamps are further apart [s].
+    """
+    ends = np.flatnonzero(np.diff(time_s) > longest_s) + 1
+    return np.concatenate([_on_lines(part) for part in np.split(time_s, ends)])
+
+
+def _on_lines(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Value at each sample of the least squares line through the stamps around it, against their numbers."""
+    count = time_s.size
+    if count < 3:
+        return time_s
+    number = np.arange(count, dtype=np.float64)
+    low = np.maximum(np.arange(count) - REACH, 0)
+    high = np.minimum(np.arange(count) + REACH + 1, count)
+    # against numbers from the sample itself on, and times from those of an even clock: small sums
+    even = time_s[0] + number * (time_s[-1] - time_s[0]) / (count - 1)
+    away = time_s - even
+    width = high - low
+
+    def window(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        return np.asarray(total[high] - total[low])
+
+    middle = window(number) / width
+    spread = window(number**2) - width * middle**2
+    mean = window(away) / width
+    slope = (window(number * away) - width * middle * mean) / spread
+    return np.asarray(even + mean + slope * (number - middle))

@@ -1,0 +1,150 @@
+"""Maps from commands to thrust."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.tools import Float
+
+
+class InputMap(ABC):
+    """A monotone map of an actuator's state (zero or more) to thrust per unit of gain."""
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """The word that the command line and channel maps use."""
+
+    @abstractmethod
+    def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Mapped value of each state."""
+
+    @abstractmethod
+    def inverse(self, mapped: float) -> float:
+        """State whose mapped value is `mapped`; NaN when there is none."""
+
+    @abstractmethod
+    def slope(self, state: float) -> float:
+        """Derivative of the mapped value at `state`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Power(InputMap):
+    """``state ** exponent``, sign kept: 1 for thrust commands, 2 for rotor speeds.
+
+    Parameters
+    ----------
+    exponent : float
+        Positive.
+
+    Raises
+    ------
+    UsageError
+        When the exponent is not positive.
+    """
+
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.exponent) and self.exponent > 0.0):
+            raise UsageError(
+                "a positive exponent of the input map", f"{self.exponent}", "Use linear, square or power:1.5."
+            )
+
+    @property
+    def name(self) -> str:
+        """``linear``, ``square`` or ``power:EXPONENT``."""
+        return {1.0: "linear", 2.0: "square"}.get(self.exponent, f"power:{_shortest(self.exponent)}")
+
+    def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Signed power of each state."""
+        if self.exponent == 1.0:
+            return state
+        mapped: Float[np.ndarray, "*shape"] = np.sign(state) * np.abs(state) ** self.exponent
+        return mapped
+
+    def inverse(self, mapped: float) -> float:
+        """Signed root of `mapped`."""
+        return float(np.sign(mapped) * np.abs(mapped) ** (1.0 / self.exponent))
+
+    def slope(self, state: float) -> float:
+        """``exponent * |state| ** (exponent - 1)``."""
+        return float(self.exponent * np.abs(state) ** (self.exponent - 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Mixed(InputMap):
+    """``(1 - share) state + share state**2``: PX4's thrust curve, share = THR_MDL_FAC.
+
+    Parameters
+    ----------
+    share : float
+        Between 0 and 1.
+
+    Raises
+    ------
+    UsageError
+        When the share lies outside that range.
+    """
+
+    share: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share <= 1.0:
+            raise UsageError("a share between 0 and 1", f"mixed:{self.share}", "Use mixed:0.3, for example.")
+
+    @property
+    def name(self) -> str:
+        """``mixed:SHARE``."""
+        return f"mixed:{_shortest(self.share)}"
+
+    def __call__(self, state: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+        """Blend of each state and its square."""
+        return (1.0 - self.share) * state + self.share * state * np.abs(state)
+
+    def inverse(self, mapped: float) -> float:
+        """Positive root of the quadratic; NaN for a negative value."""
+        if mapped < 0.0:
+            return float("nan")
+        linear = 1.0 - self.share
+        return (
+            float(2.0 * mapped / (linear + np.sqrt(linear**2 + 4.0 * self.share * mapped))) if mapped else 0.0
+        )
+
+    def slope(self, state: float) -> float:
+        """``1 - share + 2 share |state|``."""
+        return float(1.0 - self.share + 2.0 * self.share * np.abs(state))
+
+
+def _shortest(number: float) -> str:
+    """Fewest digits that give the number back."""
+    return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
+
+
+def input_map(name: str) -> InputMap:
+    """Input map of a name: linear, square, power:EXPONENT, or mixed:SHARE.
+
+    Raises
+    ------
+    UsageError
+        When no map has that name.
+    """
+    word, _, number = name.partition(":")
+    try:
+        if word in {"linear", "square"} and not number:
+            return Power(1.0 if word == "linear" else 2.0)
+        if word == "power":
+            return Power(float(number))
+        if word == "mixed":
+            return Mixed(float(number))
+    except ValueError:
+        pass
+    raise UsageError(
+        "an input map linear, square, power:EXPONENT or mixed:SHARE",
+        f"'{name}'",
+        "Rotor speeds want square, thrust setpoints linear.",
+    )

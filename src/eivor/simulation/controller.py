@@ -1,0 +1,588 @@
+"""Cascaded controller with sensors and delays."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eivor.errors import ParameterError
+from eivor.motions.rigid_body.dynamics import Components, Triple, Value, into_body, rotation, stacked, turned
+from eivor.motions.rigid_body.vehicle import Vehicle, within
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.tools import Float, Int
+
+# -- Controller --
+
+#: No loop is quicker than this, however quick the rotors are [1/s].
+LARGEST_RATE_GAIN, LARGEST_ATTITUDE_GAIN, LARGEST_CLIMB_GAIN = 40.0, 12.0, 5.0
+#: Largest gain of the rate loop in normalised torque [per rad/s].
+LARGEST_TORQUE_PER_RATE = 0.5
+#: Largest part of a torque setpoint that the integrator may hold.
+LARGEST_INTEGRAL = 0.3
+#: Share of the weight that is the least thrust, and of full thrust that is the largest.
+LEAST_WEIGHT, MOST_THRUST = 0.05, 0.9
+#: The least thrust of a rotor that is commanded, as a share of its full one.
+IDLE = 1e-3
+#: Thrust is raised for a tilt of up to so much: the least cosine.
+LEAST_COSINE = 0.5
+#: Gain of the velocity of a vehicle that holds its place, over that of the place; its largest tilt [rad].
+HOLD_DAMPING, MOST_HOLDING_TILT = 3.0, 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class FlightController:
+    """Rates and quickness of the loops.
+
+    Quickness is relative to the vehicle: T is the sum of the rotors' lag and delay, the delays of gyroscope
+    and filter, and half a period of the rate loop.
+
+    Parameters
+    ----------
+    rate_hz, attitude_hz, height_hz : float
+        How often each loop runs [Hz]: the simulation's rate over a whole number.
+    quickness : float
+        Gain of the rate loop times T, less on an axis with little torque.
+    attitude_share : float
+        Gain of the attitude loop over that of the rate loop; half of it in yaw.
+    integral_share : float
+        Integral gain of the rate loop over the square of its gain.
+    derivative_share : float
+        Derivative time of the rate loop over T.
+    derivative_cutoff_hz : float
+        Of the first-order filter of that derivative [Hz].
+    climb_quickness : float
+        Gain of the climb rate's loop times T and half a period of the height loop.
+    height_share, climb_integral_share : float
+        Gain of the height loop over that of the climb rate's, and of its integrator over the square of that.
+    hold : float
+        Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and
+        drifts.
+
+    Raises
+    ------
+    ParameterError
+        When a value is out of its range.
+    """
+
+    rate_hz: float = 500.0
+    attitude_hz: float = 250.0
+    height_hz: float = 50.0
+    quickness: float = 0.6
+    attitude_share: float = 0.5
+    integral_share: float = 0.05
+    derivative_share: float = 0.0
+    derivative_cutoff_hz: float = 30.0
+    climb_quickness: float = 0.35
+    height_share: float = 0.3
+    climb_integral_share: float = 0.05
+    hold: float = 0.0
+
+    def __post_init__(self) -> None:
+        within(self, CONTROLLER_RANGES, "Correct the controller.")
+
+
+#: What each number of a controller may be.
+CONTROLLER_RANGES = {
+    "rate_hz": (10.0, 1e4),
+    "attitude_hz": (10.0, 1e4),
+    "height_hz": (1.0, 1e4),
+    "quickness": (0.01, 2.0),
+    "attitude_share": (0.01, 1.0),
+    "integral_share": (0.0, 0.5),
+    "derivative_share": (0.0, 2.0),
+    "derivative_cutoff_hz": (0.1, 1e4),
+    "climb_quickness": (0.01, 1.0),
+    "height_share": (0.01, 0.6),
+    "climb_integral_share": (0.0, 0.25),
+    "hold": (0.0, 1.0),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Numbers of the loops, of one flight or of several.
+
+    Parameters
+    ----------
+    rate, integral, derivative : tuple
+        Normalised torque on each axis per rad/s, per rad and per rad/s^2.
+    attitude : tuple
+        Rate asked for per rad on each axis [1/s].
+    climb, climb_integral, height : float or ndarray, shape (flights,)
+        Acceleration asked for per m/s and per m of accumulated error, climb rate per m.
+    hold : float or ndarray, shape (flights,)
+        Velocity asked for per metre [1/s].
+    derivative_decay : float or ndarray, shape (flights,)
+        What is left of the filtered derivative after a period of the rate loop.
+    weight, full_thrust : float or ndarray, shape (flights,)
+        [N].
+    mass : float or ndarray, shape (flights,)
+        [kg].
+    """
+
+    rate: tuple[Value, ...]
+    integral: tuple[Value, ...]
+    derivative: tuple[Value, ...]
+    attitude: tuple[Value, ...]
+    climb: Value
+    climb_integral: Value
+    height: Value
+    hold: Value
+    derivative_decay: Value
+    weight: Value
+    full_thrust: Value
+    mass: Value
+
+
+def gains_of(controller: FlightController, vehicle: Vehicle, sensing_s: float) -> Gains:
+    """Gains that suit a vehicle.
+
+    Parameters
+    ----------
+    controller : FlightController
+        How quick the loops are.
+    vehicle : Vehicle
+        What they control.
+    sensing_s : float
+        Delay of the measured rates, with that of their filter [s].
+    """
+    rotors = vehicle.rotors
+    slowness = max(rotors.lag_up, rotors.lag_down) + rotors.delay + sensing_s + 0.5 / controller.rate_hz
+    quickest = min(controller.quickness / slowness, LARGEST_RATE_GAIN)
+    effectiveness = control_effectiveness(vehicle)
+    # An axis that is weak, as yaw is, would be at its limit from noise alone.
+    rates = [min(quickest, LARGEST_TORQUE_PER_RATE * gain) for gain in effectiveness]
+    attitude = [min(controller.attitude_share * rate, LARGEST_ATTITUDE_GAIN) for rate in rates]
+    climb = min(controller.climb_quickness / (slowness + 0.5 / controller.height_hz), LARGEST_CLIMB_GAIN)
+    loops = list(zip(rates, effectiveness, strict=True))
+    decay = np.exp(-2.0 * np.pi * controller.derivative_cutoff_hz / controller.rate_hz)
+    return Gains(
+        rate=tuple(rate / gain for rate, gain in loops),
+        integral=tuple(controller.integral_share * rate**2 / gain for rate, gain in loops),
+        derivative=tuple(controller.derivative_share * slowness * rate / gain for rate, gain in loops),
+        attitude=(attitude[0], attitude[1], 0.5 * attitude[2]),
+        climb=climb,
+        climb_integral=controller.climb_integral_share * climb**2,
+        height=controller.height_share * climb,
+        hold=controller.hold,
+        derivative_decay=float(decay),
+        weight=vehicle.mass * GRAVITY,
+        full_thrust=vehicle.full_thrust,
+        mass=vehicle.mass,
+    )
+
+
+def torque_limits(vehicle: Vehicle) -> tuple[float, float, float]:
+    """Torques [N m] of the setpoints 1 about each axis: the rotors of one side at full speed, no others."""
+    rotors = vehicle.rotors
+    full = rotors.thrust(rotors.highest_speed)
+    roll = sum(max(y, 0.0) for _, y, _ in rotors.positions)
+    pitch = sum(max(-x, 0.0) for x, _, _ in rotors.positions)
+    yaw = rotors.torque_ratio * sum(max(spin, 0) for spin in rotors.spins)
+    return full * roll, full * pitch, full * yaw
+
+
+def control_effectiveness(vehicle: Vehicle) -> tuple[float, float, float]:
+    """Angular acceleration [rad/s^2] per unit of each torque setpoint, rotors within their limits."""
+    limits = torque_limits(vehicle)
+    roll, pitch, yaw = (limit / own for limit, own in zip(limits, vehicle.inertia[:3], strict=True))
+    return roll, pitch, yaw
+
+
+def between(value: Value, low: Value, high: Value) -> Value:
+    """Value, cut off at two limits."""
+    if isinstance(value, np.ndarray):
+        return np.minimum(np.maximum(value, low), high)
+    return min(max(value, low), high)
+
+
+class Cascade:
+    """The three loops of a flight, or of several side by side, and what they remember.
+
+    Parameters
+    ----------
+    gains : Gains
+        Their numbers.
+    rate_period_s, height_period_s : float
+        Of rate and height loop [s].
+    """
+
+    def __init__(self, gains: Gains, rate_period_s: float, height_period_s: float) -> None:
+        self._gains = gains
+        self._rate_period_s, self._height_period_s = rate_period_s, height_period_s
+        self._integral: list[Value] = [0.0, 0.0, 0.0]
+        self._climb_integral: Value = 0.0
+        self._before: Triple | None = None
+        self._derivative: list[Value] = [0.0, 0.0, 0.0]
+        self._differentiates = bool(np.any(np.array(gains.derivative)))
+
+    def thrust(self, reference: Triple, height: Value, climb: Value, cosine: Value) -> Value:
+        """Collective thrust, as a share of the full one.
+
+        Parameters
+        ----------
+        reference : three components
+            Height [m], climb rate [m/s] and acceleration [m/s^2] that are asked for.
+        height, climb, cosine : component
+            As measured: height [m], climb rate [m/s], cosine of the tilt.
+        """
+        g = self._gains
+        wanted_height, wanted_climb, acceleration = reference
+        error = wanted_climb + g.height * (wanted_height - height) - climb
+        self._climb_integral = self._climb_integral + error * self._height_period_s
+        acceleration = acceleration + g.climb * error + g.climb_integral * self._climb_integral
+        upward = g.weight + g.mass * acceleration
+        thrust = upward / between(cosine, LEAST_COSINE, 1.0)
+        return between(thrust, LEAST_WEIGHT * g.weight, MOST_THRUST * g.full_thrust) / g.full_thrust
+
+    def holding(self, wanted: Components, place: Components, drift: Components) -> list[Value]:
+        """Attitude that is asked for, tilted towards the place where the flight began.
+
+        Parameters
+        ----------
+        wanted : four components
+            Attitude from outside, w, x, y, z.
+        place, drift : two components
+            Measured position [m] and velocity [m/s] in the world, forward and left of the start.
+        """
+        hold = self._gains.hold
+        most = MOST_HOLDING_TILT * GRAVITY
+        forward, left = (
+            between(HOLD_DAMPING * hold * (-hold * away - speed), -most, most)
+            for away, speed in zip(place, drift, strict=True)
+        )
+        ahead, aside, _ = into_body(rotation(*wanted), forward, left, 0.0)
+        return turned(wanted, -aside / GRAVITY, ahead / GRAVITY, 0.0)
+
+    def rates(self, wanted: Components, attitude: Components) -> Triple:
+        """Body rates [rad/s] that turn an attitude towards the one that is asked for."""
+        a, b, c, d = wanted
+        w, x, y, z = attitude
+        # vector part of conj(attitude) wanted, by the shorter way round
+        way = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
+        roll, pitch, yaw = self._gains.attitude
+        return (
+            way * roll * (w * b - a * x - y * d + z * c),
+            way * pitch * (w * c - a * y - z * b + x * d),
+            way * yaw * (w * d - a * z - x * c + y * b),
+        )
+
+    def torques(self, wanted: Triple, measured: Triple) -> Triple:
+        """Normalised torques that bring the body rates to those that are asked for."""
+        g, period = self._gains, self._rate_period_s
+        error = [asked - is_now for asked, is_now in zip(wanted, measured, strict=True)]
+        self._integral = [
+            between(held + gain * period * one, -LARGEST_INTEGRAL, LARGEST_INTEGRAL)
+            for held, gain, one in zip(self._integral, g.integral, error, strict=True)
+        ]
+        torque = [gain * one + held for gain, one, held in zip(g.rate, error, self._integral, strict=True)]
+        if self._differentiates:
+            torque = [
+                one - gain * slope
+                for one, gain, slope in zip(torque, g.derivative, self._slopes(measured), strict=True)
+            ]
+        return between(torque[0], -1.0, 1.0), between(torque[1], -1.0, 1.0), between(torque[2], -1.0, 1.0)
+
+    def _slopes(self, measured: Triple) -> list[Value]:
+        """Derivatives of the measured rates, filtered."""
+        decay, before = self._gains.derivative_decay, self._before or measured
+        self._before = measured
+        self._derivative = [
+            decay * held + (1.0 - decay) * (now - then) / self._rate_period_s
+            for held, now, then in zip(self._derivative, measured, before, strict=True)
+        ]
+        return self._derivative
+
+
+@dataclass(frozen=True, slots=True)
+class Mixer:
+    """From normalised thrust and torques to the rotors' commands.
+
+    Parameters
+    ----------
+    shares : tuple
+        Of each rotor, or of all as arrays of shape (rotors, flights): its thrust [N] per unit of thrust,
+        roll, pitch and yaw.
+    thrust_linear, thrust_quadratic : float or ndarray, shape (flights,)
+        Of a rotor.
+    least, most : float or ndarray, shape (flights,)
+        Thrust of a rotor at its limits [N].
+    """
+
+    shares: tuple[tuple[Value, Value, Value, Value], ...]
+    thrust_linear: Value
+    thrust_quadratic: Value
+    least: Value
+    most: Value
+
+    def commands(self, thrust: Value, torques: Triple) -> list[Value]:
+        """Rotor speeds whose thrusts have this sum and these torques, as far as the rotors can."""
+        roll, pitch, yaw = torques
+        linear, quadratic = self.thrust_linear, self.thrust_quadratic
+        speeds = []
+        for up, left, down, around in self.shares:
+            force = between(up * thrust + left * roll + down * pitch + around * yaw, self.least, self.most)
+            speeds.append(2.0 * force / (linear + (linear * linear + 4.0 * quadratic * force) ** 0.5))
+        return speeds
+
+
+def mixer_of(vehicle: Vehicle) -> Mixer:
+    """Mixer of one vehicle, in floats.
+
+    Raises
+    ------
+    ParameterError
+        When the rotors cannot give thrust and torque about each axis independently.
+    """
+    rotors = vehicle.rotors
+    x, y, _ = np.array(rotors.positions).T
+    geometry = np.stack([np.ones(rotors.count), y, -x, rotors.torque_ratio * np.array(rotors.spins)])
+    scale = np.array([vehicle.full_thrust, *torque_limits(vehicle)])
+    if np.any(scale <= 0.0) or np.linalg.matrix_rank(geometry / scale[:, None], tol=1e-9) < 4:
+        raise ParameterError(
+            "rotors that give thrust and a torque about each axis independently",
+            f"{rotors.count} rotors that do not",
+            "Correct positions and spins; neighbours turn opposite ways.",
+        )
+    shares = np.linalg.pinv(geometry / scale[:, None]).tolist()
+    full = rotors.thrust(rotors.highest_speed)
+    return Mixer(
+        shares=tuple((up, left, down, around) for up, left, down, around in shares),
+        thrust_linear=rotors.thrust_linear,
+        thrust_quadratic=rotors.thrust_quadratic,
+        least=max(rotors.thrust(rotors.lowest_speed), IDLE * full),
+        most=full,
+    )
+
+
+def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
+    """Mixer of several vehicles with equally many rotors, in arrays."""
+    each = [mixer_of(vehicle) for vehicle in vehicles]
+    # (rotors, 4, flights)
+    shares = np.array([one.shares for one in each]).transpose(1, 2, 0)
+    up, left, down, around = (np.ascontiguousarray(shares[:, part]) for part in range(4))
+    names = ("thrust_linear", "thrust_quadratic", "least", "most")
+    return Mixer(
+        ((up, left, down, around),), *(stacked([getattr(one, name) for one in each]) for name in names)
+    )
+
+
+def gains_side_by_side(each: Sequence[Gains]) -> Gains:
+    """Gains of several flights, in arrays."""
+    return Gains(*(stacked([getattr(one, name) for one in each]) for name in Gains.__slots__))
+
+
+# -- Delay line --
+
+
+class DelayLine:
+    """What is on its way.
+
+    Parameters
+    ----------
+    late : int or ndarray of int, shape (flights,)
+        Steps that it takes.
+    before : sequence of components, optional
+        What arrives first; the first values that are sent when it is left out.
+    """
+
+    def __init__(
+        self, late: int | Int[np.ndarray, " flights"], before: Sequence[Value] | None = None
+    ) -> None:
+        steps = np.unique(late).tolist()
+        self._longest = int(steps[-1])
+        # For each delay, the flights that have it; none to choose among when all have the same.
+        self._flights = [(step, np.flatnonzero(late == step)) for step in steps] if len(steps) > 1 else []
+        self._past: deque[list[Value]] = deque(maxlen=self._longest + 1)
+        if before is not None:
+            self._past.extend([list(before)] * self._longest)
+
+    def pass_on(self, values: list[Value]) -> list[Value]:
+        """Send values, and return those that arrive in this step."""
+        if self._longest == 0:
+            return values
+        past = self._past
+        if not past:
+            past.extend([values] * self._longest)
+        past.append(values)
+        if not self._flights:
+            return past[0]
+        arrived = [np.array(one) for one in values]
+        for step, flights in self._flights:
+            for one, sent in zip(arrived, past[self._longest - step], strict=True):
+                one[..., flights] = np.asarray(sent)[..., flights]
+        return list(arrived)
+
+
+# -- Sensors --
+
+#: Stamps never err by more than this part of their period.
+LARGEST_JITTER = 0.45
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """How a quantity is measured, alike on each axis.
+
+    Parameters
+    ----------
+    noise : MeasurementNoise
+        Of the readings, before the filter.
+    bias : float
+        Constant error, in the unit of the quantity.
+    rate_hz : float
+        At which it is logged [Hz]; every reading where zero.
+    cutoff_hz : float
+        Of the filter, a low-pass of the second order with Butterworth's damping [Hz]; none where zero.
+    delay_s : float
+        By which readings are late [s], rounded to steps of the simulation.
+    offset_s : float
+        Time of the first one that is logged [s], rounded likewise.
+    averaged_s : float
+        What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
+        controller gets readings as they are.
+    jitter_s : float
+        Standard deviation of the stamps' error [s].
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of its range.
+    """
+
+    noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))
+    bias: float = 0.0
+    rate_hz: float = 0.0
+    cutoff_hz: float = 0.0
+    delay_s: float = 0.0
+    offset_s: float = 0.0
+    averaged_s: float = 0.0
+    jitter_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("rate_hz", 1e5),
+            ("cutoff_hz", 1e5),
+            ("delay_s", 1.0),
+            ("offset_s", 1.0),
+            ("averaged_s", 1.0),
+            ("jitter_s", 1.0),
+        ):
+            if not 0.0 <= getattr(self, name) <= most:
+                raise ParameterError(
+                    f"{name} between 0 and {most:g}", f"{getattr(self, name)}", "Correct the sensor."
+                )
+        if not np.isfinite(self.bias):
+            raise ParameterError("a finite bias", f"{self.bias}", "Correct the sensor.")
+
+    @property
+    def lateness_s(self) -> float:
+        """Delay of slow signals: its own and its filter's [s]."""
+        return self.delay_s + (np.sqrt(2.0) / (2.0 * np.pi * self.cutoff_hz) if self.cutoff_hz else 0.0)
+
+    def errors(self, count: int, axes: int, rng: np.random.Generator) -> Float[np.ndarray, "count axes"]:
+        """What is added to the true values before the filter, one row for each step."""
+        return self.bias + np.column_stack([self.noise.sample(count, rng) for _ in range(axes)])
+
+    def readings(
+        self, raw: Float[np.ndarray, "count axes"], step_s: float
+    ) -> Float[np.ndarray, "count axes"]:
+        """What comes out of filter and delay; both have seen the first value for ever."""
+        late = round(self.delay_s / step_s)
+        filtered = raw
+        if self.cutoff_hz:
+            from scipy.signal import lfilter, lfilter_zi
+
+            b, a = low_pass(self.cutoff_hz, step_s)
+            filtered = lfilter(b, a, raw, axis=0, zi=np.outer(lfilter_zi(b, a), raw[0]))[0]
+        rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
+        return filtered[rows]
+
+    def averages(
+        self, readings: Float[np.ndarray, "count axes"], step_s: float
+    ) -> Float[np.ndarray, "count axes"]:
+        """What is logged of the readings: means over those of the last steps, of as many as there are."""
+        steps = round(self.averaged_s / step_s)
+        if steps < 2:
+            return readings
+        total = np.cumsum(np.vstack([np.zeros((1, readings.shape[1])), readings]), axis=0)
+        last = np.arange(1, readings.shape[0] + 1)
+        first = np.maximum(last - steps, 0)
+        return (total[last] - total[first]) / (last - first)[:, None]
+
+    def rows(self, count: int, step_s: float) -> Int[np.ndarray, " rows"]:
+        """Which steps are logged."""
+        first = round(self.offset_s / step_s)
+        if not self.rate_hz:
+            return np.arange(first, count)
+        number = int((count - first) * step_s * self.rate_hz) + 1
+        rows = first + np.rint(np.arange(number) / (self.rate_hz * step_s)).astype(np.int64)
+        return np.unique(rows[rows < count])
+
+    def stamps(
+        self, rows: Int[np.ndarray, " rows"], step_s: float, rng: np.random.Generator
+    ) -> Float[np.ndarray, " rows"]:
+        """Stamps of the steps that are logged [s], with their error."""
+        error = self.jitter_s * rng.standard_normal(rows.size)
+        most = LARGEST_JITTER * (float(np.diff(rows).min()) if rows.size > 1 else 1.0) * step_s
+        return rows * step_s + np.clip(error, -most, most)
+
+
+def low_pass(cutoff_hz: float, step_s: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Numerator and denominator of the filter at a rate; see `Sensor`.
+
+    Raises
+    ------
+    ParameterError
+        When the cut-off is not below half the rate.
+    """
+    from scipy.signal import butter
+
+    if not cutoff_hz < 0.5 / step_s:
+        raise ParameterError(
+            "a filter whose cut-off lies below half the simulation's rate",
+            f"{cutoff_hz:g} Hz at {1.0 / step_s:g} Hz",
+            "Lower it, or raise the rate.",
+        )
+    b, a = butter(2, cutoff_hz, fs=1.0 / step_s)
+    return np.asarray(b), np.asarray(a)
+
+
+class LiveFilter:
+    """A sensor's filter and delay while a flight goes on, on components; the same numbers as `readings`.
+
+    Parameters
+    ----------
+    numerator, denominator : sequence of 3 components, or None
+        Of the filter; None for none.
+    late : int or ndarray of int, shape (flights,)
+        Steps by which readings are late.
+    """
+
+    def __init__(
+        self,
+        filtered: tuple[tuple[Value, ...], tuple[Value, ...]] | None,
+        late: int | Int[np.ndarray, " flights"],
+    ) -> None:
+        self._filter = filtered
+        self._late = DelayLine(late)
+        self._state: list[tuple[Value, Value]] | None = None
+
+    def read(self, raw: list[Value]) -> list[Value]:
+        """Reading that the controller gets, one component for each axis."""
+        if self._filter is None:
+            return self._late.pass_on(raw)
+        (b0, b1, b2), (a1, a2) = self._filter
+        if self._state is None:
+            self._state = [((1.0 - b0) * x, (b2 - a2) * x) for x in raw]
+        read, state = [], []
+        for x, (first, second) in zip(raw, self._state, strict=True):
+            y = b0 * x + first
+            read.append(y)
+            state.append((b1 * x - a1 * y + second, b2 * x - a2 * y))
+        self._state = state
+        return self._late.pass_on(read)

@@ -1,0 +1,521 @@
+"""Environment of simulated flights: wind, trajectories, sensor noise and truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageError
+from eivor.signals.channels import unit_of
+from eivor.signals.noise import fractional_difference, fractional_weights
+from eivor.signals.recording import Channel, Frame, Recording
+from eivor.tools import Bool, Float
+
+# -- Sensor noise --
+
+#: Orders of fractional noise of acceleration and velocity.
+ACCELERATION_ORDER = -0.5
+VELOCITY_ORDER = -0.4
+#: Degrees of freedom of heavy-tailed noise, whose fourth moment is infinite.
+STUDENT_DOF = 4.0
+
+
+class NoiseKind(StrEnum):
+    """Distribution and memory of the noise of acceleration and velocity.
+
+    Fractional noise has the order -0.5 on acceleration and -0.4 on velocity. Position, attitude and rate
+    noise are white in every kind.
+    """
+
+    WHITE = "white"
+    HEAVY_TAILED = "heavy-tailed"
+    FRACTIONAL = "fractional"
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """Noise of what the controller sees and the log holds, alike on each axis.
+
+    Every level is the standard deviation over the whole record. That also holds for fractional noise,
+    whose variance grows along the record: its white source is scaled so that the mean variance is right.
+
+    Parameters
+    ----------
+    kind : NoiseKind
+        Of acceleration and velocity.
+    acceleration : float
+        Standard deviation of the specific force's error [m/s^2].
+    velocity : float
+        Standard deviation of the velocity's error [m/s].
+    position : float
+        Standard deviation of the altitude's error [m].
+    attitude : float
+        Standard deviation of small rotations about the body's axes [rad].
+    angular_rate : float
+        Standard deviation of the body rates' error [rad/s].
+
+    Raises
+    ------
+    UsageError
+        When a level is negative or not finite.
+    """
+
+    kind: NoiseKind = NoiseKind.WHITE
+    acceleration: float = 0.4
+    velocity: float = 0.03
+    position: float = 0.01
+    attitude: float = 0.002
+    angular_rate: float = 0.01
+
+    def __post_init__(self) -> None:
+        levels = (self.acceleration, self.velocity, self.position, self.attitude, self.angular_rate)
+        if not all(0.0 <= level < np.inf for level in levels):
+            raise UsageError("finite noise levels of at least 0", f"{levels}", "Give standard deviations.")
+
+    @classmethod
+    def none(cls) -> SensorNoise:
+        """Sensors without noise."""
+        return cls(NoiseKind.WHITE, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """What is added to each measurement, one row for each stamp, in SI units.
+
+    Parameters
+    ----------
+    acceleration, velocity, position, attitude, angular_rate : ndarray, shape (n, axes)
+        Errors along each axis.
+    """
+
+    acceleration: Float[np.ndarray, "n axes"]
+    velocity: Float[np.ndarray, "n axes"]
+    position: Float[np.ndarray, "n axes"]
+    attitude: Float[np.ndarray, "n axes"]
+    angular_rate: Float[np.ndarray, "n axes"]
+
+
+def sensor_errors(noise: SensorNoise, *, count: int, axes: int, rng: np.random.Generator) -> SensorErrors:
+    """Independent errors of every sensor on every axis.
+
+    Parameters
+    ----------
+    noise : SensorNoise
+        Kind and levels.
+    count, axes : int
+        Samples and axes.
+    rng : numpy.random.Generator
+        Where they come from.
+    """
+    acceleration, velocity = (
+        level * _unit_noise(noise.kind, order, (count, axes), rng)
+        for level, order in ((noise.acceleration, ACCELERATION_ORDER), (noise.velocity, VELOCITY_ORDER))
+    )
+    position, attitude, angular_rate = (
+        level * rng.standard_normal((count, axes))
+        for level in (noise.position, noise.attitude, noise.angular_rate)
+    )
+    return SensorErrors(acceleration, velocity, position, attitude, angular_rate)
+
+
+def _unit_noise(
+    kind: NoiseKind, order: float, shape: tuple[int, int], rng: np.random.Generator
+) -> Float[np.ndarray, "n axes"]:
+    """Independent records of the kind whose variance, averaged along the record, is 1."""
+    if kind is NoiseKind.HEAVY_TAILED:
+        return np.asarray(rng.standard_t(STUDENT_DOF, size=shape) * np.sqrt(1.0 - 2.0 / STUDENT_DOF))
+    white = rng.standard_normal(shape)
+    if kind is NoiseKind.WHITE:
+        return white
+    mean_variance = np.cumsum(fractional_weights(order, shape[0]) ** 2).mean()
+    return np.asarray(fractional_difference(white, order) / np.sqrt(mean_variance))
+
+
+# -- Simulated log --
+
+
+def simulated_recording(
+    name: str,
+    *,
+    simulator: str,
+    time_s: Float[np.ndarray, " n"],
+    held: Mapping[str, Float[np.ndarray, " n"]],
+    sampled: Mapping[str, Float[np.ndarray, " n"]],
+) -> Recording:
+    """Log of a simulated flight whose rotors' thrust goes with the square of their state.
+
+    Parameters
+    ----------
+    name, simulator : str
+        What to call the log, and the source of its channels.
+    time_s : ndarray, shape (n,)
+        Stamps of every channel [s].
+    held : mapping of str to ndarray, shape (n,)
+        Commands and setpoints, each in force until the next stamp.
+    sampled : mapping of str to ndarray, shape (n,)
+        Measurements at the stamps.
+    """
+    channels = {
+        key: Channel(key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held)
+        for key, values in (dict(held) | dict(sampled)).items()
+    }
+    return Recording(name=name, format="simulation", channels=channels, frame=Frame.Z_UP, input_map="square")
+
+
+# -- Trajectories --
+
+#: Largest speed [m/s] and acceleration [m/s^2] of an excitation are drawn from these ranges.
+SPEED_RANGE = (1.6, 2.2)
+ACCELERATION_RANGE = (3.0, 4.0)
+#: Steps of a hover that is not quite constant [m].
+SMALL_STEP_M = 0.05
+
+
+class TrajectoryKind(StrEnum):
+    """What the altitude reference does."""
+
+    STEPS = "steps"
+    MULTISINE = "multisine"
+    CHIRP = "chirp"
+    CLIMBS = "climbs"
+    HOVER = "hover"
+    HOVER_STEPS = "hover-steps"
+
+
+#: Kinds that keep their own height: they are scaled down to the limits, and never up.
+OWN_HEIGHT = frozenset({TrajectoryKind.CLIMBS, TrajectoryKind.HOVER_STEPS})
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Altitude reference and its derivatives on the log's grid.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : ndarray, shape (n,)
+        [m], [m/s], [m/s^2].
+    """
+
+    position: Float[np.ndarray, " n"]
+    velocity: Float[np.ndarray, " n"]
+    acceleration: Float[np.ndarray, " n"]
+
+
+def altitude_reference(
+    kind: TrajectoryKind, *, count: int, step_s: float, rng: np.random.Generator, vigour: float = 1.0
+) -> Trajectory:
+    """Shape of the kind, scaled so that speed and acceleration reach the smaller of their limits.
+
+    Parameters
+    ----------
+    kind : TrajectoryKind
+        What to fly.
+    count : int
+        Samples.
+    step_s : float
+        Time between them [s].
+    rng : numpy.random.Generator
+        Draws the shape and its limits.
+    vigour : float
+        Share of the limits that is flown.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    time = step_s * np.arange(count)
+    position = _SHAPES[kind](time, step_s, rng)
+    spline = make_interp_spline(time, position, k=5)
+    velocity, acceleration = spline(time, 1), spline(time, 2)
+    fastest, hardest = float(np.abs(velocity).max()), float(np.abs(acceleration).max())
+    limits = rng.uniform(*SPEED_RANGE), rng.uniform(*ACCELERATION_RANGE)
+    scale = min(limits[0] / fastest, limits[1] / hardest) * vigour if fastest > 0.0 else 0.0
+    if kind in OWN_HEIGHT:
+        scale = min(1.0, scale)
+    return Trajectory(scale * position, scale * velocity, scale * acceleration)
+
+
+def _steps(time: Float[np.ndarray, " n"], step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+    """Random levels, held 1.5 to 4 s each, through four equal first-order lags."""
+    starts = np.cumsum(rng.uniform(1.5, 4.0, size=int(time[-1] / 1.5) + 2))
+    levels = rng.uniform(-2.0, 2.0, size=starts.size + 1)
+    return _smoothed_levels(time, starts, levels, np.exp(-step_s / rng.uniform(0.25, 0.45)))
+
+
+def _hover_steps(
+    time: Float[np.ndarray, " n"], step_s: float, rng: np.random.Generator
+) -> Float[np.ndarray, " n"]:
+    """Steps of 5 cm up or down about a hover, each level held 2 to 6 s."""
+    starts = np.cumsum(rng.uniform(2.0, 6.0, size=int(time[-1] / 2.0) + 2))
+    # Alternately away from the middle and back to it, so that every step has the same height.
+    away = rng.choice([-SMALL_STEP_M, SMALL_STEP_M], size=starts.size + 1)
+    levels = np.where(np.arange(away.size) % 2 == 1, away, 0.0)
+    return _smoothed_levels(time, starts, levels, np.exp(-step_s / rng.uniform(0.25, 0.45)))
+
+
+def _smoothed_levels(
+    time: Float[np.ndarray, " n"],
+    starts: Float[np.ndarray, " m"],
+    levels: Float[np.ndarray, " levels"],
+    decay: float,
+) -> Float[np.ndarray, " n"]:
+    """Levels from their starts on, the first one zero, through four equal first-order lags."""
+    from scipy.signal import lfilter
+
+    levels[0] = 0.0
+    series: Float[np.ndarray, " n"] = levels[np.searchsorted(starts, time, side="right")]
+    for _ in range(4):
+        series = lfilter([1.0 - decay], [1.0, -decay], series)
+    return series
+
+
+def _multisine(
+    time: Float[np.ndarray, " n"],
+    _step_s: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """Twelve sines between 0.06 and 1.2 Hz with random phases, amplitude falling with frequency."""
+    edges = np.geomspace(0.06, 1.2, 13)
+    frequencies = rng.uniform(edges[:-1], edges[1:])
+    phases = rng.uniform(0.0, 2.0 * np.pi, size=frequencies.size)
+    angles = 2.0 * np.pi * frequencies * time[:, None] + phases
+    return np.asarray(np.sin(angles) @ frequencies**-1.3)
+
+
+def _chirp(
+    time: Float[np.ndarray, " n"],
+    _step_s: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """Sine whose frequency rises from about 0.1 to 1.2 Hz, at the full speed or acceleration throughout."""
+    first, last = rng.uniform(0.08, 0.12), rng.uniform(1.0, 1.4)
+    growth = np.log(last / first) / time[-1]
+    angle = 2.0 * np.pi * first * np.expm1(growth * time) / growth + rng.uniform(0.0, 2.0 * np.pi)
+    pulsation = 2.0 * np.pi * first * np.exp(growth * time)
+    return np.asarray(np.sin(angle) / (pulsation / 2.0 + pulsation**2 / 3.5))
+
+
+def _climbs(
+    time: Float[np.ndarray, " n"],
+    _step_s: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """One climb and one descent, each of least jerk (a polynomial of the fifth degree)."""
+    span = float(time[-1])
+    height = rng.uniform(1.5, 4.0)
+    position = np.zeros_like(time)
+    for sign, earliest in ((1.0, 0.2), (-1.0, 0.6)):
+        start, length = span * rng.uniform(earliest, earliest + 0.1), span * rng.uniform(0.05, 0.1)
+        part = np.clip((time - start) / length, 0.0, 1.0)
+        position += sign * height * part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+    return position
+
+
+def _hover(
+    time: Float[np.ndarray, " n"],
+    _step_s: float,
+    _rng: np.random.Generator,
+) -> Float[np.ndarray, " n"]:
+    """Return a constant reference."""
+    return np.zeros_like(time)
+
+
+#: A shape's heights at times [s], of which the second argument is the step; it draws what is random.
+_Shape = Callable[[Float[np.ndarray, " n"], float, np.random.Generator], Float[np.ndarray, " n"]]
+_SHAPES: Mapping[TrajectoryKind, _Shape] = {
+    TrajectoryKind.STEPS: _steps,
+    TrajectoryKind.MULTISINE: _multisine,
+    TrajectoryKind.CHIRP: _chirp,
+    TrajectoryKind.CLIMBS: _climbs,
+    TrajectoryKind.HOVER: _hover,
+    TrajectoryKind.HOVER_STEPS: _hover_steps,
+}
+
+
+# -- Truth --
+
+
+@dataclass(frozen=True, slots=True)
+class FlightTruth:
+    """Noise-free arrays of a simulated flight, and its nominal parameters.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Stamps [s] of the rows.
+    specific_force_z : ndarray, shape (n,)
+        Acceleration plus g along the world's z [m/s^2].
+    air_velocity_z : ndarray, shape (n,)
+        Vertical velocity minus vertical wind [m/s].
+    rotor_state : ndarray, shape (n, rotors)
+        Actual rotor states, in the commands' unit.
+    cos_tilt : ndarray, shape (n,)
+        Cosine of the angle between the body's and the world's z.
+    actuator_lag : float
+        Time constant of the rotors [s].
+    delay : float
+        Time from a command to its effect on the rotor's first-order lag [s].
+    viscous_friction : float
+        K at hover in still air [1/s].
+    input_gain : float
+        K_u [m/s^2 per unit of the mean mapped rotor state], at the beginning where it changes.
+    hover_input : float
+        Rotor state at hover.
+
+    Raises
+    ------
+    ShapeError
+        When the arrays differ in their number of rows.
+    """
+
+    time_s: Float[np.ndarray, " n"]
+    specific_force_z: Float[np.ndarray, " n"]
+    air_velocity_z: Float[np.ndarray, " n"]
+    rotor_state: Float[np.ndarray, "n rotors"]
+    cos_tilt: Float[np.ndarray, " n"]
+    actuator_lag: float
+    delay: float
+    viscous_friction: float
+    input_gain: float
+    hover_input: float
+
+    def __post_init__(self) -> None:
+        arrays = (self.time_s, self.specific_force_z, self.air_velocity_z, self.rotor_state, self.cos_tilt)
+        counts = [array.shape[0] for array in arrays]
+        if len(set(counts)) != 1 or self.rotor_state.ndim != 2:
+            raise ShapeError(
+                "arrays with one row for each stamp, the rotor state with one column for each rotor",
+                f"rows {counts} and a rotor state of shape {self.rotor_state.shape}",
+                "Put every array of the truth on the log's grid.",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedFlight:
+    """A recording as a log would hold it, and the truth behind it.
+
+    Parameters
+    ----------
+    recording : Recording
+        Noisy channels, frame z up.
+    truth : FlightTruth
+        Noise-free arrays on the recording's grid, and nominal parameters.
+    flew : bool
+        False when the vehicle was lost; recording and truth then end where it was.
+    """
+
+    recording: Recording
+    truth: FlightTruth
+    flew: bool
+
+
+class EffectiveParameters(NamedTuple):
+    """Parameters of the vertical model that fit one flight's noise-free data best."""
+
+    viscous_friction: float
+    """K [1/s]."""
+    input_gain: float
+    """K_u [m/s^2 per unit of the mean mapped rotor state]."""
+    intercept: float
+    """b [m/s^2]."""
+
+
+def effective_parameters(
+    truth: FlightTruth,
+    rows: Bool[np.ndarray, " n"],
+    input_map: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]],
+) -> EffectiveParameters:
+    """Least squares of the true specific force on (-air velocity, U, 1) over the given rows.
+
+    Parameters
+    ----------
+    truth : FlightTruth
+        The flight.
+    rows : ndarray of bool, shape (n,)
+        Rows to use, normally those that an estimate used.
+    input_map : callable
+        Maps rotor states elementwise, for instance `np.square`.
+
+    Returns
+    -------
+    EffectiveParameters
+        K [1/s], K_u [m/s^2 per unit of the mean mapped state], b [m/s^2]. In gusts, K and K_u are of the
+        motion through the air, which an estimator that sees the ground velocity only can still reach
+        with instruments that the gusts do not touch.
+
+    Raises
+    ------
+    ShapeError
+        When the mask does not fit the flight.
+    TooFewSamplesError
+        With fewer than four rows.
+    CollinearError
+        When velocity or input does not vary over the rows, so that they are one with the intercept.
+
+    Notes
+    -----
+    Columns are scaled to unit norm after their means are taken off: a squared rotor speed is of the order
+    of 1e6, an intercept of 1. One QR-based solution of n rows and two columns.
+    """
+    if rows.shape != truth.time_s.shape:
+        raise ShapeError(
+            f"a mask of {truth.time_s.size} rows",
+            f"a mask of shape {rows.shape}",
+            "Give one truth value for each row of the flight.",
+        )
+    if int(rows.sum()) < 4:
+        raise TooFewSamplesError(
+            "at least four rows", f"{int(rows.sum())} rows", "Choose a longer part of the flight."
+        )
+    columns = np.column_stack(
+        [
+            -truth.air_velocity_z[rows],
+            truth.cos_tilt[rows] * input_map(truth.rotor_state[rows]).mean(axis=1),
+        ]
+    )
+    response = truth.specific_force_z[rows]
+    means, response_mean = columns.mean(axis=0), float(response.mean())
+    centred = columns - means
+    norms = np.linalg.norm(centred, axis=0)
+    floor = 1e-12 * np.sqrt(rows.sum()) * np.maximum(np.abs(means), 1.0)
+    if np.any(norms <= floor) or np.linalg.cond(centred / norms) > 1e10:
+        raise CollinearError(
+            "a velocity and an input that vary, each in its own way",
+            "rows over which at least one of them is constant or follows the other",
+            "Choose rows with vertical motion.",
+        )
+    scaled = np.linalg.lstsq(centred / norms, response - response_mean)[0]
+    friction, gain = (scaled / norms).tolist()
+    return EffectiveParameters(friction, gain, response_mean - float(means @ (scaled / norms)))
+
+
+# -- Wind --
+
+
+def gusts(
+    *, count: int, axes: int, step_s: float, rms: float, correlation_s: float, rng: np.random.Generator
+) -> Float[np.ndarray, "count axes"]:
+    """Independent wind on each axis, sampled exactly and meant to be held over a step.
+
+    Parameters
+    ----------
+    count, axes : int
+        Samples and axes.
+    step_s : float
+        Time between samples [s].
+    rms : float
+        Standard deviation on each axis [m/s].
+    correlation_s : float
+        Time in which the correlation falls to 1/e [s].
+    rng : numpy.random.Generator
+        Source of the shocks.
+    """
+    from scipy.signal import lfilter
+
+    shocks = rng.standard_normal((count, axes))
+    decay = np.exp(-step_s / correlation_s)
+    shocks[1:] *= np.sqrt(1.0 - decay**2)
+    wind: Float[np.ndarray, "count axes"] = rms * lfilter([1.0], [1.0, -decay], shocks, axis=0)
+    return wind

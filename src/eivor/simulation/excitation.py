@@ -1,0 +1,589 @@
+"""Excitation and disturbance signals."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.lapack import dtbtrs
+
+from eivor.errors import ParameterError
+from eivor.tools import Bool, Float
+
+# -- Parameter checks --
+
+REMEDY = "Correct it, or leave it out where it has a default."
+
+
+def finite(name: str, *values: float) -> None:
+    """Refuse NaN and infinity."""
+    for value in values:
+        require(math.isfinite(value), f"a finite {name}", f"{name}={value}")
+
+
+def positive(name: str, *values: float) -> None:
+    """Refuse what is not finite and above zero."""
+    for value in values:
+        require(math.isfinite(value) and value > 0.0, f"a finite {name} above zero", f"{name}={value}")
+
+
+def non_negative(name: str, *values: float) -> None:
+    """Refuse what is not finite and zero or more."""
+    for value in values:
+        require(math.isfinite(value) and value >= 0.0, f"a finite {name} of zero or more", f"{name}={value}")
+
+
+def at_least(name: str, value: int, least: int) -> None:
+    """Refuse a count below `least`."""
+    require(value >= least, f"{name} of {least} or more", f"{name}={value}")
+
+
+def given(name: str, values: Iterable[object]) -> None:
+    """Refuse an empty list."""
+    require(bool(tuple(values)), f"one or more {name}", "none")
+
+
+def equally_many(
+    first: str, first_values: tuple[object, ...], other: str, others: tuple[object, ...]
+) -> None:
+    """Refuse lists of unequal length."""
+    require(
+        len(first_values) == len(others),
+        f"as many {other} as {first}",
+        f"{len(others)} {other} and {len(first_values)} {first}",
+    )
+
+
+def require(condition: bool, expected: str, received: str, remedy: str = REMEDY) -> None:
+    """Raise ParameterError unless the condition holds."""
+    if not condition:
+        raise ParameterError(expected, received, remedy)
+
+
+def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " count"]:
+    """Beginning of a user's own series, which must be as long as the record."""
+    require(
+        len(values) >= count,
+        f"a series of {count} values or more, as many as the record has samples",
+        f"{len(values)}",
+        "Give a longer one, or ask for fewer samples.",
+    )
+    return np.array(values[:count])
+
+
+# -- Excitation --
+
+
+class Excitation(ABC):
+    """A series on a uniform grid."""
+
+    @abstractmethod
+    def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation on a grid of that step [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaperInput(Excitation):
+    """The paper's (35): u(t_k) = 0.7 w(t_{k-1}) + 0.49 w(t_{k-2}) + sin(0.1 t_k^1.1), t in seconds.
+
+    Parameters
+    ----------
+    variance : float
+        Variance of the white sequence w.
+    """
+
+    variance: float = 0.02
+
+    def __post_init__(self) -> None:
+        non_negative("variance", self.variance)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation; w exists before the record."""
+        w = np.sqrt(self.variance) * rng.standard_normal(count + 2)
+        t = step_s * np.arange(count)
+        return 0.7 * w[1:-1] + 0.49 * w[:-2] + np.sin(0.1 * t**1.1)
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteExcitation(Excitation):
+    """Independent normal values.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation.
+    """
+
+    std: float = 1.0
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        return self.std * rng.standard_normal(count)
+
+
+@dataclass(frozen=True, slots=True)
+class Steps(Excitation):
+    """Levels that are held one after the other, over and over.
+
+    Parameters
+    ----------
+    levels : tuple of float
+        In the order in which they come.
+    dwell_s : float
+        Time on each [s].
+    """
+
+    levels: tuple[float, ...]
+    dwell_s: float
+
+    def __post_init__(self) -> None:
+        given("levels", self.levels)
+        finite("level", *self.levels)
+        positive("dwell_s", self.dwell_s)
+
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        # A step that falls on a sample, but for rounding, is taken there.
+        number = np.floor(np.arange(count) * (step_s / self.dwell_s) + 1e-9).astype(np.int64)
+        return np.array(self.levels)[number % len(self.levels)]
+
+
+@dataclass(frozen=True, slots=True)
+class RandomSteps(Excitation):
+    """Levels drawn one after the other: an amplitude up, down, or nothing.
+
+    Parameters
+    ----------
+    amplitude : float
+        Of the levels that are not zero; those are two in three.
+    shortest_s, longest_s : float
+        Between these, each level's time is drawn [s].
+    """
+
+    amplitude: float
+    shortest_s: float = 0.5
+    longest_s: float = 1.5
+
+    def __post_init__(self) -> None:
+        non_negative("amplitude", self.amplitude)
+        positive("shortest_s", self.shortest_s)
+        finite("longest_s", self.longest_s)
+        require(
+            self.shortest_s <= self.longest_s,
+            "a shortest_s up to longest_s",
+            f"shortest_s={self.shortest_s}, longest_s={self.longest_s}",
+        )
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation, which begins with zero."""
+        most = int(count * step_s / self.shortest_s) + 1
+        ends = np.cumsum(rng.uniform(self.shortest_s, self.longest_s, most))
+        levels = self.amplitude * rng.integers(-1, 2, most + 1).astype(np.float64)
+        levels[0] = 0.0
+        return levels[np.searchsorted(ends, step_s * np.arange(count), side="right")]
+
+
+@dataclass(frozen=True, slots=True)
+class GivenSeries(Excitation):
+    """A user's own series, from its beginning.
+
+    Parameters
+    ----------
+    values : tuple of float
+        At the rate of the record, at least as many as it has samples.
+    """
+
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        given("values", self.values)
+        finite("value", *self.values)
+
+    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        return beginning_of(self.values, count)
+
+
+@dataclass(frozen=True, slots=True)
+class ScaledExcitation(Excitation):
+    """Another excitation, scaled to a standard deviation that each realisation has exactly.
+
+    Parameters
+    ----------
+    series : Excitation
+        Its shape.
+    std : float
+        Standard deviation over the record.
+    """
+
+    series: Excitation
+    std: float
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        series = self.series.sample(count, step_s, rng)
+        spread = float(series.std())
+        require(spread > 0.0, "a series that varies, since it is to be scaled", "a constant one")
+        return self.std / spread * series
+
+
+# -- Band excitation --
+
+
+@dataclass(frozen=True, slots=True)
+class FilteredWhite(Excitation):
+    """White noise with nothing outside a band, to rounding.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation in the mean over realisations.
+    low_hz, high_hz : float
+        The band [Hz], both ends included. It must hold a multiple of one over the record's duration,
+        and end below half the rate.
+
+    Notes
+    -----
+    Filtered in the frequency domain: the series is periodic with the record. Mean zero.
+    """
+
+    std: float
+    low_hz: float
+    high_hz: float
+
+    def __post_init__(self) -> None:
+        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation."""
+        spectrum = np.fft.rfft(rng.standard_normal(count))
+        inside = _bins(count, step_s, self.low_hz, self.high_hz)
+        spectrum[~inside] = 0.0
+        return self.std * np.sqrt(0.5 * count / inside.sum()) * np.fft.irfft(spectrum, count)
+
+
+@dataclass(frozen=True, slots=True)
+class Chirp(Excitation):
+    """A sinus whose frequency grows linearly from one end of a band to the other over the record.
+
+    Parameters
+    ----------
+    amplitude : float
+        Its peak.
+    low_hz, high_hz : float
+        The band [Hz], which must end below half the rate.
+    """
+
+    amplitude: float
+    low_hz: float
+    high_hz: float
+
+    def __post_init__(self) -> None:
+        _check_size_and_band("amplitude", self.amplitude, self.low_hz, self.high_hz)
+
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        _check_rate(self.high_hz, step_s)
+        t, duration = step_s * np.arange(count), step_s * count
+        turns = self.low_hz * t + 0.5 * (self.high_hz - self.low_hz) * t**2 / duration
+        return self.amplitude * np.sin(2.0 * np.pi * turns)
+
+
+@dataclass(frozen=True, slots=True)
+class Multisine(Excitation):
+    """Equal sinusoids at every multiple of one over the record's duration in a band.
+
+    Schroeder's phases, -pi m (m - 1) / M for the m-th of M, keep the peak low: about 1.8 times the
+    standard deviation, as a chirp's (1.41) rather than as noise's.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of the sum over the record.
+    low_hz, high_hz : float
+        The band [Hz], both ends included, as of filtered white noise.
+    """
+
+    std: float
+    low_hz: float
+    high_hz: float
+
+    def __post_init__(self) -> None:
+        _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
+
+    def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Draw nothing: it is always the same."""
+        inside = _bins(count, step_s, self.low_hz, self.high_hz)
+        lines = int(inside.sum())
+        numbers = np.arange(1, lines + 1)
+        spectrum = np.zeros(inside.size, dtype=np.complex128)
+        spectrum[inside] = np.exp(-1j * np.pi * numbers * (numbers - 1) / lines)
+        return self.std * count / np.sqrt(2.0 * lines) * np.fft.irfft(spectrum, count)
+
+
+def _check_size_and_band(name: str, size: float, low_hz: float, high_hz: float) -> None:
+    non_negative(name, size)
+    non_negative("low_hz", low_hz)
+    positive("high_hz", high_hz)
+    require(low_hz <= high_hz, "a low_hz up to high_hz", f"low_hz={low_hz}, high_hz={high_hz}")
+
+
+def _check_rate(high_hz: float, step_s: float) -> None:
+    require(
+        high_hz < 0.5 / step_s,
+        "a band that ends below half the rate",
+        f"high_hz={high_hz} at {1.0 / step_s:.6g} Hz",
+        "Lower it, or raise the rate.",
+    )
+
+
+def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.ndarray, " bins"]:
+    """Which bins of the real FFT lie in the band; never the mean."""
+    _check_rate(high_hz, step_s)
+    frequencies = np.fft.rfftfreq(count, step_s)
+    tolerance = 1e-9 / (count * step_s)
+    inside = (frequencies >= low_hz - tolerance) & (frequencies <= high_hz + tolerance) & (frequencies > 0.0)
+    if not inside.any():
+        raise ParameterError(
+            f"a band that holds a multiple of {1.0 / (count * step_s):.6g} Hz, one over the duration",
+            f"low_hz={low_hz}, high_hz={high_hz}",
+            "Widen it, or make the record longer.",
+        )
+    return inside
+
+
+# -- Binary excitation --
+
+#: Stages whose sum feeds the register, from its length: primitive polynomials over the integers modulo 2.
+_FEEDBACK = {
+    2: (2, 1),
+    3: (3, 2),
+    4: (4, 3),
+    5: (5, 3),
+    6: (6, 5),
+    7: (7, 6),
+    8: (8, 6, 5, 4),
+    9: (9, 5),
+    10: (10, 7),
+    11: (11, 9),
+    12: (12, 11, 10, 4),
+    13: (13, 12, 11, 8),
+    14: (14, 13, 12, 2),
+    15: (15, 14),
+    16: (16, 15, 13, 4),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PseudoRandomBinary(Excitation):
+    """Pseudo-random binary sequence of maximal length, at plus or minus an amplitude.
+
+    Parameters
+    ----------
+    amplitude : float
+        Absolute value at every sample.
+    register : int
+        Stages of the shift register, 2 to 16; the period is 2^register - 1 values.
+    hold : int
+        Samples for which each value is held.
+
+    Notes
+    -----
+    The first value comes from the generator, by a shift along the period; the rest follows.
+    """
+
+    amplitude: float
+    register: int = 10
+    hold: int = 1
+
+    def __post_init__(self) -> None:
+        non_negative("amplitude", self.amplitude)
+        least, most = min(_FEEDBACK), max(_FEEDBACK)
+        require(
+            least <= self.register <= most,
+            f"a register of {least} to {most} stages",
+            f"register={self.register}",
+        )
+        require(self.hold >= 1, "hold of 1 or more", f"hold={self.hold}")
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """A stretch of the sequence."""
+        period = maximal_sequence(self.register)
+        start = int(rng.integers(period.size))
+        return self.amplitude * period[(start + np.arange(count) // self.hold) % period.size]
+
+
+def maximal_sequence(register: int) -> Float[np.ndarray, " period"]:
+    """One period of the maximal binary sequence of plus and minus one. Performs no checks."""
+    stages = [1] * register
+    period = np.empty((1 << register) - 1)
+    for k in range(period.size):
+        period[k] = 2.0 * stages[-1] - 1.0
+        fed = 0
+        for stage in _FEEDBACK[register]:
+            fed ^= stages[stage - 1]
+        stages = [fed, *stages[:-1]]
+    return period
+
+
+# -- Disturbance --
+
+
+class Disturbance(ABC):
+    """A series e(t_k) that enters an equation or the dynamics."""
+
+    @abstractmethod
+    def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """One realisation on a grid of that step [s]."""
+
+    @property
+    @abstractmethod
+    def variance(self) -> float | None:
+        """Variance of the stationary series; None when it has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class WhiteDisturbance(Disturbance):
+    """Uncorrelated Gaussian series.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation, in the unit of the equation.
+
+    Raises
+    ------
+    ParameterError
+        When it is negative or not finite.
+    """
+
+    std: float
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+
+    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
+        """Independent normal values."""
+        return self.std * rng.standard_normal(count)
+
+    @property
+    def variance(self) -> float:
+        """Square of `std`."""
+        return self.std**2
+
+
+# -- Recursion --
+
+
+def autoregression(
+    driven: Float[np.ndarray, " n"], coefficients: Float[np.ndarray, "n lags"]
+) -> Float[np.ndarray, " n"]:
+    """x[k] = driven[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record.
+
+    Parameters
+    ----------
+    driven : ndarray, shape (n,)
+        Right-hand side.
+    coefficients : ndarray, shape (n, lags)
+        Row k belongs to x[k].
+
+    Notes
+    -----
+    Performs no checks. Linear in n times lags; forward substitution, so its error is that of the
+    recursion itself.
+    """
+    count, lags = driven.size, min(coefficients.shape[1], max(driven.size - 1, 0))
+    if lags == 0:
+        return driven.copy()
+    band = np.zeros((lags + 1, count))
+    band[0] = 1.0
+    for i in range(1, lags + 1):
+        band[i, : count - i] = -coefficients[i:, i - 1]
+    series: Float[np.ndarray, " n"] = dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
+    return series
+
+
+def constant(coefficients: tuple[float, ...], count: int) -> Float[np.ndarray, "n lags"]:
+    """The same coefficients at every sample."""
+    return np.broadcast_to(np.array(coefficients, dtype=np.float64), (count, len(coefficients)))
+
+
+def largest_root(coefficients: Float[np.ndarray, " lags"]) -> float:
+    """Modulus of the slowest mode of x[k] = sum_i c[i] x[k - 1 - i]; below one when it dies out."""
+    if coefficients.size == 0:
+        return 0.0
+    return float(np.abs(np.roots(np.concatenate([[1.0], -coefficients]))).max(initial=0.0))
+
+
+def settling(ratio: float) -> int:
+    """Steps in which something that shrinks by `ratio` each falls to a millionth, 100,000 at most."""
+    if ratio <= 0.0:
+        return 1
+    return min(int(np.ceil(np.log(1e-6) / np.log(ratio))), 100_000)
+
+
+# -- Dryden --
+
+
+@dataclass(frozen=True, slots=True)
+class DrydenGust(Disturbance):
+    """Vertical turbulence that a vehicle flies through.
+
+    Parameters
+    ----------
+    std : float
+        In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2].
+    length_m : float
+        Scale length of the turbulence [m]; close to the ground, the height.
+    airspeed_mps : float
+        Speed at which it is met [m/s].
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of range.
+    """
+
+    std: float
+    length_m: float
+    airspeed_mps: float
+
+    def __post_init__(self) -> None:
+        non_negative("std", self.std)
+        positive("length_m", self.length_m)
+        positive("airspeed_mps", self.airspeed_mps)
+
+    def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
+        """One realisation, stationary from its first sample."""
+        from scipy.special import gammainc
+
+        x = step_s * self.airspeed_mps / self.length_m
+        shocks = rng.standard_normal((2, count))
+        # Covariance of what one step adds to (p, q): incomplete gamma functions, exact for small steps.
+        added = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
+        own = np.sqrt(added[0])
+        shared = added[1] / own
+        rest = np.sqrt(max(added[2] - shared**2, 0.0))
+        decay = float(np.exp(-x))
+        driven = own * shocks[0]
+        driven[0] = np.sqrt(0.5) * shocks[0, 0]
+        first = autoregression(driven, constant((decay,), count))
+        driven = shared * shocks[0] + rest * shocks[1]
+        driven[1:] += x * decay * first[:-1]
+        driven[0] = np.sqrt(0.125) * (shocks[0, 0] + shocks[1, 0])
+        second = autoregression(driven, constant((decay,), count))
+        return self.std * (np.sqrt(3.0) * first + (1.0 - np.sqrt(3.0)) * second)
+
+    @property
+    def variance(self) -> float:
+        """Square of `std`."""
+        return self.std**2

@@ -1,1 +1,0 @@
-"""Fleets with known truth: vehicles that wear, break a propeller, and fly in the weather."""

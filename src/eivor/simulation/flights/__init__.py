@@ -1,1 +1,0 @@
-"""Flights with known truth: trajectories, wind, sensors, closed loop."""

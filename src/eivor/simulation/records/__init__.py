@@ -1,1 +1,0 @@
-"""Records of a sampled loop: scenario, controllers, simulation."""

@@ -1,0 +1,633 @@
+"""Specification of simulated rigid-body flights, and the integration of their dynamics."""
+
+from __future__ import annotations
+
+import json
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+
+from eivor.errors import ParameterError
+from eivor.motions.rigid_body.dynamics import (
+    Body,
+    Coefficients,
+    Triple,
+    Value,
+    body_derivative,
+    speed_derivative,
+)
+from eivor.motions.rigid_body.vehicle import Rotors, Vehicle, within
+from eivor.signals.noise import WhiteNoise
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import TrajectoryKind, altitude_reference
+from eivor.simulation.excitation import Disturbance, Excitation
+from eivor.tools import Float
+
+# -- Integrators --
+
+#: State of the body, and of its rotors.
+Moved: TypeAlias = tuple[Body, list[Value]]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldInputs:
+    """What acts on a vehicle over a step.
+
+    Parameters
+    ----------
+    command : sequence of components
+        What each rotor goes for, within its limits; as floats, or one array of shape (rotors, flights).
+    wind : three components
+        Velocity of the air [m/s].
+    disturbance : three components
+        Torque from outside, on the body's axes [N m].
+    """
+
+    command: Sequence[Value]
+    wind: Triple = (0.0, 0.0, 0.0)
+    disturbance: Triple = (0.0, 0.0, 0.0)
+
+
+class Integrator(ABC):
+    """A way to move on in time."""
+
+    @abstractmethod
+    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
+        """Return what makes steps of this length [s] for vehicles with these coefficients."""
+
+    @property
+    @abstractmethod
+    def side_by_side(self) -> bool:
+        """Whether several flights may be moved on together without a difference to any of them."""
+
+
+class Stepper(ABC):
+    """What makes the steps of a flight, or of several side by side."""
+
+    @abstractmethod
+    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+        """State of body and rotors a step later. Performs no checks."""
+
+
+@dataclass(frozen=True, slots=True)
+class RungeKutta4(Integrator):
+    """The classical method of the fourth order, one step at a time."""
+
+    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
+        """Return steps of this length [s]."""
+        return _FixedStep(coefficients, step_s)
+
+    @property
+    def side_by_side(self) -> bool:
+        """Every flight is moved on by itself."""
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class AdaptiveSteps(Integrator):
+    """SciPy's integrators, which divide each step by the error that they estimate; some thirty times slower.
+
+    Parameters
+    ----------
+    rtol, atol : float
+        Relative and absolute tolerance of every component.
+    method : str
+        Of `scipy.integrate.solve_ivp`.
+
+    Raises
+    ------
+    ParameterError
+        When a tolerance is not above zero, or the method is unknown.
+    """
+
+    rtol: float = 1e-8
+    atol: float = 1e-10
+    method: str = "DOP853"
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < math.inf):
+            raise ParameterError(
+                "tolerances above zero, the relative one below one",
+                f"rtol={self.rtol}, atol={self.atol}",
+                "Correct the integrator.",
+            )
+        methods = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
+        if self.method not in methods:
+            raise ParameterError(f"a method out of {', '.join(methods)}", f"{self.method!r}", "Choose one.")
+
+    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
+        """Return steps of this length [s], of a single flight."""
+        return _DividedStep(coefficients, step_s, self)
+
+    @property
+    def side_by_side(self) -> bool:
+        """Flights would share their steps."""
+        return False
+
+
+class _FixedStep(Stepper):
+    """Runge and Kutta's four slopes."""
+
+    def __init__(self, coefficients: Coefficients, step_s: float) -> None:
+        self._coefficients = coefficients
+        self._step_s = step_s
+        self._half = RotorCourse(coefficients, step_s / 2.0)
+
+    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+        c, h = self._coefficients, self._step_s
+        command, wind, disturbance = held.command, held.wind, held.disturbance
+        middle = self._half.after(speeds, command)
+        end = self._half.after(middle, command)
+        change = self._spin_up(middle, command)
+        k1 = body_derivative(c, body, speeds, self._spin_up(speeds, command), wind, disturbance)
+        k2 = body_derivative(c, _ahead(body, k1, h / 2.0), middle, change, wind, disturbance)
+        k3 = body_derivative(c, _ahead(body, k2, h / 2.0), middle, change, wind, disturbance)
+        k4 = body_derivative(c, _ahead(body, k3, h), end, self._spin_up(end, command), wind, disturbance)
+        slope = _weighted(k1, k2, k3, k4)
+        return unit_attitude(_ahead(body, slope, h / 6.0)), end
+
+    def _spin_up(self, speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
+        """Derivatives of the speeds, where they matter."""
+        c = self._coefficients
+        return speed_derivative(c, speeds, command) if c.gyroscopic else ()
+
+
+class _DividedStep(Stepper):
+    """SciPy's steps within a step."""
+
+    def __init__(self, coefficients: Coefficients, step_s: float, options: AdaptiveSteps) -> None:
+        self._coefficients, self._step_s, self._options = coefficients, step_s, options
+
+    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+        from scipy.integrate import solve_ivp
+
+        coefficients, command = self._coefficients, held.command
+
+        def slope(time: float, state: Float[np.ndarray, " 13"]) -> list[Value]:
+            now = RotorCourse(coefficients, time).after(speeds, command)
+            change = speed_derivative(coefficients, now, command)
+            return body_derivative(coefficients, state.tolist(), now, change, held.wind, held.disturbance)
+
+        options = self._options
+        # A first step that is given, not guessed: most of these steps need no other.
+        first = 1.0 / max(1.0 / self._step_s, coefficients.rate_up, coefficients.rate_down)
+        solved = solve_ivp(
+            slope,
+            (0.0, self._step_s),
+            np.array(body),
+            method=options.method,
+            rtol=options.rtol,
+            atol=options.atol,
+            first_step=first,
+        )
+        end = RotorCourse(coefficients, self._step_s).after(speeds, command)
+        return unit_attitude(solved.y[:, -1].tolist()), end
+
+
+class RotorCourse:
+    """Speeds of rotors a fixed time later, under a held command: the closed form.
+
+    Parameters
+    ----------
+    coefficients : Coefficients
+        With the rotors' time constants.
+    time_s : float
+        How much later [s].
+    """
+
+    def __init__(self, coefficients: Coefficients, time_s: float) -> None:
+        self._down = _decay(time_s * coefficients.rate_down)
+        self._difference = _decay(time_s * coefficients.rate_up) - self._down
+
+    def after(self, speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
+        """Speeds that much later."""
+        return [
+            asked + (speed - asked) * (self._down + self._difference * (asked > speed))
+            for speed, asked in zip(speeds, command, strict=True)
+        ]
+
+
+def _decay(lags: Value) -> Value:
+    return math.exp(-lags) if isinstance(lags, float) else np.exp(-lags)
+
+
+def _ahead(state: Body, slope: Sequence[Value], time_s: float) -> Body:
+    if isinstance(state, np.ndarray):
+        return state + time_s * np.array(slope)
+    return [x + time_s * k for x, k in zip(state, slope, strict=True)]
+
+
+def _weighted(k1: list[Value], k2: list[Value], k3: list[Value], k4: list[Value]) -> list[Value]:
+    """Six times the mean slope."""
+    return [a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
+
+
+def unit_attitude(body: Body) -> Body:
+    """State with an attitude of length 1."""
+    w, x, y, z = body[6:10]
+    short = (w * w + x * x + y * y + z * z) ** -0.5
+    if isinstance(body, np.ndarray):
+        body[6:10] *= short
+    else:
+        body[6:10] = [w * short, x * short, y * short, z * short]
+    return body
+
+
+# -- Spec --
+
+
+def _noisy(std: float) -> Sensor:
+    return Sensor(noise=WhiteNoise(std))
+
+
+@dataclass(frozen=True, slots=True)
+class AxisExcitations:
+    """A series about each axis of the body, or none.
+
+    Parameters
+    ----------
+    roll, pitch, yaw : Excitation or None
+        About the axes that point forward, left and up.
+    """
+
+    roll: Excitation | None = None
+    pitch: Excitation | None = None
+    yaw: Excitation | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TorqueDisturbance:
+    """Torques from outside, as the angular acceleration that each would give by itself.
+
+    Parameters
+    ----------
+    roll, pitch, yaw : Disturbance or None
+        About the axes that point forward, left and up [rad/s^2].
+    """
+
+    roll: Disturbance | None = None
+    pitch: Disturbance | None = None
+    yaw: Disturbance | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Wind:
+    """Velocity of the air in the world.
+
+    Parameters
+    ----------
+    steady : tuple of float
+        What does not change, on three axes [m/s].
+    x, y, z : Disturbance or None
+        Gusts along each axis of the world [m/s].
+
+    Raises
+    ------
+    ParameterError
+        When the steady wind is no triple of speeds up to 50 m/s.
+    """
+
+    steady: tuple[float, ...] = (0.0, 0.0, 0.0)
+    x: Disturbance | None = None
+    y: Disturbance | None = None
+    z: Disturbance | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.steady) != 3 or not all(abs(speed) <= 50.0 for speed in self.steady):
+            raise ParameterError(
+                "a steady wind of three speeds up to 50 m/s", f"{self.steady}", "Correct the wind."
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """What the vehicle measures; a sensor that is described has the noise of its description, else none.
+
+    Parameters
+    ----------
+    angular_rate : Sensor
+        Body rates [rad/s], which the rate loop gets; of .02 rad/s of white noise when left out.
+    specific_force : Sensor
+        Accelerometer in the centre of mass [m/s^2]; of .5 m/s^2.
+    velocity, position : Sensor
+        In the world [m/s, m]; of .05 m/s and .02 m.
+    attitude : Sensor
+        Its errors are small rotations about the body's axes [rad]; of .002 rad. It has no filter.
+    rotor_speed : Sensor or None
+        [rad/s]; not logged when left out.
+
+    Raises
+    ------
+    ParameterError
+        When the attitude has a filter, or is averaged.
+    """
+
+    angular_rate: Sensor = field(default_factory=lambda: _noisy(0.02))
+    specific_force: Sensor = field(default_factory=lambda: _noisy(0.5))
+    velocity: Sensor = field(default_factory=lambda: _noisy(0.05))
+    position: Sensor = field(default_factory=lambda: _noisy(0.02))
+    attitude: Sensor = field(default_factory=lambda: _noisy(0.002))
+    rotor_speed: Sensor | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("cutoff_hz", "averaged_s"):
+            if getattr(self.attitude, name):
+                raise ParameterError(
+                    "an attitude without a filter",
+                    f"{name}={getattr(self.attitude, name):g}",
+                    "Leave it out: quaternions are not averaged part by part.",
+                )
+
+    @classmethod
+    def exact(cls) -> Sensors:
+        """Sensors without errors, rotor speeds included."""
+        return cls(Sensor(), Sensor(), Sensor(), Sensor(), Sensor(), Sensor())
+
+
+@dataclass(frozen=True, slots=True)
+class Logged:
+    """How often what is no measurement is logged; at every step of the simulation where zero.
+
+    Parameters
+    ----------
+    rotor_command_hz : float
+        Commands of the rotors [Hz].
+    setpoint_hz : float
+        Setpoints of thrust, torques and rates, and injected torques [Hz]: the values of that moment.
+    reference_hz : float
+        References of height and attitude [Hz].
+    left_out : tuple of str
+        Channels that are not logged, `rotor_command_*` for those of all rotors.
+
+    Raises
+    ------
+    ParameterError
+        When a rate is out of its range.
+    """
+
+    rotor_command_hz: float = 0.0
+    setpoint_hz: float = 0.0
+    reference_hz: float = 0.0
+    left_out: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("rotor_command_hz", "setpoint_hz", "reference_hz"):
+            if not 0.0 <= getattr(self, name) <= 1e5:
+                raise ParameterError(f"{name} between 0 and 1e5", f"{getattr(self, name)}", "Correct it.")
+
+
+@dataclass(frozen=True, slots=True)
+class RigidBodyFlightSpec:
+    """Everything that a flight is a function of.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What flies.
+    rate_hz : float
+        Steps of the simulation per second [Hz], over which commands, wind and torques from outside are held.
+    duration : float
+        Of the flight [s].
+    trajectory : TrajectoryKind
+        The height reference.
+    vigour : float
+        Share of the speed and acceleration that an excitation of the height may reach.
+    attitude : AxisExcitations
+        Roll, pitch and yaw that are asked for [rad], yaw first.
+    injection : AxisExcitations
+        What is added to the normalised torque setpoints.
+    controller : FlightController
+        Its loops.
+    wind : Wind
+        Of the air.
+    torque_disturbance : TorqueDisturbance
+        From outside.
+    sensors : Sensors
+        What is measured, and how.
+    logged : Logged
+        How often the rest is logged.
+    integrator : Integrator
+        Of the motion.
+    seed : int
+        Of the random streams.
+
+    Raises
+    ------
+    ParameterError
+        When a value is out of its range, or the loops' rates or a delay of the rotors do not fit the steps.
+    """
+
+    vehicle: Vehicle
+    rate_hz: float = 500.0
+    duration: float = 30.0
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
+    vigour: float = 1.0
+    attitude: AxisExcitations = field(default_factory=AxisExcitations)
+    injection: AxisExcitations = field(default_factory=AxisExcitations)
+    controller: FlightController = field(default_factory=FlightController)
+    wind: Wind = field(default_factory=Wind)
+    torque_disturbance: TorqueDisturbance = field(default_factory=TorqueDisturbance)
+    sensors: Sensors = field(default_factory=Sensors)
+    logged: Logged = field(default_factory=Logged)
+    integrator: Integrator = field(default_factory=RungeKutta4)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        within(self, SPEC_RANGES, "Correct the flight's description.")
+        for name in ("rate_hz", "attitude_hz", "height_hz"):
+            self._whole(f"{name} of the controller", self.rate_hz / getattr(self.controller, name))
+        self._whole("attitude_hz of the controller", self.controller.rate_hz / self.controller.attitude_hz)
+        self._whole("height_hz of the controller", self.controller.rate_hz / self.controller.height_hz)
+        steps = self.vehicle.rotors.delay * self.rate_hz
+        if abs(steps - round(steps)) > 1e-6:
+            raise ParameterError(
+                f"a delay of the rotors that is a multiple of {self.step_s:g} s, a step of the simulation",
+                f"{self.vehicle.rotors.delay}",
+                "Correct it, or the simulation's rate_hz.",
+            )
+
+    def _whole(self, what: str, periods: float) -> None:
+        if not (periods > 0.5 and abs(periods - round(periods)) < 1e-6):
+            raise ParameterError(
+                f"{what} that is the rate of the simulation, and of its rate loop, over a whole number",
+                f"{periods:g} periods of these in one of its own",
+                f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz.",
+            )
+
+    @property
+    def step_s(self) -> float:
+        """Step of the simulation [s]."""
+        return 1.0 / self.rate_hz
+
+    @property
+    def count(self) -> int:
+        """Number of steps."""
+        return round(self.duration * self.rate_hz)
+
+
+#: What each number of a specification may be.
+SPEC_RANGES = {
+    "rate_hz": (20.0, 1e4),
+    "duration": (0.1, 3600.0),
+    "vigour": (0.01, 2.0),
+    "seed": (0, 2**63),
+}
+
+
+# -- Surroundings --
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What one flight meets, a row for each step.
+
+    Parameters
+    ----------
+    height : ndarray, shape (n, 3)
+        Height [m], climb rate [m/s] and acceleration [m/s^2] that are asked for.
+    attitude : ndarray, shape (n, 4)
+        Attitude that is asked for, w, x, y, z.
+    injected : ndarray, shape (n, 3)
+        What is added to the torque setpoints.
+    wind : ndarray, shape (n, 3)
+        Velocity of the air [m/s].
+    disturbance : ndarray, shape (n, 3)
+        Torque from outside [N m].
+    rate_error, attitude_error, velocity_error, position_error, force_error : ndarray, shape (n, 3)
+        Errors of the sensors, before their filters.
+    speed_error : ndarray, shape (n, rotors)
+        Likewise of the rotors' speeds.
+    """
+
+    height: Float[np.ndarray, "n 3"]
+    attitude: Float[np.ndarray, "n 4"]
+    injected: Float[np.ndarray, "n 3"]
+    wind: Float[np.ndarray, "n 3"]
+    disturbance: Float[np.ndarray, "n 3"]
+    rate_error: Float[np.ndarray, "n 3"]
+    attitude_error: Float[np.ndarray, "n 3"]
+    velocity_error: Float[np.ndarray, "n 3"]
+    position_error: Float[np.ndarray, "n 3"]
+    force_error: Float[np.ndarray, "n 3"]
+    speed_error: Float[np.ndarray, "n rotors"]
+
+
+def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
+    """Draw everything that a flight meets.
+
+    Parameters
+    ----------
+    spec : RigidBodyFlightSpec
+        The flight. Each part has a stream of its own, so that a change of one leaves the others as they were.
+    """
+    height, angles, injected, air, torque, *sensing = _streams(spec.seed)
+    count, step_s, sensors = spec.count, spec.step_s, spec.sensors
+    reference = altitude_reference(
+        spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
+    )
+    about = (spec.torque_disturbance.roll, spec.torque_disturbance.pitch, spec.torque_disturbance.yaw)
+    accelerations = _series(about, count, step_s, torque)
+    rotors = spec.vehicle.rotors.count
+    of_speeds = sensors.rotor_speed
+    period = round(spec.rate_hz / spec.controller.rate_hz)
+    held = np.arange(count) // period * period  # what is injected is held as torque setpoints are
+    return Surroundings(
+        height=np.column_stack([reference.position, reference.velocity, reference.acceleration]),
+        attitude=quaternions(_excited(spec.attitude, count, step_s, angles)),
+        injected=_excited(spec.injection, count, step_s, injected)[held],
+        wind=np.array(spec.wind.steady)
+        + _series((spec.wind.x, spec.wind.y, spec.wind.z), count, step_s, air),
+        disturbance=accelerations @ spec.vehicle.inertia_matrix,
+        rate_error=sensors.angular_rate.errors(count, 3, sensing[0]),
+        attitude_error=sensors.attitude.errors(count, 3, sensing[1]),
+        velocity_error=sensors.velocity.errors(count, 3, sensing[2]),
+        position_error=sensors.position.errors(count, 3, sensing[3]),
+        force_error=sensors.specific_force.errors(count, 3, sensing[4]),
+        speed_error=of_speeds.errors(count, rotors, sensing[5]) if of_speeds else np.zeros((count, rotors)),
+    )
+
+
+def stamping_stream(spec: RigidBodyFlightSpec) -> np.random.Generator:
+    """Stream of the stamps' errors."""
+    return _streams(spec.seed)[-1]
+
+
+def _streams(seed: int) -> list[np.random.Generator]:
+    return [np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(12)]
+
+
+def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
+    """Attitudes w, x, y, z of roll, pitch and yaw [rad]: yaw first, then pitch, then roll."""
+    (a, b, c), (d, e, f) = np.cos(0.5 * angles).T, np.sin(0.5 * angles).T
+    return np.column_stack(
+        [
+            a * b * c + d * e * f,
+            d * b * c - a * e * f,
+            a * e * c + d * b * f,
+            a * b * f - d * e * c,
+        ]
+    )
+
+
+def _excited(
+    axes: AxisExcitations, count: int, step_s: float, rng: np.random.Generator
+) -> Float[np.ndarray, "count 3"]:
+    return _series((axes.roll, axes.pitch, axes.yaw), count, step_s, rng)
+
+
+def _series(
+    sources: tuple[Excitation | Disturbance | None, ...], count: int, step_s: float, rng: np.random.Generator
+) -> Float[np.ndarray, "count axes"]:
+    """Each source's series from a stream of its own; zeros where there is none."""
+    streams = rng.spawn(len(sources))
+    return np.column_stack(
+        [
+            np.zeros(count) if source is None else source.sample(count, step_s, stream)
+            for source, stream in zip(sources, streams, strict=True)
+        ]
+    )
+
+
+# -- Vehicle text --
+
+
+def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
+    """Text of the vehicle file of a flight's vehicle; what a flight is to tell is not in it.
+
+    Parameters
+    ----------
+    spec : RigidBodyFlightSpec
+        The flight, whose sensors may have filters.
+    name : str
+        What the vehicle is called.
+    """
+    rotors, sensors = spec.vehicle.rotors, spec.sensors
+    lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
+    lines.append(f"mass = {spec.vehicle.mass!r}")
+    cutoffs = {
+        "gyro_cutoff_hz": sensors.angular_rate.cutoff_hz,
+        "accelerometer_cutoff_hz": sensors.specific_force.cutoff_hz,
+    }
+    lines += [f"{key} = {cutoff!r}" for key, cutoff in cutoffs.items() if cutoff]
+    lines += ["", "[rotors]", f"positions = {[[x, y] for x, y, _ in rotors.positions]}"]
+    lines += [f"spins = {list(rotors.spins)}", "speed_scale = 1.0", f"torque_ratio = {rotors.torque_ratio!r}"]
+    lines.append(f"thrust_map = {_text(_thrust_map(rotors))}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(words: str) -> str:
+    """Text as TOML has it: letters as they are, question marks for what cannot be printed."""
+    return json.dumps("".join(one if one.isprintable() else "?" for one in words), ensure_ascii=False)
+
+
+def _thrust_map(rotors: Rotors) -> str:
+    """Name of the map whose share is that of the quadratic part, for commands in rad/s."""
+    if not rotors.thrust_linear:
+        return "square"
+    if not rotors.thrust_quadratic:
+        return "linear"
+    return f"mixed:{rotors.thrust_quadratic / (rotors.thrust_linear + rotors.thrust_quadratic)!r}"

@@ -1,0 +1,559 @@
+"""Simulated vertical flights in closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.filters import actuator_state
+from eivor.signals.recording import Recording
+from eivor.simulation.environment import (
+    FlightTruth,
+    SensorErrors,
+    SensorNoise,
+    SimulatedFlight,
+    Trajectory,
+    TrajectoryKind,
+    altitude_reference,
+    gusts,
+    sensor_errors,
+    simulated_recording,
+)
+from eivor.tools import Float
+
+# -- Closed loop --
+
+#: Substeps of one control period: delays are rounded to them.
+SUBSTEPS = 5
+#: Least and greatest thrust that may be commanded, in multiples of the weight.
+THRUST_RANGE = np.array([[0.05], [3.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalVehicles:
+    """Physical parameters of several vehicles, arrays of shape (flights,).
+
+    Parameters
+    ----------
+    viscous_friction : ndarray
+        K [1/s], above zero, and neither 1/tau nor 2/tau.
+    input_gain : ndarray
+        K_u [m/s^2 per squared unit of rotor state].
+    lag_s, delay_s : ndarray
+        Actuator lag and command delay [s].
+    """
+
+    viscous_friction: Float[np.ndarray, " flights"]
+    input_gain: Float[np.ndarray, " flights"]
+    lag_s: Float[np.ndarray, " flights"]
+    delay_s: Float[np.ndarray, " flights"]
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalEnvironment:
+    """What acts on the flights from outside, arrays of shape (samples, flights).
+
+    Parameters
+    ----------
+    reference_position, reference_velocity, reference_acceleration : ndarray
+        Trajectory [m, m/s, m/s^2].
+    gust : ndarray
+        Vertical wind [m/s].
+    cos_tilt : ndarray
+        Cosine of the tilt.
+    position_noise, velocity_noise, acceleration_noise : ndarray
+        Errors of the measurements [m, m/s, m/s^2].
+    """
+
+    reference_position: Float[np.ndarray, "samples flights"]
+    reference_velocity: Float[np.ndarray, "samples flights"]
+    reference_acceleration: Float[np.ndarray, "samples flights"]
+    gust: Float[np.ndarray, "samples flights"]
+    cos_tilt: Float[np.ndarray, "samples flights"]
+    position_noise: Float[np.ndarray, "samples flights"]
+    velocity_noise: Float[np.ndarray, "samples flights"]
+    acceleration_noise: Float[np.ndarray, "samples flights"]
+
+
+@dataclass(frozen=True, slots=True)
+class AltitudeController:
+    """Position, velocity and integral gains around the trajectory's feed-forward.
+
+    See `simulation.records.control` for why that of sampled records is another one.
+
+    Parameters
+    ----------
+    position_gain : float or ndarray, shape (flights,)
+        Velocity asked for per metre of error [1/s].
+    velocity_gain : float or ndarray
+        Acceleration asked for per m/s of error [1/s].
+    integral_gain : float or ndarray
+        Acceleration asked for per metre of accumulated velocity error [1/s^2].
+    """
+
+    position_gain: float | Float[np.ndarray, " flights"] = 1.2
+    velocity_gain: float | Float[np.ndarray, " flights"] = 3.0
+    integral_gain: float | Float[np.ndarray, " flights"] = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedMotion:
+    """What happened, arrays of shape (samples, flights).
+
+    Parameters
+    ----------
+    command, rotor_state : ndarray
+        Commanded and actual rotor state; ``command[k]`` holds from sample k on.
+    position, velocity, specific_force : ndarray
+        True motion [m, m/s, m/s^2], z up.
+    """
+
+    command: Float[np.ndarray, "samples flights"]
+    rotor_state: Float[np.ndarray, "samples flights"]
+    position: Float[np.ndarray, "samples flights"]
+    velocity: Float[np.ndarray, "samples flights"]
+    specific_force: Float[np.ndarray, "samples flights"]
+
+
+def simulate_vertical(
+    vehicles: VerticalVehicles,
+    environment: VerticalEnvironment,
+    *,
+    step_s: float,
+    controller: AltitudeController,
+    gain_share: Float[np.ndarray, "samples flights"] | None = None,
+) -> SimulatedMotion:
+    """Fly every vehicle through its environment under altitude control.
+
+    Parameters
+    ----------
+    vehicles, environment : VerticalVehicles, VerticalEnvironment
+        Equally many flights.
+    step_s : float
+        Control and logging period [s].
+    controller : AltitudeController
+        Gains of each flight, or the same ones for all.
+    gain_share : ndarray, shape (samples, flights), optional
+        What is left of each vehicle's K_u, which its controller does not know; all of it by default.
+
+    Notes
+    -----
+    The flight starts in equilibrium on the trajectory. Performs no checks; linear in samples and flights.
+    """
+    count, flights = environment.gust.shape
+    hover = np.sqrt(GRAVITY / vehicles.input_gain)
+    state = hover.copy()
+    z, v = environment.reference_position[0].copy(), environment.reference_velocity[0].copy()
+    integral = np.zeros(flights)
+    out = SimulatedMotion(*(np.empty((count, flights)) for _ in range(5)))
+    history = CommandHistory(hover, vehicles.delay_s, step_s)
+    substep = ExactSubstep(vehicles, step_s / SUBSTEPS)
+    lifts = environment.cos_tilt if gain_share is None else gain_share * environment.cos_tilt
+    for k in range(count):
+        tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
+        measured_z = z + environment.position_noise[k]
+        measured_v = v + environment.velocity_noise[k]
+        wanted_v = environment.reference_velocity[k] + controller.position_gain * (
+            environment.reference_position[k] - measured_z
+        )
+        error_v = wanted_v - measured_v
+        integral += error_v * step_s
+        wanted_a = (
+            environment.reference_acceleration[k]
+            + controller.velocity_gain * error_v
+            + controller.integral_gain * integral
+        )
+        thrust = np.clip((GRAVITY + wanted_a) / (vehicles.input_gain * tilt), *THRUST_RANGE * hover**2)
+        command = np.sqrt(thrust)
+        out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
+        out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
+        history.push(command)
+        for number in range(SUBSTEPS):
+            state, z, v = substep.end(history.reaching(number), state, z, v, gust, lift)
+    return out
+
+
+class CommandHistory:
+    """Commands of the last control periods, and what reaches the actuator in each substep.
+
+    Parameters
+    ----------
+    hover : ndarray, shape (flights,)
+        Command before the record.
+    delay_s : ndarray, shape (flights,)
+        Delays [s], rounded to whole substeps.
+    step_s : float
+        Control period [s].
+    """
+
+    def __init__(
+        self, hover: Float[np.ndarray, " flights"], delay_s: Float[np.ndarray, " flights"], step_s: float
+    ) -> None:
+        self._substeps = np.rint(delay_s / step_s * SUBSTEPS).astype(np.int64)
+        self._depth = int(self._substeps.max(initial=0)) // SUBSTEPS + 2
+        self._past = np.tile(hover, (self._depth, 1))
+        self._flight = np.arange(hover.size)
+
+    def push(self, command: Float[np.ndarray, " flights"]) -> None:
+        """Add the command of the period that begins."""
+        self._past = np.roll(self._past, 1, axis=0)
+        self._past[0] = command
+
+    def reaching(self, substep: int) -> Float[np.ndarray, " flights"]:
+        """Command that each actuator receives in this substep of the present period."""
+        periods_back = -((substep - self._substeps) // SUBSTEPS)
+        reached: Float[np.ndarray, " flights"] = self._past[periods_back, self._flight]
+        return reached
+
+
+class ExactSubstep:
+    """Closed-form motion over one substep with command, gust and tilt held.
+
+    Parameters
+    ----------
+    vehicles : VerticalVehicles
+        The vehicles.
+    duration_s : float
+        Length of the substep [s].
+    """
+
+    def __init__(self, vehicles: VerticalVehicles, duration_s: float) -> None:
+        K, h = vehicles.viscous_friction, duration_s
+        rate = 1.0 / np.maximum(vehicles.lag_s, 1e-9)
+        self._K, self._K_u, self._h = K, vehicles.input_gain, h
+        self._decay = np.exp(-rate * h)
+        self._damping = np.exp(-K * h)
+        # Responses of v, and integrals, of the three parts of the driving acceleration.
+        self._held = -np.expm1(-K * h) / K
+        self._slow = (self._decay - self._damping) / (K - rate)
+        self._fast = (self._decay**2 - self._damping) / (K - 2.0 * rate)
+        self._slow_integral = -np.expm1(-rate * h) / rate
+        self._fast_integral = -np.expm1(-2.0 * rate * h) / (2.0 * rate)
+
+    def end(
+        self,
+        command: Float[np.ndarray, " flights"],
+        state: Float[np.ndarray, " flights"],
+        z: Float[np.ndarray, " flights"],
+        v: Float[np.ndarray, " flights"],
+        gust: Float[np.ndarray, " flights"],
+        lift: Float[np.ndarray, " flights"],
+    ) -> tuple[Float[np.ndarray, " flights"], Float[np.ndarray, " flights"], Float[np.ndarray, " flights"]]:
+        """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
+        away = state - command
+        gain = self._K_u * lift
+        D0 = gain * command**2 + self._K * gust - GRAVITY
+        D1, D2 = 2.0 * gain * command * away, gain * away**2
+        velocity = self._damping * v + self._held * D0 + self._slow * D1 + self._fast * D2
+        # The equation of motion, integrated: K times the height gained is impulse less momentum.
+        impulse = self._h * D0 + self._slow_integral * D1 + self._fast_integral * D2
+        return command + self._decay * away, z + (impulse - (velocity - v)) / self._K, velocity
+
+
+# -- Vertical flight spec --
+
+#: Step of the controller and of the log [s].
+STEP_S = 0.01
+#: The velocity loop is never quicker than this [1/s].
+LARGEST_VELOCITY_GAIN = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class VerticalFlightSpec:
+    """Everything that a flight is a function of.
+
+    Parameters
+    ----------
+    viscous_friction : float
+        K [1/s].
+    hover_input : float
+        Command at which it hovers, a share of full command.
+    actuator_lag, delay : float
+        Time constant of the rotor and delay of its command [s]; the delay a multiple of 0.002.
+    gust_rms, gust_correlation : float
+        Standard deviation [m/s] and correlation time [s] of the vertical wind.
+    noise : SensorNoise
+        Of accelerometer, velocity, position and attitude.
+    accelerometer_bias : float
+        Constant error of the specific force [m/s^2].
+    tilt_rms : float
+        Standard deviation of roll and of pitch [rad], before they are smoothed.
+    gain_after : float
+        What K_u is multiplied by in the end; its controller does not know.
+    gain_changes_at, gain_changes_over : float
+        When it begins to change [s], and how long it takes [s]: zero for at once.
+    trajectory : TrajectoryKind
+        The altitude reference.
+    vigour : float
+        Share of the speed and acceleration that an excitation may reach.
+    quickness : float
+        Gain of the velocity loop times the sum of lag, delay and half a control step.
+    position_share, integral_share : float
+        Gain of the position loop over that of the velocity loop, and of the integrator over the square of
+        the latter.
+    seed : int
+        Of the random streams.
+    duration : float
+        Of the flight [s], a multiple of 0.01.
+
+    Raises
+    ------
+    UsageError
+        When a value is out of its range.
+    """
+
+    viscous_friction: float = 0.4
+    hover_input: float = 0.5
+    actuator_lag: float = 0.04
+    delay: float = 0.0
+    gust_rms: float = 0.0
+    gust_correlation: float = 1.0
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    accelerometer_bias: float = 0.0
+    tilt_rms: float = 0.05
+    gain_after: float = 1.0
+    gain_changes_at: float = 30.0
+    gain_changes_over: float = 0.0
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
+    vigour: float = 1.0
+    quickness: float = 0.35
+    position_share: float = 0.3
+    integral_share: float = 0.05
+    seed: int = 0
+    duration: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in RANGES.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise UsageError(
+                    f"{name} between {low:g} and {high:g}", f"{value}", "Correct the flight's specification."
+                )
+        substeps = self.delay / STEP_S * SUBSTEPS
+        if abs(substeps - round(substeps)) > 1e-6:
+            raise UsageError(
+                f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s",
+                f"{self.delay}",
+                "The simulator delays whole substeps.",
+            )
+
+    @property
+    def count(self) -> int:
+        """Number of stamps."""
+        return round(self.duration / STEP_S)
+
+    @property
+    def input_gain(self) -> float:
+        """K_u at the beginning [m/s^2 per squared share of full command]."""
+        return GRAVITY / self.hover_input**2
+
+    @property
+    def gain_share(self) -> Float[np.ndarray, " samples"]:
+        """K_u at each stamp over that at the beginning."""
+        since = STEP_S * np.arange(self.count) - self.gain_changes_at
+        done = np.clip(since / max(self.gain_changes_over, STEP_S), 0.0, 1.0)
+        share: Float[np.ndarray, " samples"] = 1.0 + (self.gain_after - 1.0) * done
+        return share
+
+    @property
+    def controller(self) -> AltitudeController:
+        """Gains that suit the actuator."""
+        velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
+        return AltitudeController(
+            position_gain=self.position_share * velocity,
+            velocity_gain=velocity,
+            integral_gain=self.integral_share * velocity**2,
+        )
+
+
+#: What each number of a specification may be.
+RANGES = {
+    "viscous_friction": (1e-3, 2.0),
+    "hover_input": (0.1, 0.9),
+    "actuator_lag": (1e-3, 0.3),
+    "delay": (0.0, 0.2),
+    "gust_rms": (0.0, 5.0),
+    "gust_correlation": (0.01, 100.0),
+    "accelerometer_bias": (-2.0, 2.0),
+    "tilt_rms": (0.0, 0.2),
+    "gain_after": (0.4, 2.0),
+    "gain_changes_at": (0.0, 3600.0),
+    "gain_changes_over": (0.0, 3600.0),
+    "vigour": (0.01, 2.0),
+    "quickness": (0.01, 0.6),
+    "position_share": (0.01, 0.6),
+    "integral_share": (0.0, 0.25),
+    "duration": (2.0, 3600.0),
+}
+
+
+# -- Vertical flight --
+
+#: Flights that are simulated side by side: memory stays flat, about a megabyte for a minute of each.
+BATCH = 48
+#: Roll and pitch wander with this correlation time, and are smooth over the second one [s].
+TILT_CORRELATION_S = 1.0
+TILT_SMOOTHING_S = 0.15
+#: A vehicle this far from its reference is lost [m].
+LOST_M = 5.0
+#: Source of the channels.
+SIMULATOR = "vertical"
+
+
+def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
+    """Fly each specification and give its log and its truth, in order.
+
+    Parameters
+    ----------
+    specs : sequence of VerticalFlightSpec
+        All of one duration. Flights are simulated side by side in batches; which ones share a batch makes
+        no difference to any of them.
+
+    Yields
+    ------
+    SimulatedFlight
+        Recording with the channels rotor_command_1, velocity_z, position_z, specific_force_z, cos_tilt and
+        reference_*_z, and the truth.
+
+    Raises
+    ------
+    UsageError
+        When the durations differ.
+
+    Notes
+    -----
+    About .03 s for a flight of 60 s in a full batch.
+    """
+    if len({spec.count for spec in specs}) > 1:
+        durations = sorted({spec.duration for spec in specs})
+        raise UsageError("flights of one duration", f"durations {durations} s", "Simulate them separately.")
+    for first in range(0, len(specs), BATCH):
+        yield from _batch(specs[first : first + BATCH])
+
+
+def actual_state_recording(flight: SimulatedFlight) -> Recording:
+    """Recording in which the rotor's actual state stands in place of its command (`rotor_speed_1`)."""
+    log, truth = flight.recording, flight.truth
+    held = {key: channel.values for key, channel in log.channels.items() if key.startswith("reference_")}
+    sampled = {
+        key: channel.values
+        for key, channel in log.channels.items()
+        if key not in held and not key.startswith("rotor_")
+    }
+    sampled["rotor_speed_1"] = truth.rotor_state[:, 0]
+    return simulated_recording(log.name, simulator=SIMULATOR, time_s=truth.time_s, held=held, sampled=sampled)
+
+
+@dataclass(frozen=True, slots=True)
+class _Surroundings:
+    """What one flight meets."""
+
+    reference: Trajectory
+    gust: Float[np.ndarray, " n"]
+    angles: Float[np.ndarray, "n 2"]
+    errors: SensorErrors
+
+
+def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
+    shape, air, sensors, attitude = (
+        np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
+    )
+    reference = altitude_reference(
+        spec.trajectory, count=spec.count, step_s=STEP_S, rng=shape, vigour=spec.vigour
+    )
+    wind = gusts(
+        count=spec.count,
+        axes=1,
+        step_s=STEP_S,
+        rms=spec.gust_rms,
+        correlation_s=spec.gust_correlation,
+        rng=air,
+    )
+    angles = gusts(
+        count=spec.count,
+        axes=2,
+        step_s=STEP_S,
+        rms=spec.tilt_rms,
+        correlation_s=TILT_CORRELATION_S,
+        rng=attitude,
+    )
+    smooth = actuator_state(angles, step_s=STEP_S, lag_s=TILT_SMOOTHING_S, delay_s=0.0)
+    errors = sensor_errors(spec.noise, count=spec.count, axes=2, rng=sensors)
+    return _Surroundings(reference, wind[:, 0], smooth, errors)
+
+
+def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
+    met = [_surroundings(spec) for spec in specs]
+    gains = [spec.controller for spec in specs]
+    vehicles = VerticalVehicles(
+        viscous_friction=np.array([spec.viscous_friction for spec in specs]),
+        input_gain=np.array([spec.input_gain for spec in specs]),
+        lag_s=np.array([spec.actuator_lag for spec in specs]),
+        delay_s=np.array([spec.delay for spec in specs]),
+    )
+    environment = VerticalEnvironment(
+        reference_position=np.stack([s.reference.position for s in met], axis=1),
+        reference_velocity=np.stack([s.reference.velocity for s in met], axis=1),
+        reference_acceleration=np.stack([s.reference.acceleration for s in met], axis=1),
+        gust=np.stack([s.gust for s in met], axis=1),
+        cos_tilt=np.stack([np.cos(s.angles).prod(axis=1) for s in met], axis=1),
+        position_noise=np.stack([s.errors.position[:, 0] for s in met], axis=1),
+        velocity_noise=np.stack([s.errors.velocity[:, 0] for s in met], axis=1),
+        acceleration_noise=np.stack([s.errors.acceleration[:, 0] for s in met], axis=1),
+    )
+    controller = AltitudeController(
+        position_gain=np.array([gain.position_gain for gain in gains]),
+        velocity_gain=np.array([gain.velocity_gain for gain in gains]),
+        integral_gain=np.array([gain.integral_gain for gain in gains]),
+    )
+    motion = simulate_vertical(
+        vehicles,
+        environment,
+        step_s=STEP_S,
+        controller=controller,
+        gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
+    )
+    for number, (spec, surroundings) in enumerate(zip(specs, met, strict=True)):
+        yield _flight(spec, surroundings, motion, number)
+
+
+def _flight(
+    spec: VerticalFlightSpec, met: _Surroundings, motion: SimulatedMotion, number: int
+) -> SimulatedFlight:
+    time = STEP_S * np.arange(spec.count)
+    velocity, force = motion.velocity[:, number], motion.specific_force[:, number]
+    truth = FlightTruth(
+        time_s=time,
+        specific_force_z=force.copy(),
+        air_velocity_z=velocity - met.gust,
+        rotor_state=motion.rotor_state[:, [number]],
+        cos_tilt=np.cos(met.angles).prod(axis=1),
+        actuator_lag=spec.actuator_lag,
+        delay=spec.delay,
+        viscous_friction=spec.viscous_friction,
+        input_gain=spec.input_gain,
+        hover_input=spec.hover_input,
+    )
+    recording = simulated_recording(
+        f"vertical simulator, {spec.trajectory}, seed {spec.seed}",
+        simulator=SIMULATOR,
+        time_s=time,
+        held={
+            "rotor_command_1": motion.command[:, number],
+            "reference_position_z": met.reference.position,
+            "reference_velocity_z": met.reference.velocity,
+            "reference_acceleration_z": met.reference.acceleration,
+        },
+        sampled={
+            "position_z": motion.position[:, number] + met.errors.position[:, 0],
+            "velocity_z": velocity + met.errors.velocity[:, 0],
+            "specific_force_z": force + met.errors.acceleration[:, 0] + spec.accelerometer_bias,
+            "cos_tilt": np.cos(met.angles + met.errors.attitude).prod(axis=1),
+        },
+    )
+    flew = bool(np.abs(motion.position[:, number] - met.reference.position).max() < LOST_M)
+    return SimulatedFlight(recording, truth, flew)

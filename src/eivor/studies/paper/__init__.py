@@ -1,1 +1,0 @@
-"""The paper's study, its readings and errata."""

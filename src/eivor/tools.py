@@ -1,0 +1,172 @@
+"""Names that load late, notebook output, progress messages, and annotations of array shapes."""
+
+from __future__ import annotations
+
+import codecs
+import re
+import sys
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from enum import StrEnum
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+# -- Plain text --
+
+#: Name of the way to deal with what an encoding does not have.
+ERRORS = "eivor.plain_text"
+#: Signs that have no letters to be taken apart into.
+SIGNS = {
+    **dict.fromkeys("−–—", "-"),
+    **dict.fromkeys("‘’", "'"),
+    **dict.fromkeys("“”", '"'),
+    **dict(zip("±×·√°µ²³", ("+-", "x", "*", "sqrt", "deg", "u", "^2", "^3"), strict=True)),
+    **dict(zip("▁▂▃▄▅▆▇█", "_.,-=+*#", strict=True)),
+    **dict(zip("≤≥≈→∞•", ("<=", ">=", "~", "->", "inf", "*"), strict=True)),
+}
+_TWO_BLANKS = re.compile(" {2,}")
+
+
+def plain_letter(letter: str) -> str:
+    """ASCII form of one letter; a question mark where there is none."""
+    if letter in SIGNS:
+        return SIGNS[letter]
+    name = unicodedata.name(letter, "")
+    if name.startswith("GREEK ") and " LETTER " in name:
+        word = name.partition(" LETTER ")[2].split()[0].lower()
+        return word.capitalize() if " CAPITAL " in name else word
+    if name.startswith("BOX DRAWINGS "):
+        return "-" if name.endswith("HORIZONTAL") else "|" if name.endswith("VERTICAL") else "+"
+    return unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode("ascii") or "?"
+
+
+def plain_text(text: str, encoding: str) -> str:
+    """Text that the encoding has; what grows takes from the next two blanks or more, so that columns stay.
+
+    Parameters
+    ----------
+    text : str
+        Lines of a report.
+    encoding : str
+        Of the stream that it goes to.
+    """
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        return "\n".join(_plain_line(line, encoding) for line in text.split("\n"))
+    return text
+
+
+def _plain_line(line: str, encoding: str) -> str:
+    grown, end, parts = 0, 0, []
+    for blanks in _TWO_BLANKS.finditer(line):
+        words = _plain(line[end : blanks.start()], encoding)
+        grown += len(words) - (blanks.start() - end)
+        width = len(blanks.group())
+        kept = min(max(width - grown, 1), width)
+        grown -= width - kept
+        parts += [words, " " * kept]
+        end = blanks.end()
+    return "".join([*parts, _plain(line[end:], encoding)])
+
+
+def _plain(words: str, encoding: str) -> str:
+    return words.encode(encoding, ERRORS).decode(encoding)
+
+
+def _replaced_characters(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(map(plain_letter, error.object[error.start : error.end])), error.end
+
+
+codecs.register_error(ERRORS, _replaced_characters)
+
+
+# -- Stages --
+
+
+class Stage(StrEnum):
+    """What an identification is at."""
+
+    PREPARING = "preparing"
+    IDENTIFYING = "identifying"
+    DIAGNOSING = "diagnosing"
+
+
+#: Called with each stage when it begins.
+Progress = Callable[[Stage], None]
+
+
+def silent(_stage: Stage, /) -> None:
+    """Tell nobody."""
+
+
+# -- Late names --
+
+
+def late_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
+    """Return the `__getattr__` of a package or module.
+
+    Parameters
+    ----------
+    package : str
+        Its name.
+    homes : mapping of str to str
+        The module where each of its late names lives.
+
+    Returns
+    -------
+    callable
+        From a name to what it stands for. It raises an AttributeError for any other name.
+    """
+
+    def load(name: str) -> object:
+        if name not in homes:
+            raise AttributeError(f"module '{package}' has no attribute '{name}'")
+        return getattr(import_module(homes[name]), name)
+
+    return load
+
+
+# -- Notebook --
+
+
+def html_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:
+    """Table in HTML.
+
+    Parameters
+    ----------
+    title : str
+        Above it.
+    columns : sequence of str
+        Headings.
+    rows : iterable of sequence of str
+        Cells.
+    note : str
+        Below it; may be empty.
+    """
+    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>" for cells in rows)
+    below = f"<p>{escape(note)}</p>" if note else ""
+    return (
+        f"<div><strong>{escape(title)}</strong><table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{body}</tbody></table>{below}</div>"
+    )
+
+
+# -- Shapes --
+
+if TYPE_CHECKING or "jaxtyping" in sys.modules:
+    from jaxtyping import Bool, Complex, Float, Int
+else:
+
+    class _Unchecked:
+        def __class_getitem__(cls, kind_and_shape: tuple[Any, str]) -> Any:
+            """Kind of array, whatever its shape."""
+            return kind_and_shape[0]
+
+    Bool = Complex = Float = Int = _Unchecked
+
+__all__ = ["Bool", "Complex", "Float", "Int"]
