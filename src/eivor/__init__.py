@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING
 from eivor.tools import late_names
 
 if TYPE_CHECKING:
-    from eivor import fleet
+    from eivor import fleet, methods
     from eivor.errors import WeakInstrumentsWarning
-    from eivor.estimation import methods
     from eivor.estimation.bootstrap import bootstrap
     from eivor.estimation.derived import derived, ratio
     from eivor.estimation.diagnose import Diagnostics, diagnose
@@ -52,12 +51,13 @@ if TYPE_CHECKING:
     from eivor.models.separable import Bounds, Prior
     from eivor.models.signal_regression import SignalRegression
     from eivor.motions import motion_by_name
-    from eivor.motions.identify import identify_flight
+    from eivor.motions.identify import identify_flight, log_signals
     from eivor.motions.vertical.model import VerticalMotion
     from eivor.planning.plan import FlightPlan
     from eivor.planning.vehicle import FlightLimits, VehicleGuess
-    from eivor.report.other_results import Validation, plan, validate
+    from eivor.report.other_results import plan
     from eivor.report.saved_fit import SavedFit, load_fit
+    from eivor.report.validation import Validation, validate
     from eivor.signals.noise import (
         AutoregressiveNoise,
         FractionalNoise,
@@ -107,7 +107,7 @@ _HOMES = {
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
     "UnknownOrder": "eivor.lab.fractional_terms",
-    "Validation": "eivor.report.other_results",
+    "Validation": "eivor.report.validation",
     "VehicleGuess": "eivor.planning.vehicle",
     "VerticalMotion": "eivor.motions.vertical.model",
     "WeakInstrumentsWarning": "eivor.errors",
@@ -125,10 +125,11 @@ _HOMES = {
     "identify": "eivor.estimation.methods",
     "identify_chunks": "eivor.estimation.streaming",
     "identify_flight": "eivor.motions.identify",
+    "log_signals": "eivor.motions.identify",
     "identify_recursively": "eivor.estimation.recursive",
     "lags": "eivor.models.regression",
     "load_fit": "eivor.report.saved_fit",
-    "methods": "eivor.estimation.methods",
+    "methods": "eivor.methods",
     "moments": "eivor.estimation.streaming",
     "motion_by_name": "eivor.motions",
     "plan": "eivor.report.other_results",
@@ -139,7 +140,7 @@ _HOMES = {
     "regression": "eivor.models.regression",
     "sign_perturbed_set": "eivor.estimation.weak_identification",
     "simulate": "eivor.lab.records",
-    "validate": "eivor.report.other_results",
+    "validate": "eivor.report.validation",
     "weighted_total_least_squares": "eivor.linalg.total_least_squares",
 }
 
@@ -201,6 +202,7 @@ __all__ = [
     "identify_recursively",
     "lags",
     "load_fit",
+    "log_signals",
     "methods",
     "moments",
     "motion_by_name",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
+from pkgutil import resolve_name
 
 # -- Entry --
 
@@ -18,9 +19,7 @@ def run() -> None:
     """Import the command line, run it, and leave with its exit code."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     try:
-        from eivor.cli.main import run as run_command
-
-        run_command()
+        resolve_name("eivor.cli.main:run")()
     except KeyboardInterrupt:
         if sys.stderr is not None:  # closed by the caller, who does not want to know
             sys.stderr.write("eivor: interrupted\n")

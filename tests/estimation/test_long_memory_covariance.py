@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 import eivor as ev
+from eivor.estimation.unknown_noise import RECORD_OVER_LAG, long_memory_covariance
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.lab.unknown_noise import RECORD_OVER_LAG, long_memory_covariance
 
 
 def test_it_is_the_sum_over_lags():

@@ -10,8 +10,8 @@ from test_moments_and_streams import chunks_of
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.verdict import Status
-from eivor.lab.regularised import DECADES, POINTS
-from eivor.linalg import LinearSystem, RegularisedLeastSquares
+from eivor.lab.regularised import DECADES, POINTS, RegularisedLeastSquares
+from eivor.linalg import LinearSystem
 
 M = ev.methods
 GRID = np.append(0.0, np.logspace(*DECADES, (DECADES[1] - DECADES[0]) * POINTS + 1))

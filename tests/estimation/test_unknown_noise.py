@@ -7,14 +7,14 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, UsageError
-from eivor.lab.scenario_files import shipped_scenario
-from eivor.lab.unknown_noise import (
+from eivor.estimation.unknown_noise import (
     BiasEliminating,
     FrischScheme,
     GeneralizedEquations,
     SharedMoments,
     UnknownNoise,
 )
+from eivor.lab.scenario_files import shipped_scenario
 from eivor.models.signal_regression import shared_noise
 
 INSTRUMENTS = ev.lags("input", 0, 10)

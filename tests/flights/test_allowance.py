@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.flights.identify import with_allowances
+from eivor.flights.estimate import with_allowances
 from eivor.flights.quantity import NAN, Allowance, Counts, Unjudged, Wording, reserved, widened
 from eivor.inference.verdict import Status, Verdict
 from eivor.motions.vertical.motion import Vertical

@@ -111,7 +111,7 @@ def test_noises_that_are_none(log, noise, words):
 
 
 def test_a_log_gives_its_signals(log):
-    signals = log.signals(actuator_lag=LAG_S, noise={"velocity_z": NOISE})
+    signals = ev.log_signals(log, actuator_lag=LAG_S, noise={"velocity_z": NOISE})
     assert signals.noise["velocity_z"].std == pytest.approx(NOISE)
     assert signals.noise["input"].std == 0.0
     problem = ev.VerticalMotion().regression(signals)
@@ -122,7 +122,7 @@ def test_a_log_gives_its_signals(log):
     assert attenuated < 0.93 * FRICTION
     assert abs(taken.parameters["viscous_friction"] - FRICTION) < 0.4 * abs(attenuated - FRICTION)
     with pytest.raises(UsageError, match="actuator_lag"):
-        log.signals(actuator_lag=-1.0)
+        ev.log_signals(log, actuator_lag=-1.0)
 
 
 def test_noise_of_measured_rotors_goes_through_the_map():
@@ -130,6 +130,6 @@ def test_noise_of_measured_rotors_goes_through_the_map():
     command = quiet.channel("rotor_command_1")
     rotor = replace(command, name="rotor_speed_1", held=False)
     log = changed(quiet, rotor_speed_1=rotor)
-    signals = log.signals(input="rotor_speed", input_map="square", noise={"rotor_speed": 0.01})
+    signals = ev.log_signals(log, input="rotor_speed", input_map="square", noise={"rotor_speed": 0.01})
     expected = 0.01 * 2.0 * np.sqrt(np.mean(command.values**2))
     assert signals.noise["input"].std == pytest.approx(expected, rel=0.02)

@@ -11,7 +11,7 @@ from flight_logs import LAG_S, changed, flown, prepare_vertical
 
 import eivor as ev
 from eivor.flights import identify
-from eivor.flights.identify import SENSORS_APART_S, estimated, lags_beside
+from eivor.flights.estimate import SENSORS_APART_S, estimated, lags_beside
 from eivor.flights.lag_prior import ToldLag
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Unjudged

@@ -13,7 +13,7 @@ from scipy import stats
 import shape_checks
 from coarse_search import coarse
 from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
-from eivor.flights.identify import single_frequency_hz
+from eivor.flights.estimate import single_frequency_hz
 from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight

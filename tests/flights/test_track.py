@@ -12,8 +12,7 @@ from flight_logs import GAIN, flown
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.track import Moment, Track, track
-from eivor.report.figures import track_figure
-from eivor.report.other_results import changes_told, marks, track_document, track_json, untold
+from eivor.report.other_results import changes_told, marks, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
 
 

@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
-from eivor.lab.regularised import DECADES, POINTS, Tikhonov
+from eivor.lab.regularised import (
+    DECADES,
+    POINTS,
+    RegularisedLeastSquares,
+    RegularisedTotalLeastSquares,
+    Tikhonov,
+)
 from eivor.linalg import (
     LeastSquares,
     LinearSystem,
-    RegularisedLeastSquares,
-    RegularisedTotalLeastSquares,
     TotalLeastSquares,
 )
 from eivor.linalg.system import triangular_root

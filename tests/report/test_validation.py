@@ -13,9 +13,9 @@ import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.other_results import Validation, validation_document
-from eivor.report.saved_fit import saved_fit
+from eivor.report.outputs import saved_fit
 from eivor.report.terminal import on_terminal
+from eivor.report.validation import Validation, validation_document
 from eivor.signals.recording import Recording
 
 DOCS = Path(__file__).parents[2] / "docs"

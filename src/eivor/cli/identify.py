@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -36,16 +36,26 @@ from eivor.cli.parsing import (
     told_apart,
 )
 from eivor.errors import UsageError
+from eivor.flights.motion import Motion
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.flights.track import Track
+from eivor.flights.track import track as followed
+from eivor.inference.verdict import Status
+from eivor.logs import read_log
+from eivor.logs.read import example_flight
 from eivor.motions import DEFAULT as DEFAULT_MODEL
-
-if TYPE_CHECKING:
-    from eivor.flights.motion import Motion
-    from eivor.flights.options import FlightOptions
-    from eivor.flights.result import FlightEstimate
-    from eivor.flights.track import Track
-    from eivor.report.other_results import Validation
-    from eivor.signals.recording import Recording
-
+from eivor.report.document import Document, Fact, Facts, Section
+from eivor.report.figures import flight_figure, save_figure
+from eivor.report.flight import flight_document, told_flight
+from eivor.report.flight_page import flight_page
+from eivor.report.json_document import json_document, json_text
+from eivor.report.other_results import track_document, track_figure, track_json
+from eivor.report.saved_fit import load_fit
+from eivor.report.terminal import on_terminal
+from eivor.report.validation import Validation, validation_document
+from eivor.report.validation import validate as validated
+from eivor.signals.recording import Recording
 
 # -- Recordings --
 
@@ -100,8 +110,6 @@ class ChosenLogs:
             With the name of the log that cannot be read.
         """
         if self.example:
-            from eivor.logs.read import example_flight
-
             recordings = [example_flight()]
         else:
             read = {path: self._recording(path) for path in dict.fromkeys(log.path for log in self.logs)}
@@ -111,8 +119,6 @@ class ChosenLogs:
         return recordings, own
 
     def _recording(self, path: Path) -> Recording:
-        from eivor.logs import read_log
-
         with step(f"Reading {path.name}"), named(str(path), several=len(self.logs) > 1):
             return read_log(path, channel_map=self.channel_map or None)
 
@@ -265,15 +271,10 @@ def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[]
 
 
 def _print_result(result: FlightEstimate, *, card: bool) -> None:
-    from eivor.report.flight import flight_document
-    from eivor.report.terminal import on_terminal
-
     show(on_terminal(flight_document(result, card=card)))
 
 
 def _write_result_json(result: FlightEstimate, place: str) -> None:
-    from eivor.report.json_document import json_document, json_text
-
     write_out(json_text(json_document(result)), place)
 
 
@@ -285,24 +286,18 @@ def write_page(result: FlightEstimate, place: str) -> None:
     InputError
         When the system refuses the file.
     """
-    from eivor.report.flight_page import flight_page
-
     with step(f"Writing {Path(place).name}"):
         page = flight_page(result)
     write_out(page, place)
 
 
 def _draw_result(result: FlightEstimate, path: Path) -> None:
-    from eivor.report.figures import flight_figure, save_figure
-
     with step(f"Drawing {path.name}"), writing(path):
         save_figure(flight_figure(result), path)
 
 
 def exit_code(result: FlightEstimate) -> ExitCode:
     """0 when identified, 3 otherwise."""
-    from eivor.inference.verdict import Status
-
     return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
 
 
@@ -336,10 +331,6 @@ def report(*, out: str = "", **asked: Any) -> ExitCode:
     result = result_of(chosen, motion, flight_options(motion, terms=terms, noise=noise, **asked))
     write_page(result, out)
     if out != STANDARD_OUTPUT:
-        from eivor.report.document import Document, Fact, Facts, Section
-        from eivor.report.flight import told_flight
-        from eivor.report.terminal import on_terminal
-
         told = told_flight(result)
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
         where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
@@ -440,8 +431,6 @@ def track(
         options = replace(options, accelerometer_bias=accelerometer_bias)
     result = result_of(chosen, motion, options)
 
-    from eivor.flights.track import track as followed
-
     with step("Following it over the flight"):
         found = followed(result, memory)
     deliver(*_track_deliveries(found, json, picture))
@@ -458,22 +447,14 @@ def _track_deliveries(found: Track, json: str, figure: Path | None) -> Iterator[
 
 
 def _print_track(found: Track) -> None:
-    from eivor.report.other_results import track_document
-    from eivor.report.terminal import on_terminal
-
     show(on_terminal(track_document(found)))
 
 
 def _write_track_json(found: Track, place: str) -> None:
-    from eivor.report.json_document import json_text
-    from eivor.report.other_results import track_json
-
     write_out(json_text(track_json(found)), place)
 
 
 def _draw_track(found: Track, path: Path) -> None:
-    from eivor.report.figures import save_figure, track_figure
-
     with step(f"Drawing {path.name}"), writing(path):
         save_figure(track_figure(found), path)
 
@@ -518,17 +499,11 @@ def validate(
     ] = "",
 ) -> ExitCode:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
-    from eivor.flights.options import FlightOptions
-
     chosen = chosen_logs([log], example=False, channel_map=channel_map)
     outputs = Outputs(json, figure_file(figure) if figure else None)
     options = FlightOptions(window=parsing.parse_window(window) if window else None)
-    from eivor.report.saved_fit import load_fit
-
     result = load_fit(fit)
     (recording,), (own,) = chosen.read(options)
-    from eivor.report.other_results import validate as validated
-
     with step(f"Predicting {recording.name}"):
         found = validated(result, recording, window=own or options.window, max_tilt_deg=max_tilt)
     deliver(*_validation_deliveries(found, outputs))
@@ -545,14 +520,9 @@ def _validation_deliveries(found: Validation, outputs: Outputs) -> Iterator[Call
 
 
 def _print_validation(found: Validation) -> None:
-    from eivor.report.other_results import validation_document
-    from eivor.report.terminal import on_terminal
-
     show(on_terminal(validation_document(found)))
 
 
 def _draw_validation(found: Validation, path: Path) -> None:
-    from eivor.report.figures import save_figure
-
     with step(f"Drawing {path.name}"), writing(path):
         save_figure(found.plot(), path)

@@ -11,6 +11,7 @@ from contextlib import contextmanager, nullcontext
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
+from importlib.metadata import EntryPoint, entry_points
 from importlib.util import LazyLoader
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eivor import tools
+from eivor.cli import outputs
 from eivor.cli.outputs import (
     DEBUG_VARIABLE,
     FILE,
@@ -93,26 +95,36 @@ def load_late() -> None:
 if TYPE_CHECKING:
     app: typer.Typer
 
-#: Module of each command, which holds a function of that name and NAME_EXIT_CODES.
+#: Module of each command of the library, which holds a function of that name and NAME_EXIT_CODES, and what
+#: `eivor --help` says of it.
 COMMANDS = {
-    "identify": "eivor.cli.identify",
-    "report": "eivor.cli.identify",
-    "serve": "eivor.serve.cli",
-    "inspect": "eivor.cli.tools",
-    "track": "eivor.cli.identify",
-    "validate": "eivor.cli.identify",
-    "export": "eivor.cli.tools",
-    "plan": "eivor.cli.tools",
-    "simulate": "eivor.lab.cli",
-    "study": "eivor.lab.cli",
-    "paper": "eivor.lab.cli",
+    "identify": ("eivor.cli.identify", "Identify a motion from a flight log, with intervals and a verdict."),
+    "report": ("eivor.cli.identify", "Identify logs, and write the result as one page of HTML."),
+    "inspect": ("eivor.cli.tools", "Show what a log holds, and what it could be used for."),
+    "track": ("eivor.cli.identify", "Follow a parameter over a flight."),
+    "validate": ("eivor.cli.identify", "Compare a fit with another flight of the vehicle."),
+    "export": ("eivor.cli.tools", "Write a result for an autopilot, a controller or a simulator."),
+    "plan": ("eivor.cli.tools", "Plan the flight that would identify what a result could not."),
 }
-#: Module of each group of commands, and the name of its application there.
+#: Module of each group of commands, the name of its application there, and its help.
 GROUPS = {
-    "fleet": ("eivor.fleet.cli", "app"),
-    "vehicle": ("eivor.cli.tools", "vehicle_app"),
-    "example": ("eivor.cli.tools", "example_app"),
+    "vehicle": ("eivor.cli.tools", "vehicle_app", "Vehicle files of the rigid body."),
+    "example": ("eivor.cli.tools", "example_app", "Logs to try Eivor with."),
 }
+#: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.
+ENTRY_POINTS = "eivor.commands"
+#: Help of the commands of entry points that come with Eivor, and the extra that one needs.
+ADDED = {
+    "serve": ("Open a page on this machine, on which logs are dropped.", "serve"),
+    "simulate": ("Simulate motion with known parameters into a log.", ""),
+    "study": ("Run a Monte Carlo study.", ""),
+    "paper": ("Make the tables and figures of the paper again.", ""),
+    "fleet": ("Many logs as one table: run, query, report.", ""),
+}
+
+
+def _added() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
 
 class _Commands(InterruptibleGroup):
@@ -122,15 +134,22 @@ class _Commands(InterruptibleGroup):
         """Run the command that is asked for."""
         refuse_empty_options(ctx)
         try:
-            read_repeated_options(ctx, ctx.params["config"], (*COMMANDS, *GROUPS))
+            read_repeated_options(ctx, ctx.params["config"], _names())
         except InputError as error:
             complain(str(error))
             raise typer.Exit(int(ExitCode.FAILED)) from None
         return super().invoke(ctx)
 
 
-def application(*names: str) -> typer.Typer:
-    """Return the command line; with some of its commands only, when they are named."""
+def _names() -> tuple[str, ...]:
+    return (*COMMANDS, *GROUPS, *_added())
+
+
+def application(*names: str, loaded: bool = True) -> typer.Typer:
+    """Return the command line; with some of its commands only, when they are named.
+
+    Commands that are not loaded have their help alone.
+    """
     made = typer.Typer(
         name="eivor",
         help="Identify the vertical parameters of a drone from its flight logs, "
@@ -142,18 +161,46 @@ def application(*names: str) -> typer.Typer:
         rich_markup_mode="rich",
     )
     made.callback()(_eivor)
-    for name in names or COMMANDS:
-        module = import_module(COMMANDS[name])
-        exit_codes = getattr(module, f"{name.upper()}_EXIT_CODES")
-        made.command(epilog=exit_codes, cls=ReadableCommand)(getattr(module, name))
-    if not names:
-        for home, group in GROUPS.values():
-            made.add_typer(getattr(import_module(home), group))
+    for name in names or _names():
+        if loaded:
+            _add(made, name)
+        else:
+            words = ADDED[name][0] if name in ADDED else {**COMMANDS, **GROUPS}.get(name, ("",))[-1]
+            made.command(name, help=words)(_nothing)
     return made
 
 
+def _add(made: typer.Typer, name: str) -> None:
+    """Load a command or a group, and add it."""
+    if name in GROUPS:
+        home, group, _ = GROUPS[name]
+        made.add_typer(getattr(import_module(home), group))
+        return
+    point = None if name in COMMANDS else _added()[name]
+    try:
+        module = import_module(COMMANDS[name][0] if point is None else point.module)
+    except ModuleNotFoundError as error:
+        extra = ADDED.get(name, ("", ""))[1]
+        if not extra or (error.name or "").startswith("eivor"):
+            raise
+        raise InputError(
+            f"the packages of eivor {name}",
+            f"no package '{error.name}'",
+            f"Install them: pip install 'eivor[{extra}]'.",
+        ) from error
+    command = getattr(module, name if point is None else point.attr)
+    if isinstance(command, typer.Typer):
+        made.add_typer(command)
+    else:
+        made.command(epilog=getattr(module, f"{name.upper()}_EXIT_CODES"), cls=ReadableCommand)(command)
+
+
+def _nothing() -> None:
+    """Stand for a command in the list of commands."""
+
+
 def __getattr__(name: str) -> object:
-    """Return `app`, the command line with all commands, made when it is first asked for."""
+    """Return `app`, the command line with all commands, made at its first use."""
     if name != "app":
         raise AttributeError(f"module 'eivor.cli.main' has no attribute '{name}'")
     made = globals()[name] = application()
@@ -164,9 +211,7 @@ def _print_version(wanted: bool) -> bool:
     if wanted:
         from importlib.metadata import version
 
-        from eivor.cli.outputs import write
-
-        write(f"eivor {version('eivor')}\n")
+        outputs.write(f"eivor {version('eivor')}\n")
         raise typer.Exit
     return wanted
 
@@ -219,6 +264,10 @@ def run() -> None:
 
 
 def _asked_for(arguments: list[str]) -> typer.Typer:
-    """Return the command line of the one command that is named first, which is loaded sooner; or of all."""
-    named = [name for name in arguments[:1] if name in COMMANDS]
+    """Return the command line of the command that is named first; help alone loads none."""
+    if any(name.startswith("_EIVOR") for name in os.environ):  # a shell completes words
+        return application()
+    if not arguments or arguments[0] in {"--help", "--version"}:
+        return application(loaded=False)
+    named = [name for name in arguments[:1] if name in _names()]
     return application(*named)

@@ -29,13 +29,11 @@ from eivor.cli.parsing import log_argument
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.logs.common import folder_files
 from eivor.report.document import printable
-from eivor.strict_toml import read_toml
+from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import plain_text
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
-
-    from eivor.strict_toml import TomlTable
 
 
 # -- Arguments --

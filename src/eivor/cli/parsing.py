@@ -10,23 +10,30 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
+from eivor.estimation.methods import by_name
+from eivor.exports.fitted import Supplied, known_number
+from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
+from eivor.flights.motion import Motion
+from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
+from eivor.flights.prepare import check_options
+from eivor.flights.references import ESTIMATE, Declared
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
+from eivor.logs.common import UNITS, unit_fits
+from eivor.models.separable import Bounds, Prior
+from eivor.motions import motion_by_name
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
+from eivor.planning.plan import Place
+from eivor.planning.vehicle import FlightLimits
+from eivor.report.saved_fit import load_fit
+from eivor.report.wording import logging_advice_for, missing_channels
+from eivor.signals.channels import canonical_channel
+from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, silent
-
-if TYPE_CHECKING:
-    from eivor.exports.fitted import Supplied
-    from eivor.flights.motion import Motion
-    from eivor.flights.options import FlightOptions
-    from eivor.flights.references import Declared
-    from eivor.flights.result import FlightEstimate
-    from eivor.models.separable import Bounds, Prior
-    from eivor.motions.rigid_body.vehicle import KnownNumber
-    from eivor.planning.plan import Place
-    from eivor.planning.vehicle import FlightLimits
-    from eivor.signals.recording import DataSheet, Recording
-
 
 # -- Windows, lags and names --
 
@@ -100,9 +107,6 @@ def parse_lag(text: str) -> Prior | Bounds:
     UsageError
         When it is none of them: two numbers above zero, or two that are not below zero, in order.
     """
-    from eivor.flights.lag_prior import NO_LAG
-    from eivor.models.separable import Bounds, Prior
-
     if text.strip().lower() == "none":
         return NO_LAG
     between = ".." in text
@@ -185,8 +189,6 @@ def check_windows(recordings: list[Recording], windows: Sequence[Window | None])
     UsageError
         For the first one.
     """
-    from eivor.signals.recording import interval_within
-
     for recording, window in zip(recordings, windows, strict=True):
         if window is not None:
             with named(recording.name, several=len(recordings) > 1):
@@ -227,8 +229,6 @@ def identified(
     MissingChannelError
         With what to log so that the channel is there.
     """
-    from eivor.motions.identify import identify_flight
-
     check_named_instruments(recordings, options.instruments)
     try:
         return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
@@ -239,8 +239,6 @@ def identified(
 
 
 def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
-    from eivor.report.wording import logging_advice_for, missing_channels
-
     sentences = [
         sentence
         for recording in recordings
@@ -274,8 +272,6 @@ def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
     UsageError
         When it is none of them, the number is no standard deviation, or the unit is not the channel's.
     """
-    from eivor.flights.references import ESTIMATE
-
     given = [text.strip() for text in texts]
     if not given:
         return None
@@ -317,8 +313,6 @@ def _declared(name: str, values: list[str]) -> Declared:
 
 
 def _sheet(name: str, values: list[str]) -> DataSheet:
-    from eivor.signals.recording import DataSheet
-
     told: dict[str, float] = {}
     for value in values:
         word, colon, number = value.partition(":")
@@ -350,9 +344,6 @@ def _number(name: str, text: str, what: str) -> tuple[float, str]:
 
 def _size(name: str, text: str, what: str) -> float:
     """A size in the channel's SI unit; a noise density may be in its unit over the root of a hertz."""
-    from eivor.logs.common import UNITS, unit_fits
-    from eivor.signals.channels import canonical_channel
-
     value, unit = _number(name, text, what)
     if what == "density":
         unit = unit.removesuffix("/sqrt(Hz)").removesuffix("/rtHz")
@@ -381,8 +372,6 @@ def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
     UsageError
         With the motions that there are; and when the motion does not ask what flies.
     """
-    from eivor.motions import motion_by_name
-
     motion = motion_by_name(name)
     return motion.of_vehicle(vehicle) if vehicle else motion
 
@@ -413,10 +402,6 @@ def flight_options(
     UsageError
         When one of them does not exist or makes no sense.
     """
-    from eivor.estimation.methods import by_name
-    from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
-    from eivor.flights.prepare import check_options
-
     chosen = by_name(method)
     if instruments and not (compare or chosen.of_flights.needs_instruments):
         raise UsageError(
@@ -461,18 +446,12 @@ def given_lag(text: str, file: str) -> Prior | Bounds | None:
     InputError
         When the file is no result.
     """
-    from eivor.models.separable import Prior
-
     if text and file:
         raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
     if text:
         return parse_lag(text)
     if not file:
         return None
-    from eivor.flights.lag_prior import EFFECTIVE_LAG
-    from eivor.inference.verdict import Status
-    from eivor.report.saved_fit import load_fit
-
     found = load_fit(file).quantities.get(EFFECTIVE_LAG)
     if found is None or found.verdict is Status.REFUSED or not 0.0 < found.half_width < math.inf:
         raise UsageError(
@@ -534,8 +513,6 @@ def flight_limits(
     UsageError
         When the heights are not two numbers, or no flight can be within the limits.
     """
-    from eivor.planning.vehicle import FlightLimits
-
     low, high = parse_ends(height)
     if not -math.inf < low < high < math.inf:
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
@@ -556,9 +533,6 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
     InputError
         When the vehicle cannot be read.
     """
-    from eivor.exports.fitted import Supplied
-    from eivor.motions.rigid_body.vehicle import load_vehicle
-
     known = {}
     for text in priors:
         name, equals, number = text.partition("=")
@@ -572,8 +546,6 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
 
 def _known(text: str, option: str) -> KnownNumber:
     """Number of ``VALUE`` or ``VALUE:STD``."""
-    from eivor.exports.fitted import known_number
-
     value_text, colon, std_text = text.partition(":")
     try:
         value, std = float(value_text), float(std_text) if colon else 0.0

@@ -11,7 +11,7 @@ from enum import StrEnum
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -36,15 +36,29 @@ from eivor.cli.outputs import (
 )
 from eivor.cli.parsing import check_mission, flight_limits, flight_options, named_motion, place_of, supplied
 from eivor.errors import CorruptLogError, InputError, NotIdentifiedError, UsageError
+from eivor.exports.fitted import Exported, Supplied
 from eivor.motions import DEFAULT as DEFAULT_MODEL
-
-if TYPE_CHECKING:
-    from eivor.exports.fitted import Exported, Supplied
-    from eivor.planning.plan import FlightPlan
-    from eivor.planning.vehicle import VehicleGuess
-    from eivor.report.inspection import Inspection, PooledInspection
-    from eivor.report.saved_fit import SavedFit
-
+from eivor.motions.rigid_body.vehicle import (
+    ENDING,
+    load_vehicle,
+    shipped_vehicles,
+    vehicle_template,
+    vehicle_text,
+)
+from eivor.planning.plan import WRITTEN, FlightPlan
+from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
+from eivor.report.inspection import (
+    Inspection,
+    PooledInspection,
+    inspection_document,
+    pooled_documents,
+    pooled_inspection,
+)
+from eivor.report.json_document import inspection_json, json_text, pooled_json
+from eivor.report.other_results import draws_table, plan_document, plan_json
+from eivor.report.other_results import plan as planned
+from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.terminal import on_terminal
 
 # -- Examples --
 
@@ -325,8 +339,6 @@ def export(
     given = supplied(mass, prior or [], vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    from eivor.report.saved_fit import load_fit
-
     result = load_fit(fit)
     try:
         if draws is None or to:
@@ -347,8 +359,6 @@ def _export(made: Exported, output: str) -> ExitCode:
 def _draw_vehicles(
     result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
 ) -> ExitCode:
-    from eivor.report.other_results import draws_table
-
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
     table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
     buffer = io.BytesIO()
@@ -391,8 +401,6 @@ def inspect(
     )
     recordings, windows = chosen.read(options)
 
-    from eivor.report.inspection import pooled_inspection
-
     names = ", ".join(recording.name for recording in recordings)
     with step(f"Inspecting {names}"):
         found = pooled_inspection(recordings, options, windows, motion)
@@ -408,9 +416,6 @@ def _inspection_deliveries(found: Inspection | PooledInspection, json: str) -> I
 
 
 def _print_inspection(found: Inspection | PooledInspection) -> None:
-    from eivor.report.inspection import PooledInspection, inspection_document, pooled_documents
-    from eivor.report.terminal import on_terminal
-
     if isinstance(found, PooledInspection):
         show(on_terminal(*pooled_documents(found)))
     else:
@@ -418,9 +423,6 @@ def _print_inspection(found: Inspection | PooledInspection) -> None:
 
 
 def _write_inspection_json(found: Inspection | PooledInspection, place: str) -> None:
-    from eivor.report.inspection import PooledInspection
-    from eivor.report.json_document import inspection_json, json_text, pooled_json
-
     document = pooled_json(found) if isinstance(found, PooledInspection) else inspection_json(found)
     write_out(json_text(document), place)
 
@@ -526,8 +528,6 @@ def plan(
     outputs = {option: Path(text) for option, text in files.items() if text}
     limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
-    from eivor.report.other_results import plan as planned
-
     with step("Planning"):
         made = planned(
             vehicle, target=for_what, limits=limits, shape=shape or ("steps" if qgc else ""), seed=seed
@@ -551,8 +551,6 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
             f"'{source}' and {', '.join(f'--{name}' for name in given)}",
             "Leave out one of them.",
         )
-    from eivor.planning.vehicle import read_vehicle, rough_vehicle
-
     if source.lower().endswith(".toml"):
         return read_vehicle(Path(source))
     return Path(source) if source else rough_vehicle(**given)
@@ -560,8 +558,6 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
 
 def _texts(made: FlightPlan, outputs: dict[str, Path], home: str) -> dict[Path, str]:
     """Text of every file that was asked for."""
-    from eivor.planning.plan import WRITTEN
-
     place = place_of(home) if home else None
     written = {name: outputs[f"--{name}"] for name in WRITTEN if f"--{name}" in outputs}
     return {path: WRITTEN[name].text(made, place) for name, path in written.items()}
@@ -577,16 +573,10 @@ def _plan_deliveries(made: FlightPlan, json: str, texts: dict[Path, str]) -> Ite
 
 
 def _print_plan(made: FlightPlan) -> None:
-    from eivor.report.other_results import plan_document
-    from eivor.report.terminal import on_terminal
-
     show(on_terminal(plan_document(made)))
 
 
 def _write_plan_json(made: FlightPlan, place: str) -> None:
-    from eivor.report.json_document import json_text
-    from eivor.report.other_results import plan_json
-
     write_out(json_text(plan_json(made)), place)
 
 
@@ -617,8 +607,6 @@ def new(
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
     """Write a vehicle file to begin with: every key, with what it means."""
-    from eivor.motions.rigid_body.vehicle import ENDING, vehicle_template
-
     if file != STANDARD_OUTPUT:
         path = Path(file)
         if path.suffix != ENDING:
@@ -639,8 +627,6 @@ def list_vehicles() -> ExitCode:
     """List the vehicles that come with Eivor."""
     from rich.table import Table
     from rich.text import Text
-
-    from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     for title in ("name", "what it is"):
@@ -666,8 +652,6 @@ def show_vehicle(
     ],
 ) -> ExitCode:
     """Check a vehicle's file, and print it."""
-    from eivor.motions.rigid_body.vehicle import load_vehicle, vehicle_text
-
     load_vehicle(vehicle)
     write(vehicle_text(vehicle))
     return ExitCode.IDENTIFIED

@@ -4,30 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 from eivor import checks
 from eivor.errors import UsageError
+from eivor.estimation.diagnose import contradiction
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
+from eivor.estimation.spectral_iv import CombinedSpectralIV, SpectralGeneralizedIV, WhittleLikelihood
+from eivor.estimation.unknown_noise import (
+    BiasEliminating,
+    FrischScheme,
+    GeneralizedEquations,
+    NoiseEstimatingIV,
+)
 from eivor.estimation.weighting import (
     EquationWeighting,
+    LimitedInformation,
     SpectralWhitening,
     TwoStage,
     TwoStepRobust,
     Unweighted,
 )
-from eivor.linalg.total_least_squares import AugmentedLeastSquares, LeastSquares
+from eivor.linalg.system import Solver
+from eivor.linalg.total_least_squares import (
+    AugmentedLeastSquares,
+    AugmentedTotalLeastSquares,
+    Fuller,
+    LeastSquares,
+)
 from eivor.models.regression import LinearProblem
 from eivor.models.separable import SeparableProblem
-from eivor.tools import late_names
-
-if TYPE_CHECKING:
-    from eivor.lab.regularised import regularised
-    from eivor.linalg.system import Solver
-
 
 # -- Fit --
 
@@ -77,8 +85,6 @@ def identify(problem: Problem, method: Method) -> Estimate:
     estimate = method.estimate(problem)
     if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
         return estimate
-    from eivor.estimation.diagnose import contradiction  # late: other estimates need none of it
-
     return replace(estimate, reasons=(*estimate.reasons, *contradiction(problem, estimate)))
 
 
@@ -104,21 +110,12 @@ __all__ = [
     "least_squares",
     "liml",
     "reference_iv",
-    "regularised",
     "spectral_giv",
     "spectral_giv_combined",
     "total_least_squares",
     "whitened_least_squares",
     "whittle_ml",
 ]
-
-
-__getattr__ = late_names(
-    __name__,
-    {
-        "regularised": "eivor.lab.regularised",
-    },
-)
 
 
 def __dir__() -> list[str]:
@@ -143,8 +140,6 @@ def whitened_least_squares() -> LinearMethod:
 
 def total_least_squares() -> LinearMethod:
     """Total least squares with the columns' declared noise covariance, the paper's (13)-(16)."""
-    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
-
     return LinearMethod("total_least_squares", Direct(), AugmentedTotalLeastSquares())
 
 
@@ -172,8 +167,6 @@ def extended_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
 
 def extended_iv_tls() -> LinearMethod:
     """Extended instrumental variables solved by total least squares, the paper's (26), (27)."""
-    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
-
     return LinearMethod("extended_iv_tls", Instrumental(), AugmentedTotalLeastSquares())
 
 
@@ -191,8 +184,6 @@ def generalized_iv(weighting: EquationWeighting | None = None) -> LinearMethod:
 
 def generalized_iv_tls() -> LinearMethod:
     """Generalized instrumental variables solved by total least squares, the paper's (32), (33)."""
-    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
-
     return LinearMethod("generalized_iv_tls", Compensated(), AugmentedTotalLeastSquares())
 
 
@@ -202,8 +193,6 @@ def liml() -> LinearMethod:
     Total least squares of two-stage equations with the covariance that the instruments leave of their
     columns: (26) with errors of the right sizes, see `eivor.estimation.weighting`.
     """
-    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
-
     return _limited_information("liml", Instrumental(), AugmentedTotalLeastSquares())
 
 
@@ -215,15 +204,11 @@ def fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         1 is nearly unbiased, 4 has a small mean square error.
     """
-    from eivor.linalg.total_least_squares import Fuller
-
     return _limited_information("fuller", Instrumental(), Fuller(strength))
 
 
 def generalized_liml() -> LinearMethod:
     """Return `liml` of the compensated equations of generalized IV."""
-    from eivor.linalg.total_least_squares import AugmentedTotalLeastSquares
-
     return _limited_information("generalized_liml", Compensated(), AugmentedTotalLeastSquares())
 
 
@@ -235,8 +220,6 @@ def generalized_fuller(strength: float = 1.0) -> LinearMethod:
     strength : float
         As of `fuller`.
     """
-    from eivor.linalg.total_least_squares import Fuller
-
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
 
 
@@ -256,22 +239,16 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
     Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
     beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
     """
-    from eivor.lab.unknown_noise import GeneralizedEquations, NoiseEstimatingIV
-
     return NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(lags), tuple(orders))
 
 
 def bias_eliminating_least_squares() -> Method:
     """Least squares whose bias by white noises of unknown strength is told by instruments, and taken out."""
-    from eivor.lab.unknown_noise import BiasEliminating, NoiseEstimatingIV
-
     return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
 
 
 def frisch_scheme() -> Method:
     """The Frisch scheme with instruments: white noises of regressors and response are told."""
-    from eivor.lab.unknown_noise import FrischScheme, NoiseEstimatingIV
-
     return NoiseEstimatingIV("frisch_scheme", FrischScheme())
 
 
@@ -282,28 +259,20 @@ def spectral_giv() -> Method:
     `docs/efficiency.md`. Instruments of another channel, such as lags of a reference under control, take the
     place of the input's own spectrum.
     """
-    from eivor.estimation.spectral_iv import SpectralGeneralizedIV
-
     return SpectralGeneralizedIV()
 
 
 def spectral_giv_combined() -> Method:
     """The combination of `spectral_giv` and `generalized_iv` that has the least variance."""
-    from eivor.estimation.spectral_iv import CombinedSpectralIV
-
     return CombinedSpectralIV()
 
 
 def whittle_ml() -> Method:
     """Maximum likelihood in frequency, with the noise of the input declared and all others fitted."""
-    from eivor.estimation.spectral_iv import WhittleLikelihood
-
     return WhittleLikelihood()
 
 
 def _limited_information(name: str, assembler: Assembler, solver: Solver) -> LinearMethod:
-    from eivor.estimation.weighting import LimitedInformation
-
     return LinearMethod(name, assembler, solver, equation_weighting=LimitedInformation())
 
 

@@ -7,10 +7,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 from eivor.estimation.variable_projection import product_grids
 from eivor.inference.distributions import chi_square_quantile
@@ -315,6 +317,8 @@ class NodeAxis:
 
     @cached_property
     def _spline(self) -> CubicSpline:
+        from scipy.interpolate import CubicSpline
+
         return CubicSpline(self.places, np.eye(self.places.size))
 
     def weights(self, places: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k T"]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
 from eivor.estimation.estimate import Estimate, Solved
-from eivor.estimation.methods import generalized_iv
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
 from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
 from eivor.estimation.sampled_motion import (
@@ -27,10 +27,14 @@ from eivor.estimation.sampled_motion import (
 )
 from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages
 from eivor.linalg import LeastSquares
+from eivor.linalg.total_least_squares import AugmentedLeastSquares
 from eivor.models.regression import AxisRows, Parameter, Regression
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import MeasurementNoise
 from eivor.tools import Complex, Float, Int
+
+#: Method whose answer serves as start, and where spectra do not serve.
+GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSquares())
 
 # -- Pilot --
 
@@ -61,7 +65,7 @@ def consistent_estimate(problem: SignalRegression) -> Estimate:
     """Generalized IV of the same problem, without its warnings: what it says is used, or told, later."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
-        return generalized_iv().estimate(problem)
+        return GENERALIZED_IV.estimate(problem)
 
 
 def pilot_at(

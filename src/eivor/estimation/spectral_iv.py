@@ -16,7 +16,6 @@ from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNo
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, user_level
 from eivor.estimation.method import Method, Problem
-from eivor.estimation.methods import generalized_iv, generalized_iv_unknown_noise
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
 from eivor.estimation.pair_whitening import (
     CorrectedSpectra,
@@ -43,6 +42,7 @@ from eivor.estimation.sampled_motion import (
     without_spectra,
 )
 from eivor.estimation.spectral_equations import (
+    GENERALIZED_IV,
     Pilot,
     SpectralCovariance,
     SpectralSolution,
@@ -53,6 +53,7 @@ from eivor.estimation.spectral_equations import (
     spectral_covariance,
     sum_covariance,
 )
+from eivor.estimation.unknown_noise import GeneralizedEquations, NoiseEstimatingIV
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
 from eivor.inference.regions import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
@@ -285,9 +286,9 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     try:
         found = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
-        return _instead(name, generalized_iv().estimate(problem), "its equations have no solution")
+        return _instead(name, GENERALIZED_IV.estimate(problem), "its equations have no solution")
     try:
-        plain = generalized_iv().estimate(problem)
+        plain = GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, found)
     distance, farthest = _apart(found, plain)
@@ -386,7 +387,9 @@ def begun(problem: Problem, method: str) -> Begun | Estimate:
     if not is_own_instrument(problem, driver):
         return Begun(_with_noise(problem, driver, 0.0))  # nothing is taken off
     try:
-        found = generalized_iv_unknown_noise().estimate(problem)
+        found = NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(None)).estimate(
+            problem
+        )
     except (EivorError, np.linalg.LinAlgError) as error:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off, or an input that tells it",

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from eivor.errors import ConvergenceError
 from eivor.linalg.system import Solution
@@ -268,6 +267,8 @@ def between(
     trial: Callable[[Point], Trial], best: Trial, bounds: tuple[float, float], tolerance: float
 ) -> Trial:
     """Least trial between two values of one nuisance, by Brent's search; never worse than `best`."""
+    from scipy.optimize import minimize_scalar
+
     least = best
 
     def objective(value: float) -> float:
@@ -296,6 +297,8 @@ def bounded_search(
     ConvergenceError
         When it does not settle.
     """
+    from scipy.optimize import minimize
+
     ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])
     ratios = np.array([nuisance.positive for nuisance in sought])
 

@@ -28,17 +28,25 @@ from eivor.cli.outputs import (
 )
 from eivor.cli.parsing import flight_options, named_motion
 from eivor.errors import UsageError
+from eivor.fleet.analysis import FleetReport, fleet_reports
+from eivor.fleet.analysis import query as answer_of
+from eivor.fleet.logs import given_covariates, logs_found
+from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
+from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
+from eivor.fleet.table import COPY, FAILED, FleetOptions, PageOf, given_maps, read_flights
+from eivor.inference.verdict import Status
+from eivor.lab.dask_executor import DaskCluster
 from eivor.motions import DEFAULT as DEFAULT_MODEL
+from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, begun_in_advance, useful_workers
+from eivor.report.document import printable
+from eivor.report.flight_page import flight_page
+from eivor.report.json_document import json_text
+from eivor.report.terminal import on_terminal
 
 if TYPE_CHECKING:
     import polars as pl
     from rich.console import RenderableType
     from rich.table import Table
-
-    from eivor.fleet.analysis import FleetReport
-    from eivor.fleet.run import FleetRun, Progress
-    from eivor.fleet.table import PageOf
-    from eivor.process_pool import Executor
 
 
 #: Letters of a cell on the terminal; in a CSV cells are whole.
@@ -130,15 +138,8 @@ def run_command(
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    from eivor.process_pool import begun_in_advance
-
     # what a process that reads logs loads takes as long as what follows here
     with nullcontext() if dask else begun_in_advance("eivor.fleet.table"):
-        from eivor.fleet.logs import logs_found
-        from eivor.fleet.run import run_fleet
-        from eivor.fleet.table import FleetOptions, given_maps
-        from eivor.process_pool import Limits
-
         motion = named_motion(model, vehicle)
         options = FleetOptions(
             motion=model,
@@ -175,17 +176,11 @@ def run_command(
 
 
 def _page_of() -> PageOf:
-    from eivor.report.flight_page import flight_page
-
     return flight_page
 
 
 def _executor(workers: int | None, dask: str, logs: int) -> Executor:
-    from eivor.process_pool import InProcess, LocalThreads, useful_workers
-
     if dask:
-        from eivor.lab.dask_executor import DaskCluster
-
         return DaskCluster(dask)
     useful = useful_workers(workers, logs)
     return LocalThreads(useful) if useful > 1 else InProcess()
@@ -194,8 +189,6 @@ def _executor(workers: int | None, dask: str, logs: int) -> Executor:
 @contextmanager
 def _bar() -> Iterator[Progress]:
     """Bar with rate and time left on standard error, when that is a terminal."""
-    from eivor.fleet.run import no_progress
-
     screen = console(error=True)
     if not screen.is_terminal:
         yield no_progress
@@ -231,10 +224,6 @@ def _told(done: FleetRun, out: str) -> RenderableType:
     """What a run found, in some lines."""
     from rich.console import Group
     from rich.text import Text
-
-    from eivor.fleet.table import COPY, FAILED
-    from eivor.inference.verdict import Status
-    from eivor.report.document import printable
 
     words = [*(status.value for status in Status), FAILED, COPY]
     plural = {COPY: "copies"}
@@ -282,9 +271,6 @@ def query(
     ] = "",
 ) -> ExitCode:
     """Ask a fleet's table what is asked most often."""
-    from eivor.fleet.analysis import query as answer_of
-    from eivor.fleet.table import read_flights
-
     answer = answer_of(read_flights(Path(fleet)), what)
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
@@ -326,9 +312,6 @@ def report(
     ] = "",
 ) -> ExitCode:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
-    from eivor.fleet.analysis import fleet_reports
-    from eivor.fleet.logs import given_covariates
-
     given = given_covariates(Path(covariates)) if covariates else None
     with step("Pooling"):
         reports = fleet_reports(Path(fleet), given)
@@ -349,23 +332,15 @@ def _deliveries(
 
 
 def _print_reports(reports: Sequence[FleetReport], title: str) -> None:
-    from eivor.fleet.report import fleet_document
-    from eivor.report.terminal import on_terminal
-
     for one in reports:
         show(on_terminal(fleet_document(one, title)))
 
 
 def _write_json(reports: Sequence[FleetReport], place: str) -> None:
-    from eivor.fleet.report import fleet_json
-    from eivor.report.json_document import json_text
-
     write_out(json_text(fleet_json(reports)), place)
 
 
 def _write_page(reports: Sequence[FleetReport], fleet: Path, title: str, place: str) -> None:
-    from eivor.fleet.report import fleet_page, flight_links
-
     write_out(fleet_page(reports, title, flight_links(fleet, Path(place))), place)
 
 
@@ -373,8 +348,6 @@ def _table(answer: pl.DataFrame) -> Table:
     """Answer for the terminal; a motion's column only where there are several."""
     from rich.table import Table
     from rich.text import Text
-
-    from eivor.report.document import printable
 
     if answer["motion"].n_unique() < 2:
         answer = answer.drop("motion")

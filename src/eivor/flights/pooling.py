@@ -17,7 +17,7 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
-from eivor.flights.identify import Instruments, circumstances, instruments, known_lag, with_fit
+from eivor.flights.estimate import Instruments, circumstances, instruments, known_lag, with_fit
 from eivor.flights.lag_prior import EFFECTIVE_LAG, with_given_lag
 from eivor.flights.motion import Circumstances, Motion
 from eivor.flights.options import FlightOptions

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
+from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from eivor.errors import EstimationError, UsageError
 from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.diagnose import Diagnostics, diagnose, periodicity
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.pool import Pooled
 from eivor.flights.lag_prior import GivenLag
 from eivor.flights.motion import FIT, Ahead, Motion
 from eivor.flights.options import FlightOptions
@@ -41,8 +43,84 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from eivor.estimation.pool import Pooled
-    from eivor.exports.autopilots import StateSpace
+
+# -- Outputs --
+
+#: Group of the entry points under which a package of outputs registers its `ResultOutputs`.
+OUTPUTS = "eivor.outputs"
+
+
+class StateSpaceArrays(Protocol):
+    """x' = A x + B u(t - delay_s), y = C x + D u, with the names of states, inputs and outputs."""
+
+    @property
+    def A(self) -> Float[np.ndarray, "n n"]:  # noqa: D102, N802
+        ...
+
+    @property
+    def B(self) -> Float[np.ndarray, "n 1"]:  # noqa: D102, N802
+        ...
+
+    @property
+    def C(self) -> Float[np.ndarray, "1 n"]:  # noqa: D102, N802
+        ...
+
+    @property
+    def D(self) -> Float[np.ndarray, "1 1"]:  # noqa: D102, N802
+        ...
+
+    @property
+    def delay_s(self) -> float:  # noqa: D102
+        ...
+
+    def to_control(self) -> Any:
+        """The same as a ``control.StateSpace`` of python-control, without the delay."""
+
+
+class SavedResult(Protocol):
+    """A result as its document holds it; see `eivor.SavedFit`."""
+
+    def sample(
+        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        """Joint draws of the parameters."""
+
+    def to_statespace(self) -> StateSpaceArrays:
+        """Arrays of the vertical motion about hover."""
+
+    def export(
+        self,
+        to: str,
+        *,
+        mass: tuple[float, float] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+        vehicle: str | Path | None = None,
+        draws: int | None = None,
+        seed: int = 0,
+    ) -> str:
+        """Content of an exported file."""
+
+
+class ResultOutputs(Protocol):
+    """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
+
+    def json(self, result: FlightEstimate) -> str:
+        """Text of the JSON document."""
+
+    def saved(self, result: FlightEstimate) -> SavedResult:
+        """The result as its document holds it."""
+
+    def figure(
+        self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
+    ) -> Figure:
+        """Figure of the fit."""
+
+
+@cache
+def _outputs() -> ResultOutputs:
+    (registered,) = entry_points(group=OUTPUTS, name="flight")
+    outputs: ResultOutputs = registered.load()
+    return outputs
 
 
 # -- Diagnostics --
@@ -605,23 +683,17 @@ class FlightEstimate:
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
-        from eivor.report.json_document import json_document, json_text
-
-        return json_text(json_document(self))
+        return _outputs().json(self)
 
     def sample(
         self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
     ) -> dict[str, Float[np.ndarray, " n"]]:
         """Draw joint sets of the parameters, see `eivor.SavedFit.sample`."""
-        from eivor.report.saved_fit import saved_fit
+        return _outputs().saved(self).sample(n, seed, delays=delays)
 
-        return saved_fit(self).sample(n, seed, delays=delays)
-
-    def to_statespace(self) -> StateSpace:
+    def to_statespace(self) -> StateSpaceArrays:
         """Arrays of the vertical motion about hover, see `eivor.SavedFit.to_statespace`."""
-        from eivor.report.saved_fit import saved_fit
-
-        return saved_fit(self).to_statespace()
+        return _outputs().saved(self).to_statespace()
 
     def export(
         self,
@@ -634,9 +706,11 @@ class FlightEstimate:
         seed: int = 0,
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
-        from eivor.report.saved_fit import saved_fit
-
-        return saved_fit(self).export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
+        return (
+            _outputs()
+            .saved(self)
+            .export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
+        )
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.
@@ -660,10 +734,8 @@ class FlightEstimate:
         UsageError
             When `axes` do not fit the panels.
         """
-        from eivor.report.figures import flight_figure
-
         self._fitted()
-        return flight_figure(self, axes)
+        return _outputs().figure(self, axes)
 
     def _fitted(self) -> Fit:
         if self.fit is None:

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, final
+from typing import final
 
 import numpy as np
 from scipy import special
@@ -20,17 +20,15 @@ from eivor.inference.kernel import (
     AndrewsRule,
     Bandwidth,
     Bartlett,
+    FixedBandwidth,
     Kernel,
     NeweyWestRule,
+    Parzen,
     QuadraticSpectral,
     SquareRootRule,
     kernel_sum_covariance,
 )
-from eivor.tools import Float, late_names
-
-if TYPE_CHECKING:
-    from eivor.inference.kernel import FixedBandwidth, Parzen
-
+from eivor.tools import Float
 
 # -- Covariance --
 
@@ -511,21 +509,6 @@ __all__ = [
     "SquareRootRule",
     "Widest",
 ]
-
-__getattr__ = late_names(
-    __name__,
-    {
-        "AndrewsRule": "eivor.inference.kernel",
-        "Bandwidth": "eivor.inference.kernel",
-        "Bartlett": "eivor.inference.kernel",
-        "FixedBandwidth": "eivor.inference.kernel",
-        "Kernel": "eivor.inference.kernel",
-        "NeweyWestRule": "eivor.inference.kernel",
-        "Parzen": "eivor.inference.kernel",
-        "QuadraticSpectral": "eivor.inference.kernel",
-        "SquareRootRule": "eivor.inference.kernel",
-    },
-)
 
 
 def _newey_west() -> CovarianceEstimator:

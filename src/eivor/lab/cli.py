@@ -34,23 +34,60 @@ from eivor.cli.outputs import (
     writing,
 )
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
+from eivor.lab import figures
+from eivor.lab.dask_executor import DaskCluster
+from eivor.lab.experiments import page_with
+from eivor.lab.figures import (
+    by_reading,
+    figure_files,
+    nearest,
+    page_parts,
+    paper_document,
+    write_figures,
+    write_study_figures,
+)
+from eivor.lab.known_logs import KnownLog, log_about_hover, log_of_flight, log_of_rigid_body_flight
+from eivor.lab.paper_examples import PaperResult, run_paper
+from eivor.lab.paper_readings import Reading, named_readings
+from eivor.lab.records import Scenario
+from eivor.lab.scenario_files import (
+    FLIGHT_KIND,
+    SHIPPED,
+    flight_from_table,
+    rigid_body_flight_from_table,
+    scenario_from_table,
+    shipped_flight,
+    shipped_rigid_body_flight,
+    shipped_scenario,
+    shipped_scenarios,
+)
+from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
+from eivor.lab.study import Study, failure
+from eivor.lab.study_files import study_from_table
+from eivor.lab.study_run import (
+    SHARD_TRIALS,
+    TOGETHER,
+    MethodScore,
+    Progress,
+    Spread,
+    StudyResult,
+    no_progress,
+    run_study,
+    scores,
+)
+from eivor.logs.table.columnar import write_recording
+from eivor.process_pool import Executor, local_executor
+from eivor.report.document import printable
+from eivor.report.json_document import json_text, number
+from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
+from eivor.simulation.vertical import VerticalFlightSpec
+from eivor.strict_toml import TomlTable, read_toml
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import RenderableType
     from rich.table import Table
-
-    from eivor.lab.known_logs import KnownLog
-    from eivor.lab.paper_examples import PaperResult
-    from eivor.lab.paper_readings import Reading
-    from eivor.lab.records import Scenario
-    from eivor.lab.study import Study
-    from eivor.lab.study_run import MethodScore, Progress, Spread, StudyResult
-    from eivor.process_pool import Executor
-    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
-    from eivor.simulation.vertical import VerticalFlightSpec
-    from eivor.strict_toml import TomlTable
 
 
 # -- Paper --
@@ -106,8 +143,6 @@ def paper(
 
     Its text can be read in several ways; each is run, and none gives the printed tables.
     """
-    from eivor.lab.paper_readings import named_readings
-
     named = tuple(name.strip() for name in readings.split(",") if name.strip())
     chosen = named_readings(() if named == (ALL,) else named)
     if list_readings:
@@ -123,12 +158,8 @@ def paper(
     if page:
         _page_text(page)
     if folder:
-        from eivor.lab.figures import figure_files
-
         for path in figure_files(folder):
             output_file(str(path), option="--out")
-    from eivor.lab.paper_examples import run_paper
-
     begun = time.perf_counter()
     with _paper_progress(2 * len(chosen)) as advance:
         results = []
@@ -180,8 +211,6 @@ def _paper_deliveries(
 def _print_overview(results: Sequence[PaperResult]) -> None:
     from rich.text import Text
 
-    from eivor.lab import figures
-
     for part in figures.reading_report(figures.by_reading(results)[figures.nearest(results)]):
         show(part)
     for part in figures.overview_report(results):
@@ -190,8 +219,6 @@ def _print_overview(results: Sequence[PaperResult]) -> None:
 
 
 def _print_report(results: Sequence[PaperResult]) -> None:
-    from eivor.lab import figures
-
     for group in figures.by_reading(results).values():
         for part in figures.reading_report(group):
             show(part)
@@ -200,22 +227,14 @@ def _print_report(results: Sequence[PaperResult]) -> None:
 
 
 def _write_paper_json(results: Sequence[PaperResult], seconds: float, place: str) -> None:
-    from eivor.lab.figures import paper_document
-    from eivor.report.json_document import json_text
-
     write_out(json_text(paper_document(results, seconds=seconds)), place)
 
 
 def _fill_page(results: Sequence[PaperResult], page: str) -> None:
-    from eivor.lab.experiments import page_with
-    from eivor.lab.figures import page_parts
-
     write_out(page_with(_page_text(page), page_parts(results)), page)
 
 
 def _draw_paper(results: Sequence[PaperResult], folder: Path) -> None:
-    from eivor.lab.figures import by_reading, nearest, write_figures
-
     with step("Drawing the figures"), writing(folder):
         write_figures(by_reading(results)[nearest(results)], folder)
 
@@ -342,8 +361,6 @@ def simulate(
     scenario, files = _scenario(source)
     vehicle_file = _vehicle_text(scenario, source.stem) if vehicle else ""
     keep_inputs(source.name, files)
-    from eivor.logs.table.columnar import write_recording
-
     try:
         with step("Simulating"):
             made = _simulated(scenario, seed, hover=hover)
@@ -352,8 +369,6 @@ def simulate(
     with writing(log_path):
         write_recording(replace(made.recording, name=log_path.name), log_path)
     if truth:
-        from eivor.report.json_document import json_text
-
         write_out(json_text(made.truth), truth)
     if vehicle:
         write_out(vehicle_file, vehicle)
@@ -370,15 +385,6 @@ def simulate(
 
 def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
     """Scenario of a file with the files that were read, or of a name when there is no such file."""
-    from eivor.lab.scenario_files import (
-        FLIGHT_KIND,
-        flight_from_table,
-        rigid_body_flight_from_table,
-        scenario_from_table,
-    )
-    from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
-    from eivor.strict_toml import read_toml
-
     if not source.exists() and not source.suffix and source.name == str(source):
         return _shipped(source.name), set()
     table = read_toml(source, "a scenario")
@@ -393,15 +399,6 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
 
 def _shipped(name: str) -> Simulated:
     """Scenario that comes with Eivor."""
-    from eivor.lab.scenario_files import (
-        FLIGHT_KIND,
-        SHIPPED,
-        shipped_flight,
-        shipped_rigid_body_flight,
-        shipped_scenario,
-        shipped_scenarios,
-    )
-
     if name == FLIGHT_KIND:
         return shipped_flight()
     if name in SHIPPED:
@@ -418,8 +415,6 @@ def _shipped(name: str) -> Simulated:
 
 def _vehicle_text(scenario: Simulated, name: str) -> str:
     """Vehicle file of a flight of a whole vehicle."""
-    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
-
     if not isinstance(scenario, RigidBodyFlightSpec):
         raise UsageError(
             "--vehicle with a flight of a whole vehicle, such as crazyflie",
@@ -430,10 +425,6 @@ def _vehicle_text(scenario: Simulated, name: str) -> str:
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
-    from eivor.lab.known_logs import log_about_hover, log_of_flight, log_of_rigid_body_flight
-    from eivor.lab.records import Scenario
-    from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
-
     if isinstance(scenario, Scenario):
         return log_about_hover(scenario, seed, hover=hover)
     if hover:
@@ -500,9 +491,6 @@ def study(
     """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
-    from eivor.lab.study_files import study_from_table
-    from eivor.strict_toml import read_toml
-
     table = read_toml(Path(study_file), "a study")
     chosen = study_from_table(table)
     if runs is not None:
@@ -510,8 +498,6 @@ def study(
     executor = _executor(chosen, workers, dask)
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
     keep_inputs(Path(study_file).name, table.files)
-    from eivor.lab.study_run import run_study, scores
-
     try:
         with _study_progress(chosen.name) as progress:
             result = run_study(chosen, folder, executor=executor, progress=progress)
@@ -524,12 +510,7 @@ def study(
 
 
 def _executor(study: Study, workers: int | None, dask: str) -> Executor:
-    from eivor.lab.study_run import SHARD_TRIALS
-    from eivor.process_pool import local_executor
-
     if dask:
-        from eivor.lab.dask_executor import DaskCluster
-
         return DaskCluster(dask)
     return local_executor(workers, tasks=-(-study.runs // SHARD_TRIALS))
 
@@ -539,13 +520,9 @@ def _study_progress(name: str) -> Iterator[Progress]:
     """Bar on standard error, when that is a terminal."""
     screen = console(error=True)
     if not screen.is_terminal:
-        from eivor.lab.study_run import no_progress
-
         yield no_progress
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    from eivor.report.document import printable
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=screen, transient=True) as bar:
@@ -565,14 +542,10 @@ def _study_deliveries(
 
 
 def _write_study_json(result: StudyResult, found: tuple[MethodScore, ...], place: str) -> None:
-    from eivor.report.json_document import json_text
-
     write_out(json_text(_document(result, found)), place)
 
 
 def _draw_study(result: StudyResult) -> None:
-    from eivor.lab.figures import write_study_figures
-
     with step("Drawing the figures"), writing(result.folder):
         write_study_figures(result)
 
@@ -580,9 +553,6 @@ def _draw_study(result: StudyResult) -> None:
 def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableType:
     from rich.console import Group
     from rich.text import Text
-
-    from eivor.lab.study import failure
-    from eivor.report.document import printable
 
     study = result.study
     truth = ", ".join(f"{name} = {value:g}" for name, value in study.experiment.truth.items())
@@ -607,11 +577,9 @@ def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableTy
 def _table(found: tuple[MethodScore, ...]) -> Table:
     from rich.text import Text
 
-    from eivor.lab.study_run import TOGETHER
-
     table = _columns("", "mean ± SD", "NRMSE, %", "bias", "RMSE")
-    for number, one in enumerate(found):
-        if number:
+    for place, one in enumerate(found):
+        if place:
             table.add_row()
         notes = [f"{count} {word}" for count, word in ((one.failed, "failed"), (one.weak, "weak")) if count]
         table.add_row(Text(one.label, style="bold"), ", ".join(notes))
@@ -671,8 +639,6 @@ def _document(result: StudyResult, found: tuple[MethodScore, ...]) -> dict[str, 
 
 
 def _method(one: MethodScore) -> dict[str, object]:
-    from eivor.report.json_document import number
-
     parameters = {}
     for score in one.parameters:
         coverage = score.coverage
@@ -701,6 +667,4 @@ def _method(one: MethodScore) -> dict[str, object]:
 
 
 def _spread(spread: Spread) -> dict[str, object]:
-    from eivor.report.json_document import number
-
     return {"mean": number(spread.mean), "std": number(spread.std)}

@@ -8,11 +8,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -52,6 +50,11 @@ from eivor.report.json_document import Json, number
 from eivor.report.terminal import heading
 from eivor.signals.signals import Signals
 from eivor.tools import Float
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 # -- Coverage figures --
 
@@ -321,6 +324,8 @@ def _words(name: str) -> str:
 
 
 def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     values = values[np.isfinite(values)]
     axes.tick_params(labelsize=8)
     if not values.size:

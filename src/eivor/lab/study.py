@@ -20,7 +20,7 @@ from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances
 from eivor.lab.experiments import Experiment
-from eivor.lab.regularised import PulledTowards
+from eivor.lab.regularised import PulledTowards, regularised
 from eivor.models.regression import Column, lags
 from eivor.process_pool import check_among
 from eivor.signals.signals import Signals
@@ -94,7 +94,7 @@ class Regularisation:
 
     def __post_init__(self) -> None:
         check_among("a vector to be pulled towards", self.towards, TARGETS)
-        methods.regularised(methods.least_squares(), self.parameter)
+        regularised(methods.least_squares(), self.parameter)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +174,7 @@ class MethodChoice:
         made = self._plain_method
         if self.regularisation is None or not isinstance(made, LinearMethod):
             return made
-        return methods.regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
+        return regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
 
     @property
     def _plain_method(self) -> Method:

@@ -33,7 +33,8 @@ from eivor.logs.common import (
 from eivor.logs.crazyflie.reader import CRAZYFLIE
 from eivor.logs.dataflash.reader import DATAFLASH
 from eivor.logs.rosbag.reader import BAGS
-from eivor.logs.table.delimited import CSV, HDF5, MATLAB, PARQUET, is_delimited
+from eivor.logs.table.delimited import is_delimited
+from eivor.logs.table.formats import CSV, HDF5, MATLAB, PARQUET
 from eivor.logs.ulog.reader import ULOG, ULOG_CSV
 from eivor.signals.recording import Recording
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from eivor import checks
 from eivor.errors import UsageError
-
-if TYPE_CHECKING:
-    from eivor.flights.motion import Motion
-    from eivor.flights.quantity import Wording
-
+from eivor.flights.motion import Motion
+from eivor.flights.quantity import Wording
+from eivor.signals.channels import declare_channels
 
 #: Group of the entry points of other packages.
 GROUP = "eivor.motions"
@@ -45,8 +44,6 @@ def motion_by_name(name: str) -> Motion[Any]:
         When there is none of that name, or another package's cannot be loaded, or adds a channel whose name
         is that of another one.
     """
-    from eivor import checks  # with NumPy, which help does without
-
     checks.text("name", name)
     return loaded_motion(name)
 
@@ -82,8 +79,6 @@ def loaded_motion(name: str) -> Motion[Any]:
         raise UsageError(
             f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
         )
-    from eivor.signals.channels import declare_channels
-
     motion = _loaded(added[name])
     declare_channels(*motion.channels)
     return motion
@@ -110,8 +105,6 @@ def _loaded(point: EntryPoint) -> Motion[Any]:
     UsageError
         When it fails to load, or is no motion of that name.
     """
-    from eivor.flights.motion import Motion
-
     try:
         kind = point.load()
     except Exception as error:

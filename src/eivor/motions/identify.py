@@ -170,7 +170,34 @@ def log_signals(
     model: str = DEFAULT,
     **choices: Unpack[Choices],
 ) -> Signals:
-    """Signals of a log, see `Recording.signals`."""
+    """The log on one grid, z up, as its flight is identified from, for work in Python.
+
+    Parameters
+    ----------
+    log : Recording
+        What `eivor.read_log` returns.
+    actuator_lag, delay : float
+        Of the actuators [s], put into the channel `input`: the mean of the mapped commands times the
+        cosine of tilt. A measured state of the actuators has no lag.
+    model : str
+        Motion whose channels are wanted.
+    **choices
+        Fields of `FlightOptions`: ``window=``, ``max_tilt_deg=``, ``input=``, ``input_map=``,
+        ``noise={"velocity_z": 0.02}``.
+
+    Returns
+    -------
+    Signals
+        Samples that the flight cannot use are not valid. Noises are those that are declared, and of other
+        channels those that their fastest part shows; commands are exact.
+
+    Raises
+    ------
+    InputError
+        When a channel that the motion needs is absent.
+    UsageError
+        For choices that do not fit.
+    """
     for name, value in {"actuator_lag": actuator_lag, "delay": delay}.items():
         checks.number(name, value)
         if not 0.0 <= value <= 1.0:

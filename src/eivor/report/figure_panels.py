@@ -7,13 +7,9 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from itertools import cycle
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from eivor.checks import described
 from eivor.errors import UsageError, did_you_mean
@@ -36,10 +32,15 @@ from eivor.report.flight import (
 )
 from eivor.tools import Float
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
 # -- Given axes --
 
 #: Axes for some panels by their names, or for all in order; for a figure of one panel also its Axes.
-GivenAxes = Axes | Mapping[str, Axes] | Iterable[Axes]
+GivenAxes: TypeAlias = "Axes | Mapping[str, Axes] | Iterable[Axes]"
 REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
 
 
@@ -110,11 +111,13 @@ def _named(axes: Mapping[Any, Any], panels: Sequence[str]) -> dict[str, Axes]:
 
 
 def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
-    if isinstance(axes, str) or not isinstance(axes, Axes | Iterable):
+    from matplotlib.axes import Axes as AnyAxes
+
+    if isinstance(axes, str) or not isinstance(axes, AnyAxes | Iterable):
         raise UsageError(
             "Axes by the name of their panel, or as many as there are panels", described(axes), REMEDY
         )
-    flat = [axes] if isinstance(axes, Axes) else list(np.asarray([*axes], dtype=object).ravel())
+    flat = [axes] if isinstance(axes, AnyAxes) else list(np.asarray([*axes], dtype=object).ravel())
     if len(flat) != len(panels):
         raise UsageError(
             f"{len(panels)} Axes, for {', '.join(panels)}",
@@ -130,7 +133,9 @@ def _axes_title(axes: Axes, title: str) -> None:
 
 
 def _check(name: str, axes: object) -> None:
-    if not isinstance(axes, Axes):
+    from matplotlib.axes import Axes as AnyAxes
+
+    if not isinstance(axes, AnyAxes):
         many = isinstance(axes, np.ndarray | Sequence) and not isinstance(axes, str)
         raise UsageError(
             f"Matplotlib Axes for {name}", described(axes), "Pass one of them." if many else REMEDY
@@ -142,7 +147,7 @@ def _check(name: str, axes: object) -> None:
 # -- Plain figure --
 
 #: What draws each panel of a figure into its Axes, by the panel's name.
-Panels = dict[str, Callable[[Axes], None]]
+Panels: TypeAlias = "dict[str, Callable[[Axes], None]]"
 
 DPI = 110
 #: Of nine points.
@@ -152,6 +157,9 @@ DARK, RED, GREY, BLUE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 
 def page(width: float, height: float, title: str = "") -> Figure:
     """Empty figure of that size [inch]; nothing global is touched."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     if title:
@@ -585,6 +593,8 @@ def axis_words(name: str, unit: str) -> str:
 
 
 def _panel(axes: Axes, rows: Sequence[ShownInterval], labels: Sequence[str], truth: float | None) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     low, high = _interval_limits(rows, truth)
     axes.set_xlim(low, high)
     for place, row in enumerate(rows):

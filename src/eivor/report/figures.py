@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import textwrap
 import warnings
 from functools import partial
 from pathlib import Path
-from textwrap import fill
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
 
 from eivor.atomic_file import whole_file
 from eivor.errors import NonFiniteError, TooFewSamplesError
 from eivor.flights.motion import UNCHANGED, Ahead, AheadError
 from eivor.flights.quantity import Panel
 from eivor.flights.result import Fit, FlightEstimate
-from eivor.flights.track import Track
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
@@ -26,7 +21,6 @@ from eivor.report.document import printable, short_name
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
-    FIT_SHOWN_S,
     GREY,
     RED,
     GivenAxes,
@@ -48,12 +42,16 @@ from eivor.report.figure_panels import (
     without_abscissa,
 )
 from eivor.report.flight import flight_runs, shown_in
-from eivor.report.other_results import ModelPrediction, Validation, untold
 from eivor.report.wording import NO_NUMBER, numbers
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
 from eivor.signals.signals import Signals
 from eivor.tools import Bool, Float
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 
 # -- Multi-step prediction --
 
@@ -80,6 +78,8 @@ def ahead_panels(ahead: Ahead) -> Panels:
 
 def ahead_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """A page with two panels in a row."""
+    from matplotlib.gridspec import GridSpec
+
     rows = len(names) // 2
     figure: Figure = page(WIDTH_INCHES, ROW_INCHES * rows + 1.2)
     grid = GridSpec(rows, 2, figure=figure, width_ratios=(2.2, 1.0))
@@ -329,6 +329,8 @@ def _panels(result: FlightEstimate, fit: Fit) -> Panels:
 
 def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
+    from matplotlib.gridspec import GridSpec
+
     wide = [name for name in names if name.startswith(("fit", "residual"))]
     beside = [name for name in names if name not in wide]
     width, height = SIZE_INCHES
@@ -678,153 +680,3 @@ def axis_label(name: str) -> str:
     channel = canonical_channel(name)
     unit = (channel.unit if channel else "").replace("^2", "²") or "-"
     return f"{printable(WORDS.get(name, name))} [{unit}]"
-
-
-# -- Track figure --
-
-TRACK_WIDTH, HEIGHT = 10.0, 4.5
-#: Letters of a line of words.
-LETTERS = 90
-
-
-def track_figure(track: Track) -> Figure:
-    """Value with its 95 % band over time; times at which nothing is told are left out."""
-    (flight,) = track.result.prepared
-    if not track.told:
-        figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: told at no moment")
-        figure.text(
-            0.5, 0.5, fill("\n".join(map(printable, untold(track))), LETTERS), ha="center", parse_math=False
-        )
-        return figure
-    wording = track.result.motion.wording[track.name]
-    time = np.array([one.time_s for one in track.moments])
-    told = np.array([one.told for one in track.moments])
-    value, half = (
-        np.where(told, wording.scale * np.array(part), np.nan)
-        for part in ([one.value for one in track.moments], [one.half_width for one in track.moments])
-    )
-    figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
-    axes = figure.add_subplot()
-    axes.fill_between(time, value - half, value + half, color=BLUE, alpha=0.2, lw=0, label="95 %")
-    axes.plot(time, value, color=BLUE, lw=1.3, label=f"memory {track.memory_s:g} s")
-    for number, change in enumerate(track.changes):
-        axes.axvline(change.time_s, color=RED, lw=1.2, ls="--", label="" if number else "change told")
-    labelled(axes, x="time t [s]", y=f"{wording.symbol} [{wording.shown_unit or wording.unit or '-'}]")
-    axes.margins(x=0.01)
-    legend(axes)
-    return figure
-
-
-# -- Validation figure --
-
-VALIDATION_COLOURS = (RED, BLUE, GREY, "#8a6d3b")
-#: Letters of a line of the title.
-TITLE_LETTERS = 120
-
-
-def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figure:
-    """Figure of a validation.
-
-    Parameters
-    ----------
-    found : Validation
-        What was predicted.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: panels by name, or all in order. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`.
-
-    Raises
-    ------
-    UsageError
-        When `axes` do not fit the panels.
-
-    Notes
-    -----
-    For each quantity a panel of the name of its horizon, "one_step" or "open_loop", with what was measured
-    and predicted in the liveliest part of the longest run; and below it "HORIZON residual" with what each
-    model leaves there. Of predictions ahead for each quantity a panel of its name, and "QUANTITY by horizon".
-    """
-    panels: Panels = {} if found.ahead is None else ahead_panels(found.ahead)
-    for models in found.by_quantity:
-        name = models[0].horizon.value
-        panels[name] = partial(_draw_predicted, found=found, models=models)
-        panels[f"{name} residual"] = partial(_draw_left, found=found, models=models)
-    new_page = _validation_page if found.ahead is None else ahead_page
-    placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
-    for name, ax in placed.items():
-        panels[name](ax)
-    figure = figure_of(*placed.values())
-    if axes is None:
-        sentence = textwrap.fill(found.sentence, TITLE_LETTERS)
-        title = f"{short_name(printable(found.flight.recording.name))}\n{sentence}"
-        figure.suptitle(title, fontsize=11, parse_math=False)
-    return figure
-
-
-def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    figure = page(SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
-    grid = GridSpec(len(names), 1, figure=figure, height_ratios=(1.6, 1.0) * (len(names) // 2))
-    placed: dict[str, Axes] = {}
-    for row, (predicted, left) in enumerate(zip(names[::2], names[1::2], strict=True)):
-        placed[predicted] = figure.add_subplot(grid[2 * row])
-        placed[left] = figure.add_subplot(grid[2 * row + 1], sharex=placed[predicted])
-        without_abscissa(placed[predicted])
-    return placed
-
-
-def _draw_predicted(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, shown = _shown(found, models[0])
-    ax.plot(time, models[0].measured[shown], color=DARK, lw=1.2, label="measured")
-    limits = _measured_limits(models[0].measured[shown])
-    for one, colour in zip(models, VALIDATION_COLOURS, strict=False):
-        ax.plot(time, one.predicted[shown], color=colour, lw=1.0, label=_label(one))
-    first = models[0]
-    ax.set_ylim(*limits)
-    labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
-    start, end = time[0], time[-1]
-    ax.set_title(
-        fitting(ax, f"{first.quantity.capitalize()}, {first.horizon.words}, from {start:.0f} to {end:.0f} s"),
-        fontsize=9,
-        parse_math=False,
-    )
-    legend(ax, place="upper right")
-
-
-def _draw_left(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, shown = _shown(found, models[0])
-    left = [(one.measured - one.predicted)[shown] for one in models]
-    for values, colour in zip(left, VALIDATION_COLOURS, strict=False):
-        ax.plot(time, values, color=colour, lw=0.9)
-    ax.axhline(0.0, color="black", lw=0.5)
-    low, high = _measured_limits(models[0].measured[shown])
-    half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
-    ax.set_ylim(-half, half)
-    labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
-
-
-def _label(one: ModelPrediction) -> str:
-    return f"{one.words}: RMS error {one.error.rms:.2g} {one.unit}, explains {one.error.explained:.0%}"
-
-
-def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
-    """Room for what was measured, and above it for the legend; what drifts further leaves the panel."""
-    low, high = float(measured.min()), float(measured.max())
-    height = max(high - low, 1e-9)
-    return low - 0.25 * height, high + 0.75 * height
-
-
-def _shown(found: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
-    """Time and samples of the liveliest part of the longest run."""
-    lengths = [samples.size for samples in found.flight.samples_of_runs]
-    longest = int(np.argmax(lengths))
-    begin = sum(lengths[:longest])
-    count = min(lengths[longest], max(int(FIT_SHOWN_S * found.flight.signals.rate_hz), 1))
-    values = first.measured[begin : begin + lengths[longest]]
-    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
-    start = int(np.argmax(power[count:] - power[: power.size - count]))
-    time = found.flight.grid.time_s[found.flight.samples_of_runs[longest]]
-    return time[start : start + count], slice(begin + start, begin + start + count)

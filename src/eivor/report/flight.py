@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.variable_projection import NuisanceProfile
-from eivor.flights.identify import not_estimated
+from eivor.flights.estimate import not_estimated
 from eivor.flights.motion import Ahead
 from eivor.flights.quantity import CardSection, Implications, Kind, Quantity, Trace, Wording
 from eivor.flights.result import FitDiagnostics, FlightEstimate, FlightRow

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,10 +28,6 @@ from eivor.inference.verdict import Reason, Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_told
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
-
-if TYPE_CHECKING:
-    from eivor.flights.result import FlightEstimate
-
 
 # -- Draws of candidates --
 
@@ -433,16 +429,9 @@ def load_fit(file: str | Path) -> SavedFit:
     if not isinstance(document, dict) or document.get("schema") != IDENTIFY_SCHEMA:
         raise _no_document(path, "another document")
     try:
-        return _fit_of(document)
+        return fit_of(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
-
-
-def saved_fit(result: FlightEstimate) -> SavedFit:
-    """Return what would be read back of a result that is at hand."""
-    from eivor.report.json_document import json_document, json_text  # late: a document at hand needs neither
-
-    return _fit_of(json.loads(json_text(json_document(result))))
 
 
 def _no_document(path: Path, received: str) -> InputError:
@@ -453,7 +442,8 @@ def _no_document(path: Path, received: str) -> InputError:
     )
 
 
-def _fit_of(document: Mapping[str, Any]) -> SavedFit:
+def fit_of(document: Mapping[str, Any]) -> SavedFit:
+    """Return the fit of a document."""
     told = {**document["parameters"], **document["derived"]}
     covariance = document.get("covariance") or {"names": [], "candidates": []}
     return SavedFit(

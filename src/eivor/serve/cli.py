@@ -9,16 +9,14 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import sleep as pause
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from eivor.cli.outputs import ExitCode, WorkersOption, guarded, write
 from eivor.errors import InputError, UsageError
-
-if TYPE_CHECKING:
-    from eivor.serve.jobs import ServeOptions
-
+from eivor.process_pool import Limits
+from eivor.serve.jobs import ServeOptions, Server
 
 #: Ctrl-C, the system's polite end, and a terminal or a console that is closed.
 STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
@@ -45,15 +43,6 @@ def serve(
     largest: Annotated[float, typer.Option(metavar="MB", help="Size that a log may have.")] = 500.0,
 ) -> ExitCode:
     """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
-    try:
-        from eivor.serve.jobs import Server
-    except ModuleNotFoundError as error:
-        raise UsageError(
-            "the packages of the page, starlette and uvicorn",
-            f"no package '{error.name}'",
-            "Install them: pip install 'eivor[serve]'.",
-        ) from error
-
     options = _options(port, workers, memory, time, largest)
     with _stop_asked_for() as stop:
         try:
@@ -83,9 +72,6 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
     UsageError
         For what cannot be.
     """
-    from eivor.process_pool import Limits
-    from eivor.serve.jobs import ServeOptions
-
     if not 0 <= port < 1 << 16:
         raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
     if workers is not None and workers < 1:

@@ -21,6 +21,7 @@ from functools import partial
 from http import HTTPStatus
 from importlib import resources
 from pathlib import Path, PurePosixPath
+from pkgutil import resolve_name
 from typing import Any, cast
 from urllib.parse import parse_qs, quote, unquote
 
@@ -151,6 +152,10 @@ Outcome = Choices | File | Refused | list[dict[str, object]] | None
 WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 
 
+#: Function of the worker processes, which alone load it and what it needs.
+OUTCOME_OF = "eivor.serve.worker:outcome_of"
+
+
 @dataclass(frozen=True, slots=True)
 class Work:
     """The function of worker processes: a task to its outcome.
@@ -160,17 +165,14 @@ class Work:
 
     def __call__(self, item: Task, report: ProgressCallback) -> Outcome:
         """Outcome of a task."""
-        from eivor.serve.worker import outcome_of
-
-        return outcome_of(item, report)
+        return resolve_name(OUTCOME_OF)(item, report)
 
     def __reduce__(self) -> tuple[Callable[[], Work], tuple[()]]:
         return _loaded, ()
 
 
 def _loaded() -> Work:
-    import eivor.serve.worker  # noqa: F401
-
+    resolve_name(OUTCOME_OF)
     return Work()
 
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from enum import Enum
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from eivor.errors import MissingChannelError, NonFiniteError, ShapeError, UsageE
 from eivor.signals.channels import CurveSide, family_members
 from eivor.signals.filters import evened
 from eivor.tools import Bool, Float, html_table
-
-if TYPE_CHECKING:
-    from eivor.signals.signals import Signals
-
 
 # -- Data sheet --
 
@@ -462,39 +457,6 @@ class Recording:
             f"a log without it (looked for: {sources})",
             "Log it, or name its column in a channel map (--map).",
         )
-
-    def signals(
-        self, *, actuator_lag: float = 0.0, delay: float = 0.0, model: str = "vertical", **choices: Any
-    ) -> Signals:
-        """The log on one grid, z up, as its flight is identified from, for work in Python.
-
-        Parameters
-        ----------
-        actuator_lag, delay : float
-            Of the actuators [s], put into the channel `input`: the mean of the mapped commands times the
-            cosine of tilt. A measured state of the actuators has no lag.
-        model : str
-            Motion whose channels are wanted.
-        **choices
-            Fields of `FlightOptions`: ``window=``, ``max_tilt_deg=``, ``input=``, ``input_map=``,
-            ``noise={"velocity_z": 0.02}``.
-
-        Returns
-        -------
-        Signals
-            Samples that the flight cannot use are not valid. Noises are those that are declared, and of
-            other channels what is read off their fastest part; commands are exact.
-
-        Raises
-        ------
-        InputError
-            When a channel that the motion needs is absent.
-        UsageError
-            For choices that do not fit.
-        """
-        from eivor.motions.identify import log_signals  # the house's exception: a door upwards
-
-        return log_signals(self, actuator_lag=actuator_lag, delay=delay, model=model, **choices)
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:

@@ -18,9 +18,9 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_told
-from eivor.report.other_results import validation_document
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
+from eivor.report.validation import validation_document
 from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.flights.identify import instruments
+from eivor.flights.estimate import instruments
 from eivor.flights.motion import Circumstances
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare

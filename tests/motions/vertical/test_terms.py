@@ -18,8 +18,8 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
-from eivor.report.other_results import validate
-from eivor.report.saved_fit import saved_fit
+from eivor.report.outputs import saved_fit
+from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
 pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")

@@ -1,0 +1,552 @@
+"""Identification of one or several flights of a vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewSamplesError
+from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.diagnose import diagnose
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.method import Method, NaturalInstruments
+from eivor.estimation.methods import by_name, identify
+from eivor.flights.grid import upward
+from eivor.flights.lag_prior import (
+    EFFECTIVE_LAG,
+    GivenLag,
+    ToldLag,
+    check_lag_searched,
+    lag_quantities,
+    lag_searched,
+    telemetry_lag,
+    with_given_lag,
+)
+from eivor.flights.motion import Circumstances, Motion, Searched, Strength
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import part_to_read, prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import NAN, NO_INTERVAL, Allowance, Quantity, Unjudged, widened
+from eivor.flights.references import check_declared
+from eivor.flights.result import (
+    Fit,
+    FlightEstimate,
+    Unaided,
+    fit_diagnostics,
+    fit_numbers,
+    fitted_noise_findings,
+    flight_diagnostics,
+    flight_findings,
+)
+from eivor.flights.verdict import unbounded_reasons
+from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
+from eivor.inference.verdict import Reason, Status, Verdict, verdict
+from eivor.models.lagged_runs import ACTUATOR_LAG
+from eivor.models.separable import (
+    InstrumentRule,
+    LaggedInputs,
+    LaggedReferences,
+    NoInstruments,
+    Nuisance,
+    SeparableProblem,
+)
+from eivor.signals.recording import Finding, Recording
+from eivor.tools import Progress, Stage, silent
+
+# -- Instruments --
+
+#: A reference has one frequency when this share of its power lies within so many bins of its peak.
+LINE_SHARE = 0.995
+LINE_BINS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """Instruments of a method.
+
+    Parameters
+    ----------
+    rule : InstrumentRule
+        Which columns; `NoInstruments` when the method needs none, or there are none.
+    exogenous : bool
+        They do not answer the vehicle.
+    missing : str
+        Why there are none although the method needs them; else empty.
+    constant : bool
+        There are none, and a reference that is logged is constant.
+    names : tuple of str
+        The references among them.
+    past_inputs : bool
+        They are past inputs, which a controller computes.
+    """
+
+    rule: InstrumentRule
+    exogenous: bool = True
+    missing: str = ""
+    constant: bool = False
+    names: tuple[str, ...] = ()
+    past_inputs: bool = False
+
+    @property
+    def absent(self) -> bool:
+        """There are none."""
+        return isinstance(self.rule, NoInstruments)
+
+
+def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, method: Method) -> Instruments:
+    """Instruments of a method: those that were asked for, else its natural ones."""
+    if not method.of_flights.needs_instruments:
+        return Instruments(NoInstruments())
+    wanted = options.instruments or (method.natural_instruments.value,)
+    if wanted == (NaturalInstruments.LAGS.value,):
+        first = method.first_past_input
+        return Instruments(LaggedInputs(first), exogenous=False, past_inputs=True)
+    shared = [name for name in flying[0].usable_references if _serves_all(name, flying)]
+    if shared:
+        usable = [reference for flight in flying for reference in flight.references if reference.usable]
+        clean = all(reference.exogenous for reference in usable)
+        return Instruments(LaggedReferences(tuple(shared)), exogenous=clean, names=tuple(shared))
+    return _none(flying)
+
+
+def _serves_all(name: str, flying: tuple[PreparedFlight, ...]) -> bool:
+    return all(name in flight.usable_references for flight in flying)
+
+
+def _none(flying: tuple[PreparedFlight, ...]) -> Instruments:
+    """Remarks on every reference, and whether one is logged and constant."""
+    remarks = {f"{r.name}: {r.remark}" for flight in flying for r in flight.references if not r.usable}
+    constant = any(r.constant for flight in flying for r in flight.references)
+    missing = "; ".join(sorted(remarks)) or "the log has none"
+    return Instruments(NoInstruments(), missing=missing, constant=constant)
+
+
+def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
+    """The frequency of references that have only one, all the same; zero for others [Hz].
+
+    A sine, its derivatives and its lags span two dimensions, however many instruments are made of them.
+    """
+    peaks: list[float] = []
+    for flight in flying:
+        longest = max(flight.runs, key=lambda run: run.stop - run.start)
+        width = 1.0 / ((longest.stop - longest.start) * flight.signals.step_s)
+        for name in names:
+            values = flight.signals.channel(name)[longest]
+            power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
+            peak = int(np.argmax(power))
+            near = power[max(peak - LINE_BINS, 0) : peak + LINE_BINS + 1].sum()
+            if (
+                not near >= LINE_SHARE * power.sum()
+                or abs(peak * width - (peaks or [peak * width])[0]) > width
+            ):
+                return 0.0
+            peaks.append(peak * width)
+    return float(np.mean(peaks)) if peaks else 0.0
+
+
+# -- Steps of an identification --
+
+#: What other motions say of the lag, when it is asked for.
+LagsBeside = Callable[[], tuple[ToldLag, ...]]
+
+
+def estimated(
+    motion: Motion[Any],
+    prepared: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    agreement: OverIdentification | None = None,
+    beside: LagsBeside = tuple,
+    progress: Progress = silent,
+    *,
+    with_sets: bool = True,
+) -> FlightEstimate:
+    """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
+
+    Parameters
+    ----------
+    motion : Motion
+        What to identify.
+    prepared : tuple of PreparedFlight
+        One flight, or several that have all parameters in common.
+    options : FlightOptions
+        Choices.
+    agreement : OverIdentification, optional
+        Whether the instruments agree, where that is known better than from the estimate.
+    beside : callable
+        What other motions of the same flight say of the lag, if there are any; called where that serves.
+    progress : callable
+        See `Progress`.
+    with_sets : bool
+        Whether the headline has its confidence sets; who asks for the lag alone needs none.
+    """
+    flying = tuple(flight for flight in prepared if flight.runs)
+    if not flying:
+        return without_fit(motion, prepared, options, _grounded(motion, prepared))
+    if all(flight.constant_input for flight in flying):
+        sentence = "The input is constant: it tells nothing about the vehicle."
+        reason = Reason(Status.REFUSED, sentence, motion.words.fly)
+        return without_fit(motion, prepared, options, reason)
+    method = by_name(options.method)
+    chosen = instruments(flying, options, method)
+    if method.of_flights.needs_instruments and chosen.absent:
+        method = by_name(motion.direct)
+    method = motion.weighted(method)
+    try:
+        check_declared(
+            [flight.noise for flight in flying], noises_needed(flying, chosen, method), options.method
+        )
+        problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
+        sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))
+        align = options.align and sensors is not None and bool(sensors.told)
+        if align and sensors is not None:
+            prepared = motion.aligned(prepared, sensors)
+            flying = tuple(flight for flight in prepared if flight.runs)
+            problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
+        solve = partial(identify, method=method)
+        problem, alone = motion.settled(problem, solve, options)
+        whole = problem
+        given, noticed = known_lag(motion, flying, options, problem, alone, beside)
+        estimate = alone
+        if given is not None:
+            problem = with_given_lag(problem, given.for_the_log, alone.best.at)
+            problem, estimate = motion.settled(problem, solve, options)
+        prepared = motion.as_settled(prepared, problem)
+        progress(Stage.DIAGNOSING)
+        checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
+        if given is not None:
+            # what was given is compared with the flight by itself, and is nothing that instruments say
+            checks = replace(checks, agreement=diagnose(alone).over_identification)
+        if agreement is not None and checks.agreement is not None:
+            checks = replace(checks, agreement=agreement)
+        sets = headline_sets(problem, estimate, motion.headline if with_sets else ())
+        unaided = None if given is None else Unaided(whole, alone)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, unaided)
+        shortened = tuple(flight.shortened for flight in flying)
+        numbers = dict(motion.diagnostics(problem, estimate, shortened))
+        at = replace(
+            circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
+        )
+        result = with_fit(motion, prepared, options, fit, at)
+        return replace(result, findings=(*result.findings, *noticed))
+    except MissingNoiseError as error:
+        return without_fit(motion, prepared, options, Reason(Status.REFUSED, str(error)))
+    except (EstimationError, TooFewSamplesError) as error:
+        reason = Reason(Status.REFUSED, str(error), motion.words.fly)
+        return without_fit(motion, prepared, options, reason)
+
+
+def known_lag(
+    motion: Motion[Any],
+    flying: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    problem: SeparableProblem,
+    alone: Estimate,
+    beside: LagsBeside = tuple,
+) -> tuple[GivenLag | None, tuple[Finding, ...]]:
+    """What is known of the lag beside the motion: what a user gave, else what the log tells most closely.
+
+    Telemetry or another motion that may contradict the flight is told, and not used: sensors can be later
+    than is allowed for.
+    """
+    slack_s = max(flight.command_slack_s for flight in flying)
+    if options.lag is not None:
+        check_lag_searched(problem)
+        return GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
+    if not lag_searched(problem):
+        return None, ()
+    by_telemetry = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
+    telling = [*([] if by_telemetry is None else [by_telemetry]), *beside()]
+    noticed: list[Finding] = []
+    for one in sorted(telling, key=lambda one: one.prior.std):
+        # telemetry answers the commands as they were logged: what these are late by is in both lags
+        own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        found = GivenLag(one.prior, own, 0.0 if one is by_telemetry else slack_s, by=one)
+        if found.agrees:
+            return found, tuple(noticed)
+        sentence = f"The lag by {one.source} is not used: {found.sentence}."
+        noticed.append(Finding(f"{one.source}_contradicts", sentence))
+    return None, tuple(noticed)
+
+
+def circumstances(
+    motion: Motion[Any],
+    flying: tuple[PreparedFlight, ...],
+    chosen: Instruments,
+    numbers: Mapping[str, float],
+) -> Circumstances:
+    """What a verdict needs to know of flights beside the numbers."""
+    measured = [[rate for role, rate in f.rates_hz.items() if role != "command"] for f in flying]
+    return Circumstances(
+        flights=len(flying),
+        command_rate_hz=min(flight.rates_hz["command"] for flight in flying),
+        response_rate_hz=min(max(rates) for rates in measured),
+        exogenous=chosen.exogenous,
+        direct=chosen.absent,
+        missing_reference=chosen.missing,
+        constant_reference=chosen.constant,
+        excitation=motion.excitation(flying),
+        single_frequency_hz=single_frequency_hz(flying, chosen.names),
+        numbers=numbers,
+        used_s=sum(flight.used_s for flight in flying),
+        past_inputs=chosen.past_inputs,
+    )
+
+
+def noises_needed(
+    flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method
+) -> list[tuple[str, ...]]:
+    """Channels of each flight whose measurement noise a method takes out: those that are columns twice.
+
+    Commands and references are exact; of the input only a measured state has noise.
+    """
+    by_input = method.takes_out_own_noise or (chosen.past_inputs and method.first_past_input == 0)
+    return [
+        (
+            *(flight.states if method.takes_out_own_noise else ()),
+            *(flight.driving if by_input and flight.input.measured else ()),
+        )
+        for flight in flying
+    ]
+
+
+def with_fit(
+    motion: Motion[Any],
+    prepared: tuple[PreparedFlight, ...],
+    options: FlightOptions,
+    fit: Fit,
+    at: Circumstances,
+) -> FlightEstimate:
+    """Result of a fit: quantities with intervals and verdicts."""
+    unjudged = with_intervals_by_sets(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    flying = tuple(flight for flight in prepared if flight.runs)
+    unjudged = with_allowances(
+        motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged, at)
+    )
+    overall, quantities = judged(motion, unjudged, strength(fit), at, fit.estimate.reasons)
+    return FlightEstimate(
+        motion,
+        options,
+        prepared,
+        fit,
+        overall,
+        quantities,
+        flight_diagnostics(prepared)
+        | fit_numbers(fit.checks, fit.estimate, motion.headline)
+        | ({} if fit.sensors is None else fit.sensors.numbers)
+        | dict(at.numbers),
+        (
+            *flight_findings(prepared, motion.words),
+            *fitted_noise_findings(fit.estimate),
+            *motion.findings(prepared, quantities),
+        ),
+    )
+
+
+def headline_sets(
+    problem: SeparableProblem, estimate: Estimate, headline: tuple[str, ...]
+) -> dict[str, ParameterSets]:
+    """Confidence sets of the headline's linear parameters, where the method has them."""
+    linear = {parameter.name for parameter in estimate.best.rows.parameters}
+    found = {name: parameter_sets(problem, estimate, name) for name in headline if name in linear}
+    return {name: sets for name, sets in found.items() if sets is not None}
+
+
+def with_intervals_by_sets(
+    motion: Motion[Any], unjudged: Mapping[str, Unjudged], fit: Fit
+) -> Mapping[str, Unjudged]:
+    """Quantities, those that are judged by confidence sets with the hulls of these as intervals."""
+    if not fit.by_sets:
+        return unjudged
+    changed = {name: replace(unjudged[name], interval=one.hull) for name, one in fit.by_sets.items()}
+    quantities = {**unjudged, **changed}
+    return {**quantities, **motion.following(quantities)}
+
+
+def with_allowances(
+    motion: Motion[Any], unjudged: Mapping[str, Unjudged], allowances: Mapping[str, tuple[Allowance, ...]]
+) -> Mapping[str, Unjudged]:
+    """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
+    quantities = dict(unjudged)
+    for name, parts in allowances.items():
+        one = unjudged[name]
+        quantities[name] = replace(one, interval=widened(one.interval, one.value, parts), allowances=parts)
+    if all(quantities[name].interval == unjudged[name].interval for name in motion.headline):
+        return quantities
+    return {**quantities, **motion.following(quantities)}
+
+
+def strength(fit: Fit) -> Strength:
+    """What the instruments of a fit tell, in the numbers that reports show."""
+    best, checks = fit.estimate.best, fit.checks
+    searched = {
+        profile.nuisance.name: Searched(best.at[profile.nuisance.name], float(profile.grid[-1]))
+        for profile in best.profiles
+    }
+    p_value = 1.0 if checks.agreement is None else checks.agreement.p_value
+    return Strength(checks.first_stage, p_value, searched, fit.robust_sets)
+
+
+def judged(
+    motion: Motion[Any],
+    unjudged: Mapping[str, Unjudged],
+    numbers: Strength,
+    at: Circumstances,
+    of_estimate: tuple[Reason, ...] = (),
+) -> tuple[Verdict, dict[str, Quantity]]:
+    """The overall verdict, and the quantities with their own; grounds of the estimate are each one's."""
+    grounds = {
+        name: (
+            *reasons,
+            *of_estimate,
+            *unbounded_reasons(unjudged[name], motion.wording[name].words, reasons),
+        )
+        if name in unjudged
+        else (*reasons, *of_estimate)
+        for name, reasons in motion.grounds(unjudged, numbers, at).items()
+    }
+    against = dict.fromkeys(reason for name in motion.headline for reason in grounds[name])
+    quantities = {
+        name: unjudged[name].judged(verdict(list(grounds[name])), wording)
+        for name, wording in motion.wording.items()
+        if name in unjudged or not wording.optional
+    }
+    return verdict(list(against)), quantities
+
+
+def without_fit(
+    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions, reason: Reason
+) -> FlightEstimate:
+    """Result of flights that gave no estimate."""
+    quantities = not_estimated(motion, motion.known(tuple(flight for flight in prepared if flight.runs)))
+    return FlightEstimate(
+        motion,
+        options,
+        prepared,
+        None,
+        verdict([reason]),
+        quantities,
+        flight_diagnostics(prepared),
+        (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities)),
+    )
+
+
+def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, Quantity]:
+    """Quantities of a flight that gives no estimate; some values may still be known."""
+    return {
+        name: Quantity(known.get(name, NAN), wording.unit, NAN, NO_INTERVAL, Status.REFUSED)
+        for name, wording in motion.wording.items()
+        if not wording.optional
+    }
+
+
+def _grounded(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
+    """Why no flight has a run."""
+    words = motion.words
+    name, alone = prepared[0].recording.name, len(prepared) == 1
+    if not any(flight.active.mask.any() for flight in prepared):
+        which = f"{name} never {words.begins}" if alone else f"No flight of the pool {words.begins}"
+        return Reason(Status.REFUSED, f"{which} (by {prepared[0].active.rule}).", words.another_log)
+    which = f"{name} has no" if alone else "No flight of the pool has"
+    sentence = f"{which} three seconds {words.where} in runs of a second or more, {words.limits}."
+    return Reason(Status.REFUSED, sentence, words.loosen)
+
+
+# -- Lag from rates --
+
+#: Standard deviation of the difference between the delays of the sensors of two motions [s].
+SENSORS_APART_S = 0.005
+#: Slower states and commands of the other motion tell no lag that is worth an estimate [Hz].
+LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
+#: Instruments weaker than this share of strong ones are not looked at closely. Their F at coarse lags and
+#: one delay was at least nine tenths of that at the best in flights where that was strong (26 simulated ones
+#: of three vehicles), and half of it in others.
+LEAST_SHARE = 0.5
+#: Role of the commands among the rates of a selection.
+COMMAND = "command"
+
+
+def lags_beside(
+    motions: tuple[Motion[Any], ...], log: Recording, window: tuple[float, float] | None
+) -> tuple[ToldLag, ...]:
+    """Lags that other motions tell, each where its own verdict on the lag is identified.
+
+    Parameters
+    ----------
+    motions : tuple of Motion
+        The others.
+    log : Recording
+        Of one flight.
+    window : tuple of float, optional
+        The part of it that counts [s].
+    """
+    options = FlightOptions(window=window)
+    found = (_lag_by(motion, log, options) for motion in motions)
+    return tuple(told for told in found if told is not None)
+
+
+def lag_told_by(motion: Motion[Any], lag: Quantity) -> ToldLag | None:
+    """What a motion's result says of the lag; None where that is not to be trusted."""
+    if lag.verdict is not Status.IDENTIFIED:
+        return None
+    return ToldLag(
+        motion.name,
+        f"{motion.words.title.lower()} (--model {motion.name})",
+        Unjudged(lag.value, lag.unit, lag.std_error, lag.interval),
+        SENSORS_APART_S,
+        "the delays that sensors differ by",
+    )
+
+
+def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> ToldLag | None:
+    """Lag by one motion; None where it cannot be told, or not be trusted."""
+    try:
+        log = part_to_read(upward(log), options.window)
+        rates_hz = dict(motion.select(log, options).rates_hz)
+        if rates_hz.pop(COMMAND) < LEAST_COMMAND_HZ or min(rates_hz.values()) < LEAST_STATE_HZ:
+            return None
+        flight = prepare(log, motion, options)
+    except InputError:
+        return None
+    if not flight.runs or not any(one.usable and one.exogenous for one in flight.references):
+        return None
+    if not _may_be_told(motion, flight, options):
+        return None
+    result = estimated(motion, (flight,), options, with_sets=False)
+    return lag_told_by(motion, result.quantities[EFFECTIVE_LAG])
+
+
+def _may_be_told(motion: Motion[Any], flight: PreparedFlight, options: FlightOptions) -> bool:
+    """Whether instruments tell anything of the lag, by a coarse search: most flights end here."""
+    method = by_name(options.method)
+    chosen = instruments((flight,), options, method)
+    if chosen.absent:
+        return False
+    try:
+        problem = motion.problem((flight.shortened,), chosen.rule)
+        coarse = problem.with_nuisances(tuple(map(_coarse, problem.nuisances)))
+        found = identify(coarse, motion.weighted(method))
+    except EstimationError:
+        return False
+    first_stage = dict(zip(found.names, found.best.inference.first_stage, strict=True))
+    return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
+
+
+def _coarse(one: Nuisance) -> Nuisance:
+    """A nuisance with some of its grid, and nothing between: of a delay, which a lag makes up for, one."""
+    if not one.searched:
+        return one
+    middle = (len(one.grid) - 1) // 2
+    grid = one.grid[middle : middle + 1] if one.discrete else one.grid[::4]
+    return replace(one, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)
+
+
+# -- Several motions together --
+
+Window = tuple[float, float] | None
+
+
+# -- Coupled axes --

@@ -1,0 +1,42 @@
+"""Outputs of a flight's result: JSON, the saved fit that exports read, and the figure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
+
+from eivor.flights.result import FlightEstimate
+from eivor.report.figures import flight_figure
+from eivor.report.json_document import json_document, json_text
+from eivor.report.saved_fit import SavedFit, fit_of
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def saved_fit(result: FlightEstimate) -> SavedFit:
+    """Return what `eivor.load_fit` would read of a result's document."""
+    return fit_of(json.loads(json_text(json_document(result))))
+
+
+class FlightOutputs:
+    """Implements `eivor.flights.result.ResultOutputs`; an entry point registers it."""
+
+    def json(self, result: FlightEstimate) -> str:
+        """Text of the JSON document that ``eivor identify --json`` writes."""
+        return json_text(json_document(result))
+
+    def saved(self, result: FlightEstimate) -> SavedFit:
+        """The result as its document holds it."""
+        return saved_fit(result)
+
+    def figure(
+        self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
+    ) -> Figure:
+        """Figure of the fit."""
+        return flight_figure(result, axes)
+
+
+FLIGHT = FlightOutputs()
